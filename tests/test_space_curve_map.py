@@ -1,5 +1,7 @@
 """The map from curvature to configurations: exact where it is asked to be, its slopes, and joints in a guide tube."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -166,3 +168,23 @@ def test_joints_at_the_exit_are_made_straight_and_no_others(seed: int, links: in
     assert blended.straight_before == pytest.approx(free_before(arm))
     fixed = snake(links)
     assert np.array_equal(straight_at_exit(fixed, q[:-1]), q[:-1])
+
+
+@given(seeds, st.integers(16, 40))
+@settings(max_examples=30, deadline=None)
+def test_what_is_blended_in_counts_as_the_curvature_that_shows_it(seed: int, links: int) -> None:
+    """The same bends change the curve by about as much, whether its knots show them or they are blended in."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links, feed=fed)
+    curve, start = CurveMap.through(arm, np.zeros(2 * links + 1))
+    v = start.copy()
+    v[curve.feed_column] = 0.8 / curve.scale[curve.feed_column]
+    along = np.linspace(0.0, 1.0, curve.knots)
+    curvature = np.sin(np.pi * along) * (1.0 + rng.uniform(-0.5, 0.5) * along)
+    v[: curve.knots] = curvature / curve.scale[: curve.knots]
+    shown = np.sum((curve.change_rows @ (v - start)) ** 2)
+    bends = curve.configuration(v)[: 2 * links].reshape(links, 2)
+    places = curve.places(0.8)
+    blended = replace(curve, offset_at=places, offset=np.zeros((links, 2)), blend=bends)
+    change = np.append(np.zeros(len(v)), 1.0)
+    assert np.sum((blended.change_rows @ change) ** 2) == pytest.approx(shown, rel=0.25)

@@ -16,7 +16,9 @@ from ccm_opt.space.motion.connect import Connect
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
 from ccm_opt.space.motion.grid_ways import shortened
+from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.settings.space_end_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
@@ -129,6 +131,51 @@ def test_a_fed_arm_does_not_slow_down_where_joints_leave_its_tube() -> None:
     rates = np.asarray(spline(np.linspace(0.3, 0.7, 400), 1))[:, -1]
     assert rates == pytest.approx(np.mean(rates), rel=1e-6)
     assert np.any(spline(0.7)[:40] != 0.0)
+
+
+def fed_motion(blended_last_held: float) -> tuple[SpaceTask, SpaceMotion]:
+    """In an empty room, out of the tube into a pose that no curve shows; how much of it is blended in last unseen."""
+    arm = snake(20, length=0.8, feed=Feed(-0.9, 0.0, 0.0))
+    curve, start = CurveMap.through(arm, np.append(np.zeros(40), -0.9))
+    end = start.copy()
+    end[curve.feed_column] = -0.1 / curve.scale[curve.feed_column]
+    end[1:4] = 0.3
+    pose = curve.configuration(end)
+    pose[:40] += np.where(pose[:40] != 0.0, 0.1 * np.random.default_rng(3).normal(size=40), 0.0)
+    curve, end = curve.blended_to(pose)
+    unknowns = np.linspace(np.append(start, 1.0), end, 25)
+    still_held = int(np.flatnonzero(np.any(curve.configurations(unknowns)[:, :40] != 0.0, axis=1))[0]) - 1
+    unknowns[still_held, -1] = blended_last_held
+    task = task_of(arm, SurfaceSoup.joined([]), None, start=np.append(np.zeros(40), -0.9), goal_pose=pose)
+    return task, SpaceMotion(curve, unknowns, curve.configurations(unknowns), "")
+
+
+def test_what_is_blended_in_costs_where_it_does_not_show() -> None:
+    """A change that no keyframe sees makes joints swing between keyframes, and the motion dearer by about as much."""
+    costs, swings = [], []
+    for stray in (1.0, -8.0):
+        task, motion = fed_motion(stray)
+        cost = SpaceMotionCost(task.slowness, task.settings.objective)
+        costs.append(cost.value(SpaceSweep(task.stepper(motion.curve, 0.0), motion.unknowns)))
+        dense = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(motion.unknowns)])
+        swings.append(np.abs(np.diff(motion.curve.configurations(dense)[:, :40], axis=0)).sum(axis=0))
+    swing = np.max(swings[1] - swings[0])
+    assert swing > 0.2
+    assert costs[1] - costs[0] > 24.0 * swing**2
+
+
+def test_a_smooth_path_bends_no_joint_beyond_its_limit() -> None:
+    """Where the curve bends more than a joint can, on the way between keyframes, the joint bends as far as it can."""
+    task, motion = fed_motion(60.0)
+    dense = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(motion.unknowns)])
+    limit = task.arm.upper_limits[:40]
+    assert np.all(np.abs(motion.configurations[:, :40]) < limit)
+    assert np.any(np.abs(motion.curve.configurations(dense)[:, :40]) > 1.1 * limit)
+    spline = certified_path(task, motion)
+    assert spline is not None
+    q = np.asarray(spline(np.linspace(0.0, 1.0, 4000)))
+    assert np.all(np.abs(q[:, :40]) <= limit + 1e-12)
+    assert np.max(np.abs(q[:, :40]) / limit) > 0.9
 
 
 def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:

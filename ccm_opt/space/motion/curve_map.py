@@ -206,6 +206,21 @@ class CurveMap:
         return rows
 
     @property
+    def change_rows(self) -> FloatArray:
+        """How a curve changes with the unknowns: curvatures at the knots, and those that are blended in, [1/m].
+
+        The latter are those of the places where they are known, each of which counts by its share of the spacing of the
+        knots, shape (2 knots + 2 m, p).
+        """
+        rows = self.curvature_rows
+        if self.blend is None:
+            return rows
+        length = self.arm.link_length
+        blended = np.zeros((self.blend.size, self.dimension))
+        blended[:, -1] = np.sqrt(length / self.spacing) * self.blend.ravel() / length
+        return np.concatenate((rows, blended))
+
+    @property
     def curvature_differences(self) -> FloatArray:
         """Differences of the curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
         rows = self.curvature_rows

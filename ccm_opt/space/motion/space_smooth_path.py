@@ -45,7 +45,7 @@ def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
     if task.arm.base_axes and len(motion.unknowns) > DEGREE and motion.u is None:
         control = _halfway_onto(motion.unknowns)
         nearest = path(control, np.linspace(0.0, 1.0, len(control) - DEGREE + 1))
-        if not _within_limits(task, nearest) or len(_failing_places(task, nearest)) > 0:
+        if len(_failing_places(task, nearest)) > 0:
             nearest = None
         elif len(room.lost_places(nearest)) == 0:
             return nearest
@@ -102,7 +102,7 @@ def _drawn_near(
             places = np.append(places, room.lost_places(spline))
         failing = np.unique(np.searchsorted(ends, places, side="right") - 1)
         if len(failing) == 0:
-            return spline if _within_limits(task, spline) else None
+            return spline
         if len(control) > settings.most_control or task.deadline.passed():
             return None
         # A span k is shaped by the control points k to k + 3.
@@ -190,25 +190,20 @@ def _through_curve(task: SpaceTask, curve: CurveMap, control: FloatArray, ends: 
 
     Configurations of an arm whose base is fixed are linear in the unknowns. Those of a fed arm are taken at Greville's
     places of knots so near each other that a joint which bends on one span is outside the guide tube on all that its
-    control points shape.
+    control points shape. A joint that slides over where the curve bends more than it can, between keyframes that know
+    nothing of it, is bent as far as it can be.
     """
     unknowns = clamped_spline(control, ends)
+    limits = (task.arm.lower_limits, task.arm.upper_limits)
     if not task.arm.base_axes:
-        return BSpline(unknowns.t, curve.configurations(np.asarray(control)), DEGREE)
+        return BSpline(unknowns.t, np.clip(curve.configurations(np.asarray(control)), *limits), DEGREE)
     fed = np.asarray(unknowns(ends))[:, curve.feed_column] * curve.scale[curve.feed_column]
     most = task.settings.smooth_path.feed * task.unit
     parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
     inner = np.concatenate([np.linspace(ends[k], ends[k + 1], part + 1)[1:] for k, part in enumerate(parts)])
     knots = np.concatenate((np.zeros(DEGREE + 1), inner, np.ones(DEGREE)))
     places = np.mean([knots[1 + k : len(knots) - DEGREE + k] for k in range(DEGREE)], axis=0)
-    return BSpline(knots, curve.configurations(np.asarray(unknowns(places))), DEGREE)
-
-
-def _within_limits(task: SpaceTask, spline: BSpline) -> bool:
-    """Whether a path keeps the limits of coordinates: it lies in the hull of its control points."""
-    slack = task.settings.smooth_path.limit_slack
-    control = np.asarray(spline.c)
-    return bool(np.all(control >= task.arm.lower_limits - slack) and np.all(control <= task.arm.upper_limits + slack))
+    return BSpline(knots, np.clip(curve.configurations(np.asarray(unknowns(places))), *limits), DEGREE)
 
 
 def clamped_spline(control: FloatArray, ends: FloatArray) -> BSpline:

@@ -63,7 +63,7 @@ class SpaceMotionCost:
         curve = sweep.curve
         if not curve.arm.base_axes:
             return np.zeros((curve.dimension, curve.dimension))
-        rows = sweep.stepper.unit * curve.curvature_rows
+        rows = sweep.stepper.unit * curve.change_rows
         return np.asarray(self.settings.following * rows.T @ rows)
 
     def _shape(self, sweep: SpaceSweep) -> FloatArray:
