@@ -1,11 +1,14 @@
 """Ways that an arm can follow behind its tip: bends, room, ends; and motions of fed arms along them, in and back."""
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.comparison.space_jobs import disturbed_job
 from ccm_opt.comparison.space_sites import SITES, site_problem
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import has_compiler
@@ -13,6 +16,7 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.bend_allowances import bend_allowances
 from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searched_in_c
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
@@ -30,6 +34,7 @@ from tests.space_arms import space_arm
 UNIT = 0.0375
 RADIUS = 2.0 * UNIT
 KEPT = 0.012
+SPACE_PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
 
 
 def wall_with_a_gap() -> list[tuple[list[float], list[float]]]:
@@ -230,6 +235,19 @@ def test_few_long_links_go_through_tight_bends(family: str) -> None:
     assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
     assert task.goal is not None
     assert joint_positions(task.arm, q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
+
+
+def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
+    """In bends as tight as its joints allow an arm of 16 links gets stuck between ribs; in wide ones it passes them."""
+    problem = disturbed_job(62000, "wing-box", 16, SPACE_PROBLEMS, "long links")
+    soup = problem.workspace.soup
+    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    radii = {allowance.radius for allowance in bend_allowances(task.arm, task.unit, task.settings.followable)}
+    through_joints = 0.5 * task.arm.link_length / np.sin(0.5 * task.arm.joint_limit)
+    assert max(radii) > 1.5 * through_joints
+    motion = find_motion(task)
+    assert min(least_gaps(task.arm, soup, motion.configurations, 10)) > 0.0
+    assert motion.candidate.endswith("behind the tip")
 
 
 @settings(deadline=None)

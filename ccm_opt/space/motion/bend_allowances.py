@@ -35,7 +35,7 @@ def bend_allowances(arm: SpaceArm, unit: float, settings: FollowableWaySettings)
     radii: list[float] = []
     for share in settings.limit_shares:
         radius = max(settings.tightest * unit, share * through_joints)
-        if not radii or radius < settings.tighter * radii[-1]:
+        if all(radius < settings.apart * other or other < settings.apart * radius for other in radii):
             radii.append(radius)
     found = []
     for radius in radii:

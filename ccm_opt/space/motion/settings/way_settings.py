@@ -46,7 +46,7 @@ class FollowableWaySettings:
         limit_shares: radii that are counted on, as multiples of that of the circle through the joints of an arm which
             bends as far as it may; tried in turn. The circle that its links touch has a radius of cos(limit / 2) of
             that, 0.71 for right angles: with less than the whole, links reach out of a bend on both sides.
-        tighter: a radius is tried beside one before if it is less than this share of that.
+        apart: a radius is tried beside others if it is less than this share of each that is greater, and they of it.
         step: length of the arcs of which a way is made [u].
         bends: of the arcs, as shares of the tightest one; straight ones come first.
         azimuths: towards which arcs bend.
@@ -65,8 +65,8 @@ class FollowableWaySettings:
     """
 
     tightest: float = 1.5
-    limit_shares: tuple[float, ...] = (1.15, 0.75)
-    tighter: float = 0.9
+    limit_shares: tuple[float, ...] = (1.15, 0.75, 1.6)
+    apart: float = 0.9
     step: float = 1.0
     bends: tuple[float, ...] = (0.5, 1.0)
     azimuths: int = 8
