@@ -55,7 +55,9 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
         bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
         # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
         share = 1.0 if number < settings.tightenings else settings.tangent_share
-        speed += share * (np.sqrt(profile.squared) - speed)
+        slowed = speed + share * (np.sqrt(profile.squared) - speed)
+        # A tangent at a high speed holds for too much friction at a low one, and may bring the path almost to a stop.
+        speed = np.maximum(slowed, settings.least_tangent * speed)
         duration = profile.duration
 
     return min(stretched, key=lambda profile: profile.duration)
