@@ -132,8 +132,9 @@ class ElasticBand:
         left = np.min(np.where(slants > least_slant, room, np.inf), axis=1, initial=np.inf)
         right = np.min(np.where(slants < -least_slant, room, np.inf), axis=1, initial=np.inf)
 
-        middle = 0.5 * (left - right)
         narrow: BoolArray = left + right < 0.0
+        # Where there is no wall on either side there is no middle.
+        middle = 0.5 * (np.where(narrow, left, 0.0) - np.where(narrow, right, 0.0))
         largest = self.settings.largest_step * self.spacing
         high = np.clip(np.where(narrow, middle, left), -largest, largest)
         low = np.clip(np.where(narrow, middle, -right), -largest, largest)
