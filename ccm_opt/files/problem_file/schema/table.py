@@ -11,7 +11,13 @@ from ccm_opt.files.problem_file.typed_quantities import LARGEST
 class Table(BaseModel):
     """A table: unknown keys, guessed types, and numbers that are not finite or beyond all measure are errors."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(
+        strict=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        frozen=True,
+        defer_build=True,  # a file in space has other tables than one in the plane, and most files lack some
+    )
 
     @field_validator("*")
     @classmethod
