@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import.drawing import import_scene
+from ccm_opt.files.scene_import.import_settings import ImportOptions
 from ccm_opt.files.scene_import.mesh_file import MESH_READERS, read_mesh_file
 from ccm_opt.freespace.obstacle import Obstacle
 from tests.fuzz.seeds import WORDS, seeds

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.files.problem_file import load_problem
-from ccm_opt.files.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import.drawing import import_scene
+from ccm_opt.files.scene_import.import_settings import ImportOptions
 
 from .conftest import PROBLEMS
 from .test_user_terms_examples import residuals

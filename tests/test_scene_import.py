@@ -19,10 +19,10 @@ from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.files.problem_file.written_scene import toml_with_obstacles
-from ccm_opt.files.scene_import import ImportOptions
-from ccm_opt.files.scene_import import import_scene as import_drawing
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
+from ccm_opt.files.scene_import.drawing import import_scene as import_drawing
+from ccm_opt.files.scene_import.import_settings import ImportOptions
 from ccm_opt.freespace.obstacle import Obstacle
 
 from .conftest import SMALL_PROBLEM
@@ -516,7 +516,8 @@ import ccm_opt
 from ccm_opt.files.problem_file import parse_problem
 parse_problem({SMALL_PROBLEM!r})
 assert "ezdxf" not in sys.modules
-from ccm_opt.files.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import.drawing import import_scene
+from ccm_opt.files.scene_import.import_settings import ImportOptions
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert "ezdxf" not in sys.modules
 """

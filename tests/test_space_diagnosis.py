@@ -17,9 +17,10 @@ from ccm_opt.diagnosis.in_space.axis_ways import AxisWays, way_length
 from ccm_opt.diagnosis.in_space.cell_tree import CellTree
 from ccm_opt.diagnosis.in_space.holding_in_space import strong_enough_in_space
 from ccm_opt.diagnosis.in_space.keyed_space_poses import SpaceTipPlace, WholeSpacePose
-from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE
 from ccm_opt.diagnosis.in_space.moved_space_goal import moved_space_goals
 from ccm_opt.diagnosis.in_space.reach_in_space import TurnCaps, least_limit, most_turn
+from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.in_space.space_checks import failed_in_space
 from ccm_opt.diagnosis.in_space.tight_in_space import tight_in_space
 from ccm_opt.diagnosis.relaxation import Trials, relaxations

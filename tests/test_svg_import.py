@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import import ImportedScene, ImportOptions, import_scene
+from ccm_opt.files.scene_import.drawing import ImportedScene, import_scene
+from ccm_opt.files.scene_import.import_settings import ImportOptions
 from ccm_opt.files.scene_import.svg_paths import path_subpaths
 from ccm_opt.files.scene_import.svg_transforms import transform_of
 

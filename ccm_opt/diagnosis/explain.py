@@ -9,22 +9,8 @@ from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
-from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
+from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.space.problem import AnyProblem
-
-
-def refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
-    """Raise what is proved, the first finding as the reason; nothing proved, nothing raised.
-
-    Args:
-        findings: of the necessary checks, ranked.
-        goal: which of several goals they are about, in words.
-
-    Raises:
-        UnreachableGoal: with the findings.
-    """
-    if any(finding.proved for finding in findings):
-        raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
 
 
 def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge) -> NoPlanFound:

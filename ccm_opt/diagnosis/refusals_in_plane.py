@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
-from ccm_opt.diagnosis.explain import refuse
 from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.diagnosis.refusal import refuse
 from ccm_opt.problem import Problem
 
 

@@ -3,8 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-from ccm_opt.diagnosis.explain import with_proof
-from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_impossible_in_space
+from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_impossible_in_space
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.errors_in_space import planned_for_errors_in_space
 from ccm_opt.driver.file_words import in_words_of_its_file
@@ -69,6 +68,9 @@ def solve_in_space(
         if failure.diagnosis.stage == STAGE:
             raise
         if not explain:
+            from ccm_opt.diagnosis.explain import with_proof  # noqa: PLC0415 - most problems have a plan
+            from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE  # noqa: PLC0415
+
             raise with_proof(problem, failure, IN_SPACE) from failure
         with stages("diagnosis"):
             explanation = run.explained(failure, deadline)

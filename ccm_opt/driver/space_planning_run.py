@@ -8,10 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt import retiming
-from ccm_opt.diagnosis.explain import explained
-from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
-from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.given_terms import compiled_terms, named_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.space_way_back import way_back
@@ -121,6 +119,10 @@ class SpacePlanningRun:
             failure: why there is no plan.
             deadline: until which changes are tried.
         """
+        from ccm_opt.diagnosis.explain import explained  # noqa: PLC0415 - most problems have a plan
+        from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE  # noqa: PLC0415
+        from ccm_opt.diagnosis.relaxation import Trials  # noqa: PLC0415
+
         droppable = named_terms(str(failure), self.constraints, self.costs)
         settings = self.settings.diagnosis.space_trials
         trials = Trials(

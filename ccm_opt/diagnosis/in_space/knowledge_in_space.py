@@ -1,48 +1,25 @@
-"""What is known of problems in space, and what is refused before anything is planned."""
+"""What is known of problems in space."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ccm_opt.diagnosis.explain import refuse
+from ccm_opt.diagnosis.in_space.checks_at_once import AT_ONCE_IN_SPACE, found_in_space
 from ccm_opt.diagnosis.in_space.moved_space_goal import moved_space_goals
-from ccm_opt.diagnosis.in_space.space_checks import AT_ONCE_IN_SPACE, failed_in_space
+from ccm_opt.diagnosis.in_space.space_checks import failed_in_space
 from ccm_opt.diagnosis.in_space.tight_in_space import tight_in_space
 from ccm_opt.diagnosis.in_space.turned_direction import turned_direction
 from ccm_opt.diagnosis.in_space.ways_in_space import closed_in_space
 from ccm_opt.diagnosis.in_space.wider_space_room import wider_space_room
 from ccm_opt.diagnosis.knowledge import Knowledge, heading_may_mend
 from ccm_opt.diagnosis.parameters import WholeChange
-from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.unit_hints import unit_hints_in_space
-from ccm_opt.errors import Diagnosis, Finding, UnreachableGoal
+from ccm_opt.errors import Finding
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.scene import ROOM_NAME
 
 
-def refuse_impossible_in_space(problem: SpaceProblem) -> None:
-    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
-
-    Raises:
-        UnreachableGoal: with the findings.
-    """
-    refuse(ranked(failed_in_space(problem, AT_ONCE_IN_SPACE)))
-
-
-def refuse_closed_in_space(problem: SpaceProblem) -> None:
-    """Refuse a problem of which it is proved that no way to its goal is wide and short enough.
-
-    What closes the ways is for those to say who explain the failure.
-
-    Raises:
-        UnreachableGoal: without findings.
-    """
-    if closed_in_space(problem):
-        reason = "no way to the goal is wide enough and as short as the arm"
-        raise UnreachableGoal(Diagnosis(reason, "necessary checks"))
-
-
 def _hopeless(problem: SpaceProblem) -> bool:
-    at_once = failed_in_space(problem, AT_ONCE_IN_SPACE)
+    at_once = found_in_space(problem, AT_ONCE_IN_SPACE)
     return any(finding.proved for finding in at_once) or closed_in_space(problem)
 
 

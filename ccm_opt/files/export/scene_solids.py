@@ -15,8 +15,6 @@ import shapely
 from ccm_opt.files.export.export_settings import EXPORT, ExportSettings
 from ccm_opt.files.export.solid_names import told_apart
 from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.partition import merge
-from ccm_opt.freespace.triangulation import triangulate
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
@@ -148,6 +146,9 @@ def convex_parts(geometry: shapely.Geometry) -> tuple[FloatArray, ...]:
     Returns:
         Corners counter-clockwise, each of shape (k, 2); straight corners are left out.
     """
+    from ccm_opt.freespace.partition import merge  # noqa: PLC0415 - a scene in space has no polygons
+    from ccm_opt.freespace.triangulation import triangulate  # noqa: PLC0415
+
     single = shapely.get_parts(shapely.get_parts(geometry))  # a collection may hold several polygons as one part
     polygons = [part for part in single if isinstance(part, shapely.Polygon) and part.area > 0.0]
     cells = [cell for polygon in polygons for cell in merge(triangulate(shapely.MultiPolygon([polygon]))).cells]

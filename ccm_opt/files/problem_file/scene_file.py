@@ -19,7 +19,7 @@ from ccm_opt.ground.length_units import METRES
 from ccm_opt.problem import ImportedDrawing
 
 if TYPE_CHECKING:
-    from ccm_opt.files.scene_import import ImportedScene
+    from ccm_opt.files.scene_import.drawing import ImportedScene
 
 
 def with_scene(
@@ -71,7 +71,8 @@ def _imported(
     scene: SceneTable, place: Path, metres: float, listed: list[object], issues: Issues
 ) -> "ImportedScene | None":
     """What the drawing gives; what is wrong is noted."""
-    from ccm_opt.files.scene_import import ImportOptions, import_scene  # noqa: PLC0415 - most problems need no drawing
+    from ccm_opt.files.scene_import.drawing import import_scene  # noqa: PLC0415 - most problems need no drawing
+    from ccm_opt.files.scene_import.import_settings import ImportOptions  # noqa: PLC0415
 
     tolerance = scene.curve_tolerance
     if tolerance is None:
