@@ -18,7 +18,8 @@ from ccm_opt.cli import solving
 from ccm_opt.cli.commands import app
 from ccm_opt.driver import closed_loop, kept_plan
 from ccm_opt.driver.closed_loop import simulate_and_check
-from ccm_opt.driver.simulated_touch import Touch, chain_motion, first_touch
+from ccm_opt.driver.seen_arm import Touch
+from ccm_opt.driver.simulated_touch import chain_motion, first_touch
 from ccm_opt.dynamics.simulation import closed_loop_run
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, SimulationError
 from ccm_opt.files.problem_file import parse_problem

@@ -15,7 +15,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.driver.kept_plan import as_it_stands
 from ccm_opt.driver.several_tries import best_of_tries, least_gap
-from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
+from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.ground.stages import Stages

@@ -9,7 +9,7 @@ from rich.table import Table
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console, units_of
 from ccm_opt.driver.checking_plans import check
-from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.files.export.folder import TOLERANCE_FILES
 from ccm_opt.files.export.reading_back import SavedMotion, load_any_problem, load_motion

@@ -1,11 +1,13 @@
 """Arguments that many functions of the driver share, and what each of them has to be."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ccm_opt.driver.solve_settings import Settings
 from ccm_opt.ground.expected import expect, expect_callable, expect_method
 from ccm_opt.planners.protocols import Planner, Retimer
+
+if TYPE_CHECKING:
+    from ccm_opt.driver.solve_settings import Settings
 
 
 def expect_arguments(
@@ -13,7 +15,7 @@ def expect_arguments(
     progress: Callable[..., Any] | None = None,
     planner: Planner | None = None,
     retimer: Retimer | None = None,
-    settings: Settings | None = None,
+    settings: "Settings | None" = None,
     **flags: bool,
 ) -> None:
     """Refuse arguments of another kind than they are meant to be; None stands for the default.
@@ -33,6 +35,9 @@ def expect_arguments(
     expect_method(
         retimer, ["retime"], "a retimer, an object with retime(problem, path)", "ccm_opt.BuiltInRetimer() is one"
     )
-    expect(settings, (Settings, type(None)), "ccm_opt.Settings for settings=")
+    if settings is not None:
+        from ccm_opt.driver.solve_settings import Settings  # noqa: PLC0415 - loads the settings of all planners
+
+        expect(settings, Settings, "ccm_opt.Settings for settings=")
     for name, value in flags.items():
         expect(value, bool, f"True or False for {name}=")

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.driver.simulated_touch import Seen, Touch, seen_in_plane
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.space_touch import seen_in_space
+from ccm_opt.driver.seen_arm import Seen, Touch
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
+from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import SimulationError
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
@@ -47,7 +47,11 @@ class JudgedMotion:
 
 
 def simulate_and_check(
-    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: SimulationSettings = DEFAULT_SIMULATION,
+    looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Simulate a planned motion and judge it; a motion that is not followed is a result, never an error.
 
@@ -58,25 +62,26 @@ def simulate_and_check(
         problem: arm, limits, obstacles, simulation options.
         trajectory: the plan.
         joints: the same for all revolutes.
-        settings: of the simulation, and of the verifier that looks at what the arm did.
+        settings: of the simulation.
+        looks: of the verifier that looks at what the arm did in the plane.
 
     Returns:
         What the arm does, with the verdict on it, and its figures of merit, named with their units.
     """
-    asked = simulated_once(problem, trajectory, joints, settings)
+    asked = simulated_once(problem, trajectory, joints, settings, looks)
     best = asked
     before = asked
     step = problem.simulation.step
-    for _ in range(settings.simulation.step_halvings):
+    for _ in range(settings.step_halvings):
         if best.rank == 0:
             break
         step = 0.5 * step
         finer = replace(problem, simulation=replace(problem.simulation, step=step))
-        judged = simulated_once(finer, trajectory, joints, settings)
+        judged = simulated_once(finer, trajectory, joints, settings, looks)
         # Among equals the smaller step is the more exact one.
         if judged.rank < asked.rank and judged.rank <= best.rank:
             best = judged
-        if _alike(before, judged, settings.simulation.same_error):
+        if _alike(before, judged, settings.same_error):
             break
         before = judged
     motion = best.motion if best is asked else _at_a_smaller_step(best.motion, asked.motion.verdict)
@@ -84,21 +89,29 @@ def simulate_and_check(
 
 
 def simulated_once(
-    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: SimulationSettings = DEFAULT_SIMULATION,
+    looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> JudgedMotion:
     """Simulate a planned motion with the problem's own step and judge it; arguments as for ``simulate_and_check``."""
     options = problem.simulation
     try:
-        motion = simulate(problem.arm, trajectory, joints, options, problem.limits, settings=settings.simulation)
+        motion = simulate(problem.arm, trajectory, joints, options, problem.limits, settings=settings)
     except SimulationError as error:
         diagnosis = error.diagnosis
         return JudgedMotion(
             not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
         )
     if isinstance(problem, SpaceProblem):
+        from ccm_opt.driver.space_touch import seen_in_space  # noqa: PLC0415 - each kind of problem
+
         seen = seen_in_space(problem, trajectory, motion)
     else:
-        seen = seen_in_plane(problem, trajectory, motion, settings.verification)
+        from ccm_opt.driver.simulated_touch import seen_in_plane  # noqa: PLC0415 - has a verifier
+
+        seen = seen_in_plane(problem, trajectory, motion, looks)
     if seen is None or seen.touch is None:
         return JudgedMotion(motion, seen)
     return JudgedMotion(replace(motion, verdict=_touched(motion.verdict, seen.touch)), seen)

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import Diagnosis, Finding, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.space.problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.contradictions import Contradiction, GoalPlaces, contradictions
 from ccm_opt.user_terms.contradictions_in_space import GoalRegion, contradictions_in_space
@@ -16,7 +16,9 @@ from ccm_opt.user_terms.terms import applies_at
 ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
 
 
-def refuse_contradictions(problem: AnyProblem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS) -> None:
+def refuse_contradictions(
+    problem: AnyProblem, terms: UserTerms | None, settings: TermCheckSettings = TERM_CHECKS
+) -> None:
     """Refuse constraints that are proved not to hold at a goal, whatever the pose.
 
     A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
@@ -44,7 +46,7 @@ def refuse_contradictions(problem: AnyProblem, terms: UserTerms | None, settings
             raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))
 
 
-def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: Settings) -> bool:
+def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: TermCheckSettings) -> bool:
     """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
     headings = _shape_at_start(problem)
     misses = (
@@ -52,7 +54,7 @@ def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: Settings) -> 
         for item in terms.hard
         if bool(applies_at(item.constraint.where, np.array([0.0, 1.0]))[0])
     )
-    return any(not miss <= settings.user_terms.tolerance for miss in misses)
+    return any(not miss <= settings.tolerance for miss in misses)
 
 
 def _shape_at_start(problem: AnyProblem) -> FloatArray:
@@ -65,15 +67,15 @@ def _shape_at_start(problem: AnyProblem) -> FloatArray:
 
 
 def _contradictions(
-    terms: UserTerms, goal: Goal | SpaceGoal, tolerances: Tolerances, settings: Settings
+    terms: UserTerms, goal: Goal | SpaceGoal, tolerances: Tolerances, settings: TermCheckSettings
 ) -> tuple[Contradiction, ...]:
     if isinstance(goal, SpaceTipGoal):
         region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
-        return contradictions_in_space(terms, region, settings.user_terms)
+        return contradictions_in_space(terms, region, settings)
     if not isinstance(goal, TipGoal):
         return ()
     places = GoalPlaces(goal.position, goal.heading, tolerances.position, tolerances.heading)
-    return contradictions(terms, places, settings.user_terms)
+    return contradictions(terms, places, settings)
 
 
 def _finding(each: Contradiction, where: str) -> Finding:

@@ -8,9 +8,8 @@ found, and the certificate, which knows the poses, decides.
 from collections.abc import Callable
 from dataclasses import replace
 
-from ccm_opt.driver.planned_for_errors import short_of
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.short_of_errors import short_of
+from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.errors import MotionNotFound, NoPlanFound, VerificationError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.solution import SurvivedError
@@ -18,10 +17,13 @@ from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.joint_error_check import check_of
+from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 
 
 def planned_for_errors_in_space(
-    problem: SpaceProblem, attempt: Callable[[SpaceProblem], VerifiedPlan], settings: Settings = DEFAULT_SETTINGS
+    problem: SpaceProblem,
+    attempt: Callable[[SpaceProblem], VerifiedPlan],
+    settings: ToleranceSettings = DEFAULT_TOLERANCE,
 ) -> VerifiedPlan:
     """A verified plan that survives the error of the joints that its problem asks for.
 
@@ -37,18 +39,17 @@ def planned_for_errors_in_space(
     """
     if problem.joint_error == 0.0:
         return attempt(problem)
-    numbers = settings.tolerance
     deadline = Deadline.after(problem.planner.time_limit)
     wanted = problem.wanted_gap or problem.default_gap
-    options = replace(problem.planner, time_limit=numbers.time_share * problem.planner.time_limit)
+    options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
     plan = attempt(replace(problem, planner=options, joint_error=0.0))
     best = (plan, _survived(problem, plan, settings))
-    for _ in range(numbers.gap_rounds):
+    for _ in range(settings.gap_rounds):
         if best[1].size >= problem.joint_error or deadline.passed():
             break
-        least, most = numbers.gap_growth
-        wanted *= min(max(numbers.gap_beyond * problem.joint_error / max(best[1].size, 1e-12), least), most)
-        limit = max(numbers.time_share * deadline.left, numbers.least_time)
+        least, most = settings.gap_growth
+        wanted *= min(max(settings.gap_beyond * problem.joint_error / max(best[1].size, 1e-12), least), most)
+        limit = max(settings.time_share * deadline.left, settings.least_time)
         options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
         try:
             roomier = attempt(replace(problem, planner=options, joint_error=0.0))
@@ -62,5 +63,5 @@ def planned_for_errors_in_space(
     raise MotionNotFound(short_of(problem, survived))
 
 
-def _survived(problem: SpaceProblem, plan: VerifiedPlan, settings: Settings) -> SurvivedError:
-    return survived_error_in_space(problem, plan.trajectory, joint_errors(problem.arm), settings.tolerance)
+def _survived(problem: SpaceProblem, plan: VerifiedPlan, settings: ToleranceSettings) -> SurvivedError:
+    return survived_error_in_space(problem, plan.trajectory, joint_errors(problem.arm), settings)

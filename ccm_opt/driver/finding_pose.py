@@ -112,7 +112,7 @@ def _find_pose_in_plane(
     refuse_other_questions(problem)
     terms = compiled_terms(problem.arm, constraints, costs)
     with stages("necessary checks"):
-        refuse_contradictions(problem, terms, numbers)
+        refuse_contradictions(problem, terms, numbers.user_terms)
         refuse_impossible(problem)
     units = OwnUnits(problem.arm.length)
     try:

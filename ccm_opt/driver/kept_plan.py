@@ -8,7 +8,7 @@ from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.surviving import tolerance_at_once
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.ground.stages import Stages
 from ccm_opt.problem import Problem
@@ -46,7 +46,7 @@ def described(
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)
             tolerance = kept(of_errors, "the tolerance of the motion was not certified", lambda _: ())
         with stages("simulation"):
-            simulated, of_simulation = simulated_motion(problem, plan, settings)
+            simulated, of_simulation = simulated_motion(problem, plan, settings.simulation, settings.verification)
     except KeyboardInterrupt as interrupt:
         raise CancelledWithPlan(
             assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room, tolerance)

@@ -10,10 +10,11 @@ from functools import partial
 from typing import TypeVar
 
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
-from ccm_opt.driver.solve_settings import Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.dynamics.simulation.simulation_settings import SimulationSettings
 from ccm_opt.solution import SimulatedMotion
 from ccm_opt.space.problem import AnyProblem
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 Result = TypeVar("Result")
 
@@ -41,10 +42,16 @@ def not_waited_for(problem: AnyProblem, plan: VerifiedPlan) -> SimulatedMotion:
 
 
 def simulated_motion(
-    problem: AnyProblem, plan: VerifiedPlan, settings: Settings
+    problem: AnyProblem,
+    plan: VerifiedPlan,
+    settings: SimulationSettings,
+    looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated."""
-    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings)
+    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated.
+
+    Settings as for ``simulate_and_check``.
+    """
+    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings, looks)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
 
 

@@ -11,7 +11,8 @@ from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.live_settings import LIVE, LiveSettings
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan, verified_plan
+from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.driver.verified_plan import verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ground.arguments import finite_array, is_number
 from ccm_opt.ground.arrays import FloatArray

@@ -9,7 +9,7 @@ from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.live_plan import LiveAnswer
 from ccm_opt.driver.live_settings import LIVE_IN_SPACE, LiveInSpaceSettings
 from ccm_opt.driver.space_planning_run import timed_in_space
-from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ground.arguments import finite_array

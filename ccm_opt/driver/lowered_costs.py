@@ -1,15 +1,17 @@
 """Costs never stand in the way: where no plan is found with the user's costs, it is sought with less of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
 from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.user_terms.check_settings import COST_SHARES
+
+if TYPE_CHECKING:
+    from ccm_opt.user_terms.compiled_terms import UserTerms
 
 Plan = TypeVar("Plan")
 PlannedProblem = TypeVar("PlannedProblem", Problem, SpaceProblem)
@@ -17,9 +19,9 @@ PlannedProblem = TypeVar("PlannedProblem", Problem, SpaceProblem)
 
 def planned_with_costs(
     problem: PlannedProblem,
-    terms: UserTerms | None,
-    attempt: Callable[[PlannedProblem, UserTerms | None], Plan],
-    settings: Settings = DEFAULT_SETTINGS,
+    terms: "UserTerms | None",
+    attempt: Callable[[PlannedProblem, "UserTerms | None"], Plan],
+    shares: Sequence[float] = COST_SHARES,
 ) -> tuple[Plan, float]:
     """A plan with as much of the user's costs as one is found with; hard constraints hold in full.
 
@@ -27,7 +29,7 @@ def planned_with_costs(
         problem: what to solve.
         terms: the user's constraints and costs.
         attempt: plans, times and verifies a problem under terms.
-        settings: which shares of the costs' weights are tried.
+        shares: of the costs' weights that are tried, one after the other.
 
     Returns:
         The plan, and the share of the costs' weights that it was made with.
@@ -37,7 +39,6 @@ def planned_with_costs(
         VerificationError: the verifier refuses the last plan, which knows no costs.
     """
     deadline = Deadline.after(problem.planner.time_limit)
-    shares = settings.curve.cost_shares
     if terms is None or not terms.all_costs:
         return attempt(problem, terms), shares[0]
     hurried = problem
@@ -54,5 +55,5 @@ def planned_with_costs(
     return attempt(hurried, _lowered(terms, shares[-1])), shares[-1]
 
 
-def _lowered(terms: UserTerms, share: float) -> UserTerms:
+def _lowered(terms: "UserTerms", share: float) -> "UserTerms":
     return terms if share == 1.0 else terms.with_costs_lowered(share)

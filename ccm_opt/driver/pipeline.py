@@ -1,10 +1,9 @@
 """The driver: a problem in the plane or in space, and what solves it."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.solve_settings import Settings
 from ccm_opt.ground.progress import Progress
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
@@ -12,6 +11,9 @@ from ccm_opt.solution import Solution
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 from ccm_opt.user_terms.terms import Constraint, Cost
+
+if TYPE_CHECKING:
+    from ccm_opt.driver.solve_settings import Settings
 
 
 @overload
@@ -24,7 +26,7 @@ def solve(
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     explain: bool = True,
-    settings: Settings | None = None,
+    settings: "Settings | None" = None,
 ) -> Solution: ...
 
 
@@ -38,7 +40,7 @@ def solve(
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     explain: bool = True,
-    settings: Settings | None = None,
+    settings: "Settings | None" = None,
 ) -> SpaceSolution: ...
 
 
@@ -51,7 +53,7 @@ def solve(
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     explain: bool = True,
-    settings: Settings | None = None,
+    settings: "Settings | None" = None,
 ) -> AnySolution:
     """Plan, time, verify and simulate a motion, in the plane or in space.
 

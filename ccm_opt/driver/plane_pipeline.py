@@ -11,8 +11,8 @@ from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.lowered_costs import planned_with_costs
-from ccm_opt.driver.planned_for_errors import STAGE
 from ccm_opt.driver.planning_run import PlanningRun
+from ccm_opt.driver.short_of_errors import STAGE
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
@@ -52,14 +52,16 @@ def solve_in_plane(
         terms = compiled_terms(problem.arm, constraints, costs)
     with stages("necessary checks"):
         # No change of the problem that is tried after a failure would mend this.
-        refuse_contradictions(problem, terms, numbers)
+        refuse_contradictions(problem, terms, numbers.user_terms)
 
     run = PlanningRun(problem, planner, retimer, constraints, costs, terms, stages, numbers)
     try:
         with stages("necessary checks"):
             refuse_impossible(problem)
         # Routes through free space, goal configuration, motion, smooth path; timing; verification.
-        plan, cost_share = planned_with_costs(problem, None if planner else terms, run.attempt, numbers)
+        plan, cost_share = planned_with_costs(
+            problem, None if planner else terms, run.attempt, numbers.curve.cost_shares
+        )
     except NoPlanFound as failure:
         # What a motion survives is explained already, and further searches would not know of it.
         if failure.diagnosis.stage == STAGE:

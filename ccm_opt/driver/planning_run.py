@@ -15,7 +15,8 @@ from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.pose_failure import with_constraint_first
 from ccm_opt.driver.several_tries import best_of_tries
 from ccm_opt.driver.solve_settings import Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
+from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
@@ -67,7 +68,7 @@ class PlanningRun:
         def surviving(tried: Problem) -> VerifiedPlan:
             return planned_for_errors(tried, lambda roomy: self._planned(roomy, lowered), self.settings)
 
-        return best_of_tries(hurried, surviving, partial(self._as_it_stands, hurried), self.settings)
+        return best_of_tries(hurried, surviving, partial(self._as_it_stands, hurried), self.settings.tries)
 
     def _as_it_stands(self, problem: Problem, plan: VerifiedPlan) -> Solution:
         return as_it_stands(problem, plan, self.stages)

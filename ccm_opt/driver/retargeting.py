@@ -15,7 +15,9 @@ from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.space_pipeline import described_in_space
-from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, results_of_terms, verified
+from ccm_opt.driver.space_settings import settings_in_space
+from ccm_opt.driver.verified_motion import VerifiedPlan, failed_checks, results_of_terms
+from ccm_opt.driver.verified_plan import verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError, VerificationError
@@ -279,7 +281,7 @@ def _onward_in_space(problem: SpaceProblem, under_way: _UnderWay, changed: _Chan
         of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, changed.numbers.user_terms)
     plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
     under_way.count(leg.timings)
-    return described_in_space(whole, plan, under_way.stages, changed.numbers)
+    return described_in_space(whole, plan, under_way.stages, settings_in_space(changed.numbers))
 
 
 def _expect_goal(solution: AnySolution, goal: object) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.tries_settings import DEFAULT_TRIES, TriesSettings
+from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
@@ -21,7 +21,7 @@ def best_of_tries(
     problem: PlannedProblem,
     attempt: Callable[[PlannedProblem], VerifiedPlan],
     as_it_stands: Callable[[VerifiedPlan], AnySolution],
-    settings: Settings = DEFAULT_SETTINGS,
+    settings: TriesSettings = DEFAULT_TRIES,
 ) -> VerifiedPlan:
     """The best plan of as many tries as the problem asks for, each with the next seed and an equal share of the time.
 
@@ -42,7 +42,7 @@ def best_of_tries(
     if asked == 1:
         return attempt(problem)
     deadline = Deadline.after(problem.planner.time_limit)
-    tries = _Tries(problem, settings.tries.room_share)
+    tries = _Tries(problem, settings.room_share)
     try:
         for number in range(asked):
             if number > 0 and deadline.passed():

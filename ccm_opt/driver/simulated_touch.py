@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.driver.seen_arm import Seen, Touch
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.frames import bends_from_revolutes
 from ccm_opt.problem import Problem
@@ -13,24 +14,6 @@ from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import nearest_links
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import nearest_wall
-
-
-@dataclass(frozen=True)
-class Touch:
-    """A link of the simulated arm in contact.
-
-    Attributes:
-        link: number of the link, counted from 1.
-        obstacle: name of the wall, or "link 9".
-        time: when [s].
-    """
-
-    link: int
-    obstacle: str
-    time: float
-
-    def __str__(self) -> str:
-        return f"link {self.link} touches {self.obstacle} at {self.time:.4g} s"
 
 
 def chain_motion(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> ChainMotion | None:
@@ -43,21 +26,6 @@ def chain_motion(problem: Problem, trajectory: JointTrajectory, simulated: Simul
         return None
     positions = np.column_stack((bends_from_revolutes(problem.arm, angles), simulated.base_positions))
     return ChainMotion(problem.arm, trajectory.time, positions)
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What was seen of a simulated arm among its obstacles.
-
-    Attributes:
-        touch: where it first touches something; None where it touches nothing.
-        walls: least distance from walls, inf where nothing is near [m]; of no matter beyond a contact.
-        itself: least distance between links, inf where none are near; None where links may meet [m].
-    """
-
-    touch: Touch | None
-    walls: float
-    itself: float | None
 
 
 def seen_in_plane(

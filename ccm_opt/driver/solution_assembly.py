@@ -1,18 +1,13 @@
 """A verified plan and its simulation, put together as a solution."""
 
-import platform
 from collections.abc import Mapping
-from functools import cache
-from importlib.metadata import version
 
 from ccm_opt.driver.metrics import metrics
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.package_versions import versions
+from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.problem import Problem
 from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution, SurvivedError
 from ccm_opt.verification.left_unchecked import left_unchecked
-
-PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
-"""Packages that a result depends on."""
 
 
 def assembled(
@@ -51,9 +46,3 @@ def assembled(
         tries=plan.tries,
         not_checked=left_unchecked(problem, plan.trajectory),
     )
-
-
-@cache
-def versions() -> Mapping[str, str]:
-    """Versions of Python and of the packages a result depends on."""
-    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}

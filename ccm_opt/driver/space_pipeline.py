@@ -2,22 +2,22 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_impossible_in_space
-from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.errors_in_space import planned_for_errors_in_space
 from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.kept_stage import kept, not_waited_for, simulated_motion
 from ccm_opt.driver.lowered_costs import planned_with_costs
-from ccm_opt.driver.planned_for_errors import STAGE
+from ccm_opt.driver.package_versions import versions
 from ccm_opt.driver.several_tries import best_of_tries
-from ccm_opt.driver.solution_assembly import versions
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.short_of_errors import STAGE
 from ccm_opt.driver.space_metrics import space_figures_of_motion
 from ccm_opt.driver.space_planning_run import PlannerInSpace, RetimerInSpace, SpacePlanningRun
 from ccm_opt.driver.space_room import room_in_space
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.space_settings import SpaceSettings, settings_in_space
+from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
@@ -27,9 +27,12 @@ from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.solution import RoomRecord, SimulatedMotion
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.space_solution import SpaceSolution
-from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
 from ccm_opt.verification.left_unchecked import left_unchecked_of_arm
+
+if TYPE_CHECKING:
+    from ccm_opt.driver.solve_settings import Settings
+    from ccm_opt.user_terms.compiled_terms import UserTerms
 
 
 @on_one_thread
@@ -43,26 +46,29 @@ def solve_in_space(
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     explain: bool = True,
-    settings: Settings | None = None,
+    settings: "Settings | None" = None,
 ) -> SpaceSolution:
     """Plan, time, verify and simulate a motion of an arm in space; see ``solve`` for arguments, result and errors."""
     refuse_what_is_planar(problem)
-    numbers = settings or DEFAULT_SETTINGS
+    numbers = settings_in_space(settings)
     stages = Stages(progress, problem.planner.time_limit)
     deadline = Deadline.after(problem.planner.time_limit)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)
-    with stages("necessary checks"):
-        # No change of the problem that is tried after a failure would mend this.
-        refuse_contradictions(problem, terms, numbers)
+    if terms is not None:
+        from ccm_opt.driver.contradicting_terms import refuse_contradictions  # noqa: PLC0415 - most have no terms
+
+        with stages("necessary checks"):
+            # No change of the problem that is tried after a failure would mend this.
+            refuse_contradictions(problem, terms, numbers.user_terms)
 
     run = SpacePlanningRun(problem, planner, retimer, constraints, costs, stages, numbers)
     try:
         with stages("necessary checks"):
             refuse_impossible_in_space(problem)
         attempt = partial(_best_attempt, run)
-        plan, cost_share = planned_with_costs(problem, None if planner else terms, attempt, numbers)
+        plan, cost_share = planned_with_costs(problem, None if planner else terms, attempt, numbers.cost_shares)
     except NoPlanFound as failure:
         # What a motion survives is explained already, and further searches would not know of it.
         if failure.diagnosis.stage == STAGE:
@@ -79,7 +85,7 @@ def solve_in_space(
     return described_in_space(problem, plan, stages, numbers, figures)
 
 
-def _best_attempt(run: SpacePlanningRun, hurried: SpaceProblem, lowered: UserTerms | None) -> VerifiedPlan:
+def _best_attempt(run: SpacePlanningRun, hurried: SpaceProblem, lowered: "UserTerms | None") -> VerifiedPlan:
     """The best of all tries.
 
     Args:
@@ -93,9 +99,11 @@ def _best_attempt(run: SpacePlanningRun, hurried: SpaceProblem, lowered: UserTer
     """
     return best_of_tries(
         hurried,
-        lambda tried: planned_for_errors_in_space(tried, lambda roomy: run.planned(roomy, lowered), run.settings),
+        lambda tried: planned_for_errors_in_space(
+            tried, lambda roomy: run.planned(roomy, lowered), run.settings.tolerance
+        ),
         lambda plan: assembled_in_space(hurried, plan, not_waited_for(hurried, plan), {}, run.stages, None),
-        run.settings,
+        run.settings.tries,
     )
 
 
@@ -115,7 +123,7 @@ def described_in_space(
     problem: SpaceProblem,
     plan: VerifiedPlan,
     stages: Stages,
-    settings: Settings,
+    settings: SpaceSettings,
     of_costs: Mapping[str, float] | None = None,
 ) -> SpaceSolution:
     """The solution that a verified plan is, with its room and its simulation; whatever happens there, it is kept.
@@ -131,7 +139,7 @@ def described_in_space(
             of_room = partial(room_in_space, problem, plan.trajectory)
             room = kept(of_room, "the room of the motion was not measured", lambda _: None)
         with stages("simulation"):
-            simulated, figures = simulated_motion(problem, plan, settings)
+            simulated, figures = simulated_motion(problem, plan, settings.simulation)
     except KeyboardInterrupt as interrupt:
         found = assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
         raise CancelledWithPlan(found) from interrupt

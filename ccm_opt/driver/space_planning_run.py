@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from ccm_opt import retiming
 from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.driver.given_terms import compiled_terms, named_terms
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.space_settings import DEFAULT_IN_SPACE, SpaceSettings
 from ccm_opt.driver.space_way_back import way_back
-from ccm_opt.driver.verified_plan import (
+from ccm_opt.driver.verified_motion import (
     TermResults,
     VerifiedPlan,
     failed_checks,
@@ -40,8 +40,10 @@ from ccm_opt.solution import JointPath, JointTrajectory
 from ccm_opt.space.planner import SpacePlanner
 from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
 from ccm_opt.space.verification import verify_in_space
-from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
+
+if TYPE_CHECKING:
+    from ccm_opt.user_terms.compiled_terms import UserTerms
 
 
 class RetimerInSpace(Protocol):
@@ -89,10 +91,10 @@ class SpacePlanningRun:
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
     stages: Stages
-    settings: Settings
+    settings: SpaceSettings
     recorded: list[tuple[SpaceProblem, JointPath]] = field(default_factory=list)
 
-    def planned(self, problem: SpaceProblem, lowered: UserTerms | None) -> VerifiedPlan:
+    def planned(self, problem: SpaceProblem, lowered: "UserTerms | None") -> VerifiedPlan:
         """Legs, one to each goal, then their timing, and the verification of all as one motion.
 
         Args:
@@ -119,12 +121,13 @@ class SpacePlanningRun:
             failure: why there is no plan.
             deadline: until which changes are tried.
         """
+        from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS  # noqa: PLC0415 - as below
         from ccm_opt.diagnosis.explain import explained  # noqa: PLC0415 - most problems have a plan
         from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE  # noqa: PLC0415
         from ccm_opt.diagnosis.relaxation import Trials  # noqa: PLC0415
 
         droppable = named_terms(str(failure), self.constraints, self.costs)
-        settings = self.settings.diagnosis.space_trials
+        settings = self.settings.trials or DEFAULT_DIAGNOSIS.space_trials
         trials = Trials(
             self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, _ended, settings=settings
         )
@@ -161,7 +164,7 @@ class SpacePlanningRun:
         self,
         problem: SpaceProblem,
         legs: Sequence[tuple[SpaceProblem, JointPath]],
-        terms: UserTerms | None,
+        terms: "UserTerms | None",
         stages: Stages,
     ) -> VerifiedPlan:
         """The legs timed, and verified as one motion."""
@@ -188,7 +191,7 @@ class SpacePlanningRun:
         self,
         legs: Sequence[tuple[SpaceProblem, JointPath]],
         timed: Sequence[JointTrajectory],
-        terms: UserTerms | None,
+        terms: "UserTerms | None",
     ) -> TermResults:
         """What the motion makes of the user's terms, every leg by itself.
 
@@ -247,7 +250,7 @@ def plan_legs_in_space(
 
 
 def timed_in_space(
-    problem: SpaceProblem, path: JointPath, dynamics: InverseDynamics, settings: Settings = DEFAULT_SETTINGS
+    problem: SpaceProblem, path: JointPath, dynamics: InverseDynamics, settings: SpaceSettings = DEFAULT_IN_SPACE
 ) -> JointTrajectory:
     """The motion along a path by the problem's method of timing.
 
@@ -257,7 +260,7 @@ def timed_in_space(
     arm = problem.arm
     timings = retiming.timings(
         path,
-        feed_limits(arm, problem.limits, settings.feed.following),
+        feed_limits(arm, problem.limits, settings.following),
         dynamics,
         revolutes=partial(revolute_angles, arm),
         method=problem.planner.retiming,

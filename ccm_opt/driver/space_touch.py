@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.driver.simulated_touch import Seen, Touch
+from ccm_opt.driver.seen_arm import Seen, Touch
 from ccm_opt.driver.space_look_settings import DEFAULT_SPACE_LOOKS, SpaceLookSettings
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_positions_3d

@@ -13,3 +13,7 @@ class TriesSettings:
     """
 
     room_share: float = 0.9
+
+
+DEFAULT_TRIES = TriesSettings()
+"""Used where no other settings are given."""

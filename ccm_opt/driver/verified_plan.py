@@ -1,65 +1,24 @@
 """A problem to a timed motion that the verifier accepts: plan every leg, time it, verify it, put the legs together."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
 from functools import partial
 
-import numpy as np
-
-from ccm_opt import retiming, verification
+from ccm_opt import retiming
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.verified_motion import VerifiedPlan, failed_checks, results_of_terms, with_hair, worst_of_legs
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import CcmError, Diagnosis, MotionNotFound, RetimingError, VerificationError
-from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.planners.following.gating import feed_limits
 from ccm_opt.planners.legs import Leg, plan_legs, whole_path
 from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
-from ccm_opt.retiming.timing_settings import TimingSettings
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
-from ccm_opt.user_terms import term_checks
-from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
+from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-
-
-@dataclass(frozen=True)
-class TermResults:
-    """What a motion makes of the user's constraints and costs.
-
-    Attributes:
-        checks: one for each constraint.
-        figures: residuals of the constraints and values of the costs, by name.
-    """
-
-    checks: tuple[Check, ...] = ()
-    figures: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class VerifiedPlan:
-    """A motion that passes every check.
-
-    Attributes:
-        path: the way, of all legs end to end.
-        trajectory: the same in time.
-        joints: the same for all drives.
-        checks: of the verifier.
-        of_terms: what the motion makes of the user's constraints and costs.
-        tries: what came of every try, where several were asked for.
-    """
-
-    path: JointPath
-    trajectory: JointTrajectory
-    joints: JointStates
-    checks: tuple[Check, ...]
-    of_terms: TermResults
-    tries: tuple[TryRecord, ...] = ()
+from ccm_opt.verification.verifier import verify
 
 
 def verified_plan(
@@ -124,18 +83,6 @@ def _put_together(
     return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
 
 
-def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
-    """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
-    checks = [
-        replace(check, name=f"{check.name}, goal {number}")
-        for number, leg in enumerate(legs, start=1)
-        for check in leg.checks
-    ]
-    # Every leg was solved with the same terms, so the names of the first are those of all.
-    figures = {name: float(np.max(np.abs([leg.figures[name] for leg in legs]))) for name in legs[0].figures}
-    return TermResults(tuple(checks), figures)
-
-
 def timed_leg(
     leg: Leg,
     inverse_dynamics: InverseDynamics,
@@ -162,7 +109,7 @@ def timed_leg(
                 raise _no_timing(failures, by_transitions=retimer is None and leg.problem.planner.retiming == "paul")
             joints = joint_states(arm, trajectory, inverse_dynamics)
         with stages("verification"):
-            checks = verification.verify(leg.problem, trajectory, joints, settings.verification)
+            checks = verify(leg.problem, trajectory, joints, settings.verification)
             of_terms = results_of_terms(terms, arm, leg.path, trajectory, settings.user_terms)
 
         broken_terms = failed_checks(of_terms.checks)
@@ -183,19 +130,6 @@ def _no_timing(failures: list[str], *, by_transitions: bool) -> CcmError:
     return RetimingError(Diagnosis(reason, "retiming", advice, {"failures": failures}))
 
 
-def results_of_terms(
-    terms: UserTerms | None,
-    arm: Arm | SpaceArm,
-    path: JointPath,
-    trajectory: JointTrajectory,
-    settings: TermCheckSettings = TERM_CHECKS,
-) -> TermResults:
-    """What a motion makes of the user's constraints and costs; nothing when there are none."""
-    if terms is None:
-        return TermResults()
-    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory, settings))
-
-
 def _not_kept(failures: list[str]) -> Diagnosis:
     """Why a motion of a fed arm is none: its planner knows nothing of the constraints that are held against it."""
     reason = f"the motion along the feed axis does not keep every constraint; the first that fails: {failures[0]}"
@@ -214,25 +148,10 @@ def verified(
     Raises:
         VerificationError: naming those that do not.
     """
-    checks = verification.verify(problem, trajectory, joints, settings)
+    checks = verify(problem, trajectory, joints, settings)
     if failures := failed_checks(checks):
         raise VerificationError(failures)
     return checks
-
-
-def failed_checks(checks: Sequence[Check]) -> list[str]:
-    """What the checks that do not hold say."""
-    return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
-
-
-def _value(check: Check) -> str:
-    """The worst value of a check, lengths in the unit of the problem's file."""
-    return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
-
-
-def with_hair(settings: TimingSettings, hair: float) -> TimingSettings:
-    """Timing whose samples may leave the path by so much in any case [m]."""
-    return replace(settings, sampling=replace(settings.sampling, hair=hair))
 
 
 def timings_of(

@@ -6,6 +6,7 @@ from ccm_opt.motion.settings.motion_settings import MotionSettings
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 from ccm_opt.planners.goal_member_settings import GoalMemberSettings
+from ccm_opt.user_terms.check_settings import COST_SHARES
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class CurvePlannerSettings:
     curvature_share: float = 0.9
     full_curvature_share: float = 1.0
     planning_share: float = 0.9
-    cost_shares: tuple[float, ...] = (1.0, 0.1, 0.0)
+    cost_shares: tuple[float, ...] = COST_SHARES
     beginnings: int = 2
     different: float = 0.3
     brought_rounds: int = 20

@@ -1,4 +1,4 @@
-"""How exactly users' constraints are checked on the finished motion: tolerance and rate."""
+"""How exactly users' constraints are checked on the finished motion, and how much of their costs counts."""
 
 from dataclasses import dataclass
 
@@ -32,3 +32,5 @@ class TermCheckSettings:
 
 TERM_CHECKS = TermCheckSettings()
 """Used where no other settings are given."""
+COST_SHARES = (1.0, 0.1, 0.0)
+"""Shares of the weights of users' costs with which a plan is sought in turn; the last is none of them. Taste."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from ccm_opt.comparison.space_suites import SPACE_SUITES, space_maker
 from ccm_opt.comparison.suites import shared_folder
 from ccm_opt.driver.space_planning_run import PlannerInSpace, plan_legs_in_space, timed_in_space
-from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline

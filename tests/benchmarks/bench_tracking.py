@@ -19,7 +19,8 @@ import numpy as np
 from ccm_opt import load_problem
 from ccm_opt.driver.closed_loop import WALLS, simulate_and_check
 from ccm_opt.driver.planner_choice import default_planner
-from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified
+from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.frames import revolute_angles

@@ -18,7 +18,7 @@ import ccm_opt
 from ccm_opt.comparison.space_jobs import JOBS, disturbed_job
 from ccm_opt.comparison.suites import shared_folder
 from ccm_opt.driver.space_planning_run import plan_legs_in_space, timed_in_space
-from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.arrays import FloatArray

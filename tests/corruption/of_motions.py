@@ -9,9 +9,9 @@ import shapely
 
 from ccm_opt.driver.checking_plans import check
 from ccm_opt.driver.kept_plan import described
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS
 from ccm_opt.driver.space_pipeline import described_in_space
-from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
+from ccm_opt.driver.space_settings import DEFAULT_IN_SPACE
+from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.files.export.folder import write_solution
 from ccm_opt.freespace.obstacle import Obstacle
@@ -59,7 +59,7 @@ def told(problem: AnyProblem, path: JointPath, trajectory: JointTrajectory, stat
     checks = check(problem, trajectory, states)
     plan = VerifiedPlan(path, trajectory, states, checks, TermResults())
     if isinstance(problem, SpaceProblem):
-        return described_in_space(problem, plan, Stages(), DEFAULT_SETTINGS)
+        return described_in_space(problem, plan, Stages(), DEFAULT_IN_SPACE)
     return described(problem, plan, Stages())
 
 

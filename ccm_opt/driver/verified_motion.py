@@ -1,0 +1,93 @@
+"""A motion that passes every check, in the plane or in space, and what is made of the checks of one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ccm_opt.ground.length_words import file_length
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.retiming.timing_settings import TimingSettings
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
+from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
+
+if TYPE_CHECKING:
+    from ccm_opt.user_terms.compiled_terms import UserTerms
+
+
+@dataclass(frozen=True)
+class TermResults:
+    """What a motion makes of the user's constraints and costs.
+
+    Attributes:
+        checks: one for each constraint.
+        figures: residuals of the constraints and values of the costs, by name.
+    """
+
+    checks: tuple[Check, ...] = ()
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class VerifiedPlan:
+    """A motion that passes every check.
+
+    Attributes:
+        path: the way, of all legs end to end.
+        trajectory: the same in time.
+        joints: the same for all drives.
+        checks: of the verifier.
+        of_terms: what the motion makes of the user's constraints and costs.
+        tries: what came of every try, where several were asked for.
+    """
+
+    path: JointPath
+    trajectory: JointTrajectory
+    joints: JointStates
+    checks: tuple[Check, ...]
+    of_terms: TermResults
+    tries: tuple[TryRecord, ...] = ()
+
+
+def results_of_terms(
+    terms: "UserTerms | None",
+    arm: Arm | SpaceArm,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> TermResults:
+    """What a motion makes of the user's constraints and costs; nothing when there are none."""
+    if terms is None:
+        return TermResults()
+    from ccm_opt.user_terms import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
+
+    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory, settings))
+
+
+def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
+    """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
+    checks = [
+        replace(check, name=f"{check.name}, goal {number}")
+        for number, leg in enumerate(legs, start=1)
+        for check in leg.checks
+    ]
+    # Every leg was solved with the same terms, so the names of the first are those of all.
+    figures = {name: float(np.max(np.abs([leg.figures[name] for leg in legs]))) for name in legs[0].figures}
+    return TermResults(tuple(checks), figures)
+
+
+def failed_checks(checks: Sequence[Check]) -> list[str]:
+    """What the checks that do not hold say."""
+    return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
+
+
+def _value(check: Check) -> str:
+    """The worst value of a check, lengths in the unit of the problem's file."""
+    return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
+
+
+def with_hair(settings: TimingSettings, hair: float) -> TimingSettings:
+    """Timing whose samples may leave the path by so much in any case [m]."""
+    return replace(settings, sampling=replace(settings.sampling, hair=hair))
