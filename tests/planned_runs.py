@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ccm_opt import retiming, verification
+from ccm_opt import retiming
 from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.arrays import FloatArray
@@ -18,6 +18,7 @@ from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
+from ccm_opt.verification.verifier import verify
 
 Outcome = Literal["verified", "refused", "no plan", "crash"]
 
@@ -79,7 +80,7 @@ def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
 
 def _judged(problem: Problem, path: JointPath, planned: Run) -> Run:
     trajectory, states = timed(problem, path)
-    checks = verification.verify(problem, trajectory, states)
+    checks = verify(problem, trajectory, states)
     refusals = [
         f"{check.name} {check.worst:.6g} for {check.limit:.6g} {check.unit}, {check.where}"
         for check in checks

@@ -9,8 +9,8 @@ import pytest
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Problem, SimulationOptions, Tolerances
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.verification.verifier import verify
 from tests.pinned.scenes import LINKS, plan_of, states_of
 
 TOLERANCE = DEFAULT_VERIFICATION.limit_tolerance

@@ -24,10 +24,11 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.point_on_arm import PointOnArm
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
-from ccm_opt.retiming import joined, retime_paul
+from ccm_opt.retiming import joined
+from ccm_opt.retiming.paul import retime_paul
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.point_limits import check_points
+from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (
     GRAVITY,
     LENGTH,

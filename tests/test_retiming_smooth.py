@@ -15,8 +15,8 @@ from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import JointPose, PlannerOptions, Problem
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.newton_euler import joint_torques
+from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (
     GRAVITY,
     LENGTH,

@@ -22,13 +22,13 @@ from ccm_opt.jointed.frames import dh_table, joint_names, revolute_angles
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Limits, Problem, SimulationOptions, TipGoal
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 from ccm_opt.verification.wall_edges import Boxes, wall_edges
 

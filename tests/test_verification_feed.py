@@ -14,9 +14,9 @@ from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_walls
 
 from .arms import plain_arm

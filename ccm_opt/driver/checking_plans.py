@@ -2,8 +2,8 @@
 
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.verification import verify
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.verifier import verify
 
 
 def check(

@@ -15,8 +15,8 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.solution import SurvivedError
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.verification.survived_in_space import survived_error_in_space
+from ccm_opt.verification.tolerance.asked_error import check_of
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.joint_error_check import check_of
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 
 

@@ -10,8 +10,8 @@ from ccm_opt.errors import MotionNotFound, NoPlanFound, VerificationError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SurvivedError
+from ccm_opt.verification.tolerance.asked_error import check_of
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.joint_error_check import check_of
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 
 

@@ -8,13 +8,12 @@ from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.joining import joined, reversed_trajectory
-from ccm_opt.retiming.paul import retime_paul
 from ccm_opt.retiming.paul_settings import DEFAULT_PAUL, PaulSettings
 from ccm_opt.retiming.timing import retime
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.solution import JointPath, JointTrajectory
 
-__all__ = ["joined", "retime", "retime_paul", "reversed_trajectory", "timings"]
+__all__ = ["joined", "retime", "reversed_trajectory", "timings"]
 
 
 def timings(
@@ -65,6 +64,8 @@ def timings(
             settings=settings,
         )
         return
+
+    from ccm_opt.retiming.paul import retime_paul  # noqa: PLC0415 - most motions are timed by TOPP-RA
 
     turn = partial(
         retime_paul,

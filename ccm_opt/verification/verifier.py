@@ -5,12 +5,12 @@ stands here on purpose: a mistake in the planners' code must not hide itself.
 """
 
 from ccm_opt.ground.expected import expect
-from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.checked_problem import CheckedProblem, Efforts
+from ccm_opt.verification.checked_problem import Efforts
 from ccm_opt.verification.consistency import check_consistency
+from ccm_opt.verification.drive_names import check_names
 from ccm_opt.verification.effort_share import check_shares, holding_efforts
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
@@ -83,13 +83,3 @@ def verify(
 def _needed_efforts(problem: Problem, trajectory: JointTrajectory) -> Efforts:
     states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     return efforts_in_plane(problem.arm, problem.simulation.gravity, *states)
-
-
-def check_names(problem: CheckedProblem, joints: JointStates) -> Check:
-    """Check that the drives are called as those of the arm."""
-    expected = joint_names(problem.arm)
-    # Names of another length are compared as far as both go; what is left over counts as wrong below.
-    differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]
-    wrong = len(differing) + abs(len(joints.names) - len(expected))
-    where = f"expected {differing[0]!r}" if differing else f"{len(joints.names)} names for {len(expected)} revolutes"
-    return Check("joint names", float(wrong), 0.0, "names", where, passed=wrong == 0)

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt import retiming, verification
+from ccm_opt import retiming
 from ccm_opt.errors import NoPlanFound, RetimingError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_names, revolute_angles
@@ -25,6 +25,7 @@ from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.solution import JointPath, JointStates
 from ccm_opt.verification.newton_euler import joint_torques
+from ccm_opt.verification.verifier import verify
 from tests.benchmarks.ompl_planners import PLANNERS, run_peer
 from tests.crossings import CrossingCheck
 from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES
@@ -88,7 +89,7 @@ def judge(problem: Problem, path: JointPath) -> str:
         revolutes(values)
         for values in (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
     ]
-    checks = verification.verify(problem, trajectory, JointStates(joint_names(arm), *states, torques(*states)))
+    checks = verify(problem, trajectory, JointStates(joint_names(arm), *states, torques(*states)))
     failed = [f"{check.name} {check.worst:.3g} {check.where}" for check in checks if not check.passed]
     return "; ".join(failed) or "verified"
 

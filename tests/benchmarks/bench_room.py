@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt import load_problem, verification
+from ccm_opt import load_problem
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.ends import resolve_ends
@@ -27,6 +27,7 @@ from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.goal_pose import GoalPoseSearch
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
+from ccm_opt.verification.verifier import verify
 from tests.benchmarks.dense_sweep import CHUNK
 from tests.benchmarks.shared_problems import FOLDER, NAMES
 from tests.planned_runs import in_one_line, quantile, timed, user_seconds
@@ -120,7 +121,7 @@ def planned(problem: Problem, gap: float) -> Plan:
         trajectory, states = timed(problem, path)
     except NoPlanFound as failure:
         return Plan(seconds, path, refusal=in_one_line(failure))
-    refused = [check.name for check in verification.verify(problem, trajectory, states) if not check.passed]
+    refused = [check.name for check in verify(problem, trajectory, states) if not check.passed]
     headings = problem.arm.headings(finely(problem, trajectory.bend_angles))
     walls, own = least_gaps(problem, headings)
     ends = [sweep_gaps(problem.arm, problem.workspace, headings[[place]])[0] for place in (0, -1)]

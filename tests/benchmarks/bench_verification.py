@@ -12,8 +12,8 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.newton_euler import joint_torques
+from ccm_opt.verification.verifier import verify
 from tests.arms import plain_arm
 
 

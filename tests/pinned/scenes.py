@@ -44,7 +44,6 @@ from ccm_opt.problem import (
     VerificationOptions,
 )
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.interpolation import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.left_unchecked import left_unchecked
@@ -57,6 +56,7 @@ from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_erro
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
 from ccm_opt.verification.tolerance.tube import tube_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_walls
 from tests.arms import plain_arm
 

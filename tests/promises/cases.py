@@ -14,8 +14,8 @@ from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.verification import verify
 from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.verifier import verify
 from tests.arms import plain_arm
 
 LINKS = 6

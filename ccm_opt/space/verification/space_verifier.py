@@ -19,14 +19,14 @@ from ccm_opt.space.verification.space_sample_efforts import check_space_sample_e
 from ccm_opt.space.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.consistency import check_consistency
+from ccm_opt.verification.drive_names import check_names
 from ccm_opt.verification.effort_share import HoldingEfforts, check_shares
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.pauses import check_pauses
+from ccm_opt.verification.tolerance.asked_error import check_of
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.joint_error_check import check_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.verifier import check_names
 
 
 def verify_in_space(

@@ -1,13 +1,11 @@
 """Check that a motion survives the error of its joints that the problem asks for."""
 
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointTrajectory, SurvivedError
+from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.tolerance.asked_error import check_of
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
-
-NAME = "survived joint error"
-"""Of the check."""
 
 
 def check_joint_error(
@@ -16,10 +14,3 @@ def check_joint_error(
     """Check that no error of the joints up to the one asked for brings the arm into contact; ``worst`` in [rad]."""
     survived = survived_error(problem.arm, problem.workspace, trajectory, joint_errors(problem.arm), settings)
     return check_of(problem.joint_error, survived)
-
-
-def check_of(asked: float, survived: SurvivedError) -> Check:
-    """The check of an error that is known already, against the one asked for [rad]."""
-    # What lies beyond is not looked at, so a problem that asks for more is refused.
-    passed = survived.size >= asked
-    return Check(NAME, survived.size, asked, "rad", survived.where, passed=passed)
