@@ -10,7 +10,7 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 """Read by the linear algebra libraries when they are loaded: small matrices run faster on one thread."""
 
 OBJECTS_BETWEEN_COLLECTIONS = 20_000
-"""New objects that start a search for cycles: Python's own 700 makes loading, which leaves none, a sixth longer."""
+"""New objects that start a search for cycles: with Python's own 700 it takes longer than what it finds is worth."""
 
 
 def main() -> None:
@@ -59,7 +59,10 @@ def _run() -> None:
     from ccm_opt.cli.cancelling import interrupts_end_at_once, interrupts_insist  # noqa: PLC0415 - see above
 
     interrupts_end_at_once()
-    from ccm_opt.cli.commands import app  # noqa: PLC0415 - Ctrl-C while loading is handled now
+    from ccm_opt.cli.loading import no_search_for_cycles  # noqa: PLC0415 - Ctrl-C while loading is handled now
+
+    with no_search_for_cycles():
+        from ccm_opt.cli.commands import app  # noqa: PLC0415 - likewise
 
     interrupts_insist()
     app()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ccm_opt.cli.choices import FigureKind, FigureName
+from ccm_opt.cli.loading import no_search_for_cycles
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.pareto_folder import folder_of
@@ -50,10 +51,11 @@ def plan_pictures(
     """
     if isinstance(solution, SpaceSolution):
         return space_pictures(solution, kind, plans)
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
-    from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
-    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+    with no_search_for_cycles():
+        from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
+        from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
+        from ccm_opt.files.report.page import report_html  # noqa: PLC0415
 
     plan = DrawnPlan.from_solution(solution)
     return {
@@ -67,9 +69,10 @@ def space_pictures(
     solution: SpaceSolution, kind: FigureKind = "png", plans: "PlanPages | None" = None
 ) -> Mapping[str, bytes]:
     """The pictures of a plan in space that was just made, by file name; arguments as for ``plan_pictures``."""
-    from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
-    from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
+    with no_search_for_cycles():
+        from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
+        from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
 
     return {
         f"plan.{kind}": space_plan_picture(solution, kind),

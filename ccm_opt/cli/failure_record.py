@@ -15,7 +15,6 @@ from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, Verificati
 from ccm_opt.files.export.earlier_results import UNFINISHED, place_beside
 from ccm_opt.files.export.failure_folder import write_failure
 from ccm_opt.files.export.folder import solution_files, write_folder
-from ccm_opt.files.report.failure_page import failure_html
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
@@ -49,6 +48,8 @@ def page_of_failure(problem: AnyProblem, status: str, diagnosis: Diagnosis, timi
         from ccm_opt.files.report.space_page_html import space_failure_html  # noqa: PLC0415 - most need no view
 
         return space_failure_html(problem, status, diagnosis, timings)
+    from ccm_opt.files.report.failure_page import failure_html  # noqa: PLC0415 - likewise
+
     return failure_html(problem, status, diagnosis, timings)
 
 

@@ -9,6 +9,7 @@ from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.failure_record import failure_recorder, failures_recorded, kept_without_pictures
+from ccm_opt.cli.loading import no_search_for_cycles
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.pareto_table import print_pareto
@@ -76,7 +77,8 @@ def _solve(problem: AnyProblem, options: SolveOptions) -> int:
     check_target(target)
     with stage_display(problem.name) as clock:
         clock.begin("loading")
-        from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+        with no_search_for_cycles():
+            from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
         arguments = options.terms.loaded()
         recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)

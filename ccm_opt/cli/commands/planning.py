@@ -8,6 +8,7 @@ import typer
 from ccm_opt.cli.choices import MethodChoice
 from ccm_opt.cli.command_group import command
 from ccm_opt.cli.commands.options import Changes, Constraints, Costs, FigureFormatOption, ProblemFiles
+from ccm_opt.cli.loading import no_search_for_cycles
 
 app = typer.Typer()
 """The commands of this file."""
@@ -49,8 +50,9 @@ def solve_command(
     ] = False,
 ) -> int:
     """Solve problems; write OUT/<name>/ for each."""
-    from ccm_opt.cli.solving import SolveOptions, solve_files, with_planner_options  # noqa: PLC0415 - loads numpy
-    from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
+    with no_search_for_cycles():
+        from ccm_opt.cli.solving import SolveOptions, solve_files, with_planner_options  # noqa: PLC0415 - loads numpy
+        from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
     options = SolveOptions(
         out=out,
