@@ -6,6 +6,7 @@ from ccm_opt.files.report.checks_section import checks_section
 from ccm_opt.files.report.document import COMMON, html_document
 from ccm_opt.files.report.gap_data import gap_data
 from ccm_opt.files.report.goal_pose_section import goal_pose_section
+from ccm_opt.files.report.goal_times import goal_times
 from ccm_opt.files.report.header_section import page_header, plan_badges, plan_figures
 from ccm_opt.files.report.markup import element, joined
 from ccm_opt.files.report.motion_sections import joints_section, simulation_section, timing_section
@@ -21,7 +22,6 @@ from ccm_opt.files.report.stage_section import player_bar, stage_section
 from ccm_opt.files.report.time_series import series_data
 from ccm_opt.files.report.tolerance_section import tolerance_section
 from ccm_opt.solution import Solution
-from ccm_opt.space.space_solution import AnySolution
 
 SCRIPTS = (
     *COMMON,
@@ -102,14 +102,3 @@ def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = R
         "gaps": None if solution.room is None else gap_data(solution.room, settings),
         "phase": phase_data(solution, settings),
     }
-
-
-def goal_times(solution: AnySolution) -> list[dict[str, object]]:
-    """When the arm rests at a goal: those on the way, then the last."""
-    time = solution.trajectory.time
-    numbers = [*solution.trajectory.stops, len(time) - 1]
-    single = len(numbers) == 1
-    return [
-        {"at": float(time[k]), "words": "goal" if single else str(n), "title": f"goal {n}, at {time[k]:.2f} s"}
-        for n, k in enumerate(numbers, start=1)
-    ]

@@ -7,13 +7,11 @@ import numpy as np
 from ccm_opt.errors import Diagnosis
 from ccm_opt.files.report.checks_section import checks_section
 from ccm_opt.files.report.document import html_document
-from ccm_opt.files.report.failure_page import STATUS, help_section, reason_section, search_section
-from ccm_opt.files.report.findings_in_space import findings_in_space
 from ccm_opt.files.report.gap_data import gap_data
+from ccm_opt.files.report.goal_times import goal_times
 from ccm_opt.files.report.header_section import badge, page_header, plan_badges, plan_figures
 from ccm_opt.files.report.markup import Markup, element, joined, table
 from ccm_opt.files.report.motion_sections import joints_section, simulation_section, timing_section
-from ccm_opt.files.report.page import goal_times
 from ccm_opt.files.report.page_units import PageUnits, three_digits
 from ccm_opt.files.report.phase_data import phase_data
 from ccm_opt.files.report.plans_section import PlanPages, plans_section
@@ -84,6 +82,14 @@ def space_failure_html(
     settings: ReportSettings = REPORT,
 ) -> str:
     """The report of a problem in space without a plan: why there is none, beside the scene with start and goal."""
+    from ccm_opt.files.report.failure_page import (  # noqa: PLC0415 - loads the plane's scene, and most have a plan
+        STATUS,
+        help_section,
+        reason_section,
+        search_section,
+    )
+    from ccm_opt.files.report.findings_in_space import findings_in_space  # noqa: PLC0415 - likewise
+
     units = PageUnits.of_page(problem)
     arm = problem.arm
     start = joint_positions(arm, problem.start.configuration(arm))
