@@ -1,13 +1,13 @@
 """The files ``trajectory.csv``, for spreadsheets, and ``trajectory.yaml``, in the shape of a ROS message."""
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from ccm_opt.files.export.arm_description import FEED
+from ccm_opt.files.export.number_writing import number_rows
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.solution import JointStates, JointTrajectory
@@ -15,8 +15,6 @@ from ccm_opt.solution import JointStates, JointTrajectory
 _QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 _ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
-_WHOLE = re.compile(r" (-?\d+)(?![\d.])")
-"""A number without a point, or the digits in front of its exponent, behind a space."""
 
 
 def trajectory_texts(trajectory: JointTrajectory, joints: JointStates, *, bends_only: bool = False) -> tuple[str, str]:
@@ -36,7 +34,7 @@ def trajectory_texts(trajectory: JointTrajectory, joints: JointStates, *, bends_
         axis is the first joint, ``feed``, with the columns ``feed_position``, …, ``feed_force`` [m, N].
     """
     names, tables = _tables(trajectory, bending_joints(joints, trajectory.coordinates) if bends_only else joints)
-    columns = [_rows(table) for table in tables]
+    columns = [number_rows(table) for table in tables]
     times = trajectory.time.tolist()
     return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
 
@@ -74,17 +72,6 @@ def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates
         accelerations=joints.accelerations[:, bending],
         torques=joints.torques[:, bending],
     )
-
-
-def _rows(table: FloatArray) -> list[str]:
-    """Every row of a table, its numbers joined by commas, each with a point."""
-    # Revolutes that a plane motion leaves alone are most of the table, and need no formatting.
-    moving = np.any(table != 0.0, axis=0)
-    row = ",".join(" %.12g " if moves else "0.0" for moves in moving)
-    whole = "\n".join([row % tuple(values) for values in table[:, moving].tolist()])
-    # Most numbers without a point are zeros, of links that lie still, and a search for a text takes next to nothing.
-    whole = whole.replace(" 0 ", "0.0").replace(" -0 ", "-0.0")
-    return _WHOLE.sub(r"\1.0", whole).replace(" ", "").split("\n")
 
 
 def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
