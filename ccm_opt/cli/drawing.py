@@ -70,13 +70,15 @@ def space_pictures(
 ) -> Mapping[str, bytes]:
     """The pictures of a plan in space that was just made, by file name; arguments as for ``plan_pictures``."""
     with no_search_for_cycles():
-        from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.files.plotting.space_film import space_film  # noqa: PLC0415 - loads matplotlib
         from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
+        from ccm_opt.files.plotting.space_views import SeenScene  # noqa: PLC0415
         from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
 
+    scene = SeenScene(solution.problem)
     return {
-        f"plan.{kind}": space_plan_picture(solution, kind),
-        "motion.gif": motion_gif(solution),
+        f"plan.{kind}": space_plan_picture(solution, kind, scene=scene),
+        "motion.gif": space_film(solution, scene=scene).gif(),
         "report.html": space_report_html(solution, pictures=(f"plan.{kind}", "motion.gif"), plans=plans).encode(),
     }
 

@@ -11,18 +11,25 @@ from ccm_opt.files.plotting.film import Backdrop, Film, PixelMap
 from ccm_opt.files.plotting.picture_settings import SPACE_FILM, SPACE_PICTURES, FilmSettings
 from ccm_opt.files.plotting.space_plan import draw_goals_in_space
 from ccm_opt.files.plotting.space_views import SLANTED, SeenScene, seen_window, window_of
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.space_solution import SpacePlan
 
 
-def space_film(plan: SpacePlan, settings: FilmSettings = SPACE_FILM) -> Film:
-    """The motion of a plan in space as a film, in real time unless it is too long for that."""
-    seen = SLANTED(plan.joint_positions)
-    return Film.of_motion(_backdrop(plan, settings), seen, plan.trajectory.time, plan.problem.arm.radius, settings)
+def space_film(plan: SpacePlan, settings: FilmSettings = SPACE_FILM, scene: SeenScene | None = None) -> Film:
+    """The motion of a plan in space as a film, in real time unless it is too long for that.
 
-
-def _backdrop(plan: SpacePlan, settings: FilmSettings) -> Backdrop:
-    """What is behind the arm: the room, the bodies, the way of its tip and its goals."""
+    Args:
+        plan: the plan.
+        settings: sizes.
+        scene: the bodies as another picture of the problem shows them; None: they are made ready.
+    """
     points = plan.joint_positions
+    backdrop = _backdrop(plan, points, scene or SeenScene(plan.problem, SPACE_PICTURES), settings)
+    return Film.of_motion(backdrop, SLANTED(points), plan.trajectory.time, plan.problem.arm.radius, settings)
+
+
+def _backdrop(plan: SpacePlan, points: FloatArray, scene: SeenScene, settings: FilmSettings) -> Backdrop:
+    """What is behind the arm: the room, the bodies, the way of its tip and its goals."""
     low, high = seen_window(SLANTED, window_of(plan.problem, points))
     size = settings.longest_side * (high - low) / float(np.max(high - low))
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
@@ -32,9 +39,8 @@ def _backdrop(plan: SpacePlan, settings: FilmSettings) -> Backdrop:
         axes.set_axis_off()
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
-        seen = SeenScene(plan.problem, SPACE_PICTURES)
-        seen.draw_room(axes, SLANTED)
-        seen.draw(axes, SLANTED)
+        scene.draw_room(axes, SLANTED)
+        scene.draw(axes, SLANTED)
         axes.plot(*SLANTED(points[:, -1]).T, color=style.TIP_PATH, linewidth=1.0, linestyle=(0, (4, 2)), zorder=7)
         draw_goals_in_space(axes, plan, SLANTED, points)
         canvas.draw()  # type: ignore[no-untyped-call]

@@ -38,19 +38,31 @@ class SheetOfSides:
 
 
 def space_plan_picture(
-    plan: SpacePlan, kind: FigureFormat = "png", settings: SpacePictureSettings = SPACE_PICTURES
+    plan: SpacePlan,
+    kind: FigureFormat = "png",
+    settings: SpacePictureSettings = SPACE_PICTURES,
+    scene: SeenScene | None = None,
 ) -> bytes:
-    """The content of the picture of a plan in space, in some format."""
-    return figure_file(lambda: space_plan_figure(plan, settings), kind)
+    """The content of the picture of a plan in space.
+
+    Args:
+        plan: the plan.
+        kind: the format.
+        settings: sizes.
+        scene: the bodies as another picture of the problem shows them; None: they are made ready.
+    """
+    return figure_file(lambda: space_plan_figure(plan, settings, scene), kind)
 
 
-def space_plan_figure(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+def space_plan_figure(
+    plan: SpacePlan, settings: SpacePictureSettings = SPACE_PICTURES, scene: SeenScene | None = None
+) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
     problem = plan.problem
     points = plan.joint_positions
     window = window_of(problem, points)
     sheet = sheet_of_sides(window, settings)
-    scene = SeenScene(problem, settings)
+    scene = scene or SeenScene(problem, settings)
     for side, axes in zip(SIDES, sheet.views, strict=True):
         _draw_view(axes, scene, side, plan, points, window)
     draw_section(sheet.section, problem, points[-1], settings)

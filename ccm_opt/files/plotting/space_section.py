@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
@@ -93,20 +93,26 @@ def free_lengths(triangles: FloatArray, origins: FloatArray, rays: FloatArray, r
         reach: how far is looked [m].
     """
     free = np.full(len(origins), reach)
-    low = triangles.min(axis=1)
-    high = triangles.max(axis=1)
     ends = origins + reach * rays
-    first = np.minimum(origins, ends)
-    last = np.maximum(origins, ends)
+    # Axis by axis, each in one piece of memory: bounds of the triangles and of the rays.
+    low = np.ascontiguousarray(triangles.min(axis=1).T)
+    high = np.ascontiguousarray(triangles.max(axis=1).T)
+    first = np.minimum(origins, ends).T
+    last = np.maximum(origins, ends).T
     # Some rays at a time, near each other along the arm, so that few triangles are in their reach.
     for some in np.array_split(np.arange(len(origins)), max(len(origins) // 16, 1)):
-        box = (first[some].min(axis=0), last[some].max(axis=0))
-        near = np.flatnonzero(np.all((high >= box[0]) & (low <= box[1]), axis=1))
-        meets = np.all((high[near] >= first[some, None]) & (low[near] <= last[some, None]), axis=-1)
+        near = np.flatnonzero(_overlap(low, high, first[:, some].min(axis=1), last[:, some].max(axis=1)))
+        meets = _overlap(low[:, None, near], high[:, None, near], first[:, some, None], last[:, some, None])
         ray, triangle = np.nonzero(meets)
         lengths = _hits(triangles[near[triangle]], origins[some[ray]], rays[some[ray]])
         np.minimum.at(free, some[ray], lengths)
     return free
+
+
+def _overlap(low: FloatArray, high: FloatArray, first: FloatArray, last: FloatArray) -> BoolArray:
+    """Whether boxes from low to high and from first to last, shape (3, …) each, have a place in common, shape (…)."""
+    x, y, z = ((high[k] >= first[k]) & (low[k] <= last[k]) for k in range(3))
+    return np.asarray(x & y & z)
 
 
 def _hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray) -> FloatArray:

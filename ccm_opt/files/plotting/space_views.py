@@ -90,22 +90,22 @@ class SeenScene:
         low = np.array([axes.get_xlim()[0], axes.get_ylim()[0]])
         high = np.array([axes.get_xlim()[1], axes.get_ylim()[1]])
         scale = self.settings.glass_pixels / float(np.max(high - low))
-        size = (max(round(scale * (high[0] - low[0])), 1), max(round(scale * (high[1] - low[1])), 1))
-        clear = np.ones(size[::-1])
-        for (vertices, faces), sharp in zip(self.bodies, self.edges, strict=True):
-            flat = scale * (side(vertices) - low)
-            mask = Image.new("1", size)
-            brush = ImageDraw.Draw(mask)
-            for corners in flat[faces].reshape(-1, 6).tolist():
-                brush.polygon(corners, fill=1, outline=1)
-            clear[np.asarray(mask)] *= 1.0 - self.settings.glass
-            edges = LineCollection(list(side(sharp)), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5)
-            axes.add_collection(edges)
-        picture = np.empty((*clear.shape, 4))
+        size = np.maximum(np.round(scale * (high - low)), 1.0).astype(np.intp)
+        sheets = np.zeros(size[::-1], dtype=np.intp)
+        for vertices, faces in self.bodies:
+            _lay_sheet(sheets, scale * (side(vertices) - low), faces)
+        picture = np.empty((*sheets.shape, 4), dtype=np.float32)
         picture[..., :3] = to_rgb(style.WALL_EDGE)
-        picture[..., 3] = 1.0 - clear
+        picture[..., 3] = (1.0 - (1.0 - self.settings.glass) ** np.arange(len(self.bodies) + 1))[sheets]
         extent = (low[0], high[0], low[1], high[1])
         axes.imshow(picture, extent=extent, origin="lower", interpolation="bilinear", zorder=1, aspect="auto")
+        self._draw_edges(axes, side)
+
+    def _draw_edges(self, axes: Axes, side: Side) -> None:
+        """All sharp edges, each by itself: where several lie upon each other they are darker."""
+        ends = side(np.concatenate([np.zeros((0, 2, 3)), *self.edges]))
+        edges = LineCollection(list(ends), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5)
+        axes.add_collection(edges)
 
     def draw_room(self, axes: Axes, side: Side) -> None:
         """Draw the outline of the room where there is one."""
@@ -116,6 +116,27 @@ class SeenScene:
         edges = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
         lines = [corners[list(edge)] for edge in edges]
         axes.add_collection(LineCollection(lines, colors=style.BOUNDARY, linewidths=0.6, alpha=0.5, zorder=0.5))
+
+
+def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
+    """Count one sheet more at all pixels that a body covers.
+
+    Args:
+        sheets: of glass at every pixel, shape (height, width), y up.
+        flat: corners of the body, shape (v, 2) [pixel].
+        faces: shape (m, 3).
+    """
+    whole = np.floor(flat[faces]).astype(np.intp)
+    # Only the part of the picture that the body may cover is looked at.
+    first = np.maximum(whole.min(axis=(0, 1)), 0)
+    last = np.minimum(whole.max(axis=(0, 1)) + 1, sheets.shape[::-1])
+    if np.any(last <= first):
+        return
+    mask = Image.new("L", tuple((last - first).tolist()))
+    brush = ImageDraw.Draw(mask)
+    for corners in (whole - first).reshape(-1, 6).tolist():
+        brush.polygon(corners, fill=1)
+    sheets[first[1] : last[1], first[0] : last[0]] += np.asarray(mask)
 
 
 def seen_window(side: Side, window: FloatArray) -> FloatArray:
