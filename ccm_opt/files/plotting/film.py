@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import TypeAlias
 
 import matplotlib as mpl
 import numpy as np
@@ -18,6 +19,8 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 
 _HUNDREDTH = 10
 """Shortest time that a film in GIF can tell [ms]."""
+_Box: TypeAlias = tuple[int, int, int, int]
+"""Left, upper, right and lower side of a part of a picture [pixel]; the last two are out of it."""
 
 
 @dataclass(frozen=True)
@@ -104,34 +107,51 @@ class Film:
 
     def frames(self) -> Iterator[Image.Image]:
         """The frames, RGB, all of one size."""
-        to_pixels = self.backdrop.pixels
-        width = max(2.0 * self.radius * to_pixels.pixels_a_metre, self.settings.least_body)
-        brush = ArmBrush(width, self.settings)
-        behind = self.backdrop.image.copy()
-        start = to_pixels(self.points[0])
-        brush.paint(behind, start, style.START, style.START_EDGE, self.settings.start_opacity)
-        end = float(self.time[-1])
-        faster = end / self.seconds if self.seconds > 0.0 else 1.0
-        clock = _Clock(faster, self.settings)
-        for k in self.shown:
-            frame = behind.copy()
-            pose = to_pixels(self.points[k])
-            brush.paint(frame, pose, style.GOAL_ARM, style.GOAL_ARM_EDGE, self.settings.body_opacity)
-            clock.show(frame, float(self.time[k]), float(self.time[k] / max(end, 1e-12)))
-            yield frame
+        return (frame for frame, _ in self._painted(self._still()))
 
     def gif(self) -> bytes:
         """The film as the content of an animated GIF file."""
-        frames = list(self.frames())
+        still = self._still()
+        painted = list(self._painted(still))
         # One palette for all frames: a palette each would make the colours flicker.
-        palette = frames[-1].quantize(self.settings.colours)
-        flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        palette = painted[-1][0].quantize(self.settings.colours)
+        flat_still = still.quantize(palette=palette, dither=Image.Dither.NONE)
+        flat = []
+        for frame, boxes in painted:
+            flat.append(flat_still.copy())
+            for box in boxes:
+                flat[-1].paste(frame.crop(box).quantize(palette=palette, dither=Image.Dither.NONE), box)
         # Every frame ends at a whole hundredth of a second, so that what is lost in one is won back in the next.
         ends = np.round(np.linspace(0.0, 1e3 * self.seconds, len(flat))[1:] / _HUNDREDTH) * _HUNDREDTH
         durations = [*np.maximum(np.diff(ends, prepend=0.0), _HUNDREDTH).astype(int).tolist(), self.settings.last_frame]
         buffer = BytesIO()
         flat[0].save(buffer, "GIF", save_all=True, append_images=flat[1:], duration=durations, loop=0, optimize=False)
         return buffer.getvalue()
+
+    def _still(self) -> Image.Image:
+        """What is behind the arm, with its body at the start."""
+        still = self.backdrop.image.copy()
+        start = self.backdrop.pixels(self.points[0])
+        self._brush.paint(still, start, style.START, style.START_EDGE, self.settings.start_opacity)
+        return still
+
+    def _painted(self, still: Image.Image) -> Iterator[tuple[Image.Image, list[_Box]]]:
+        """The frames, each with the boxes out of which it is as what is behind the arm."""
+        brush = self._brush
+        end = float(self.time[-1])
+        faster = end / self.seconds if self.seconds > 0.0 else 1.0
+        clock = _Clock(faster, self.settings)
+        for k in self.shown:
+            frame = still.copy()
+            pose = self.backdrop.pixels(self.points[k])
+            box = brush.paint(frame, pose, style.GOAL_ARM, style.GOAL_ARM_EDGE, self.settings.body_opacity)
+            strip = clock.show(frame, float(self.time[k]), float(self.time[k] / max(end, 1e-12)))
+            yield frame, [strip] if box is None else [box, strip]
+
+    @property
+    def _brush(self) -> "ArmBrush":
+        width = max(2.0 * self.radius * self.backdrop.pixels.pixels_a_metre, self.settings.least_body)
+        return ArmBrush(width, self.settings)
 
 
 def _letter_height(settings: FilmSettings) -> int:
@@ -156,18 +176,19 @@ class ArmBrush:
     width: float
     settings: FilmSettings
 
-    def paint(self, frame: Image.Image, pixels: FloatArray, body: str, axis: str, opacity: int) -> None:
-        """Paint one pose (links + 1, 2) [pixel]; only the box around it is touched."""
+    def paint(self, frame: Image.Image, pixels: FloatArray, body: str, axis: str, opacity: int) -> _Box | None:
+        """Paint one pose (links + 1, 2) [pixel]; the box around it, which alone is touched, None for none."""
         reach = 0.5 * self.width + 2.0
         low = np.maximum(np.floor(pixels.min(axis=0) - reach), 0.0).astype(int)
         high = np.minimum(np.ceil(pixels.max(axis=0) + reach), frame.size).astype(int)
         if np.any(high <= low):
-            return
+            return None
         size = (int(high[0] - low[0]), int(high[1] - low[1]))
-        place = (int(low[0]), int(low[1]))
+        box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
         for width, colour, value in ((self.width, body, opacity), (2.0 * self.settings.axis_width, axis, 255)):
             mask = self._mask(pixels - low, size, width, value)
-            frame.paste(colour, (*place, place[0] + size[0], place[1] + size[1]), mask)
+            frame.paste(colour, box, mask)
+        return box
 
     def _mask(self, pixels: FloatArray, size: tuple[int, int], width: float, value: int) -> Image.Image:
         """Where a line of a width covers a box; drawn much larger, so that shrinking makes its edges smooth."""
@@ -199,9 +220,10 @@ class _Clock:
         self._margin = size // 2
         self._bar = settings.bar_height
 
-    def show(self, frame: Image.Image, time: float, share: float) -> None:
-        """Write the time, and draw the bar for the share of the motion that is over."""
+    def show(self, frame: Image.Image, time: float, share: float) -> _Box:
+        """Write the time, and draw the bar for the share of the motion that is over; the box of both."""
         draw = ImageDraw.Draw(frame)
         place = (self._margin, frame.height - 3 * self._margin - self._bar)
         draw.text(place, f"{time:.2f} s{self._note}", fill=style.BOUNDARY, font=self._font)
         draw.rectangle((0, frame.height - self._bar, round(share * frame.width), frame.height), fill=style.GOAL_ARM)
+        return (0, place[1], frame.width, frame.height)

@@ -1,15 +1,13 @@
 """Films of a motion in the plane."""
 
-import numpy as np
 from matplotlib import rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from PIL import Image
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.action_window import action_window
 from ccm_opt.files.plotting.arm_drawing import draw_tip_path
 from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+from ccm_opt.files.plotting.figure_files import figure_pixels
 from ccm_opt.files.plotting.film import Backdrop, Film, PixelMap
 from ccm_opt.files.plotting.picture_settings import FILM, FilmSettings
 from ccm_opt.files.plotting.plan import draw_goals
@@ -33,14 +31,12 @@ def _backdrop(plan: DrawnPlan, settings: FilmSettings) -> Backdrop:
     height = _FIGURE_SIDE * (ymax - ymin) / longest
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
         figure = Figure(figsize=(width, height), dpi=settings.longest_side / _FIGURE_SIDE)
-        canvas = FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         draw_workspace(axes, plan.problem.workspace, window=window)
         draw_tip_path(axes, plan.points[:, -1])
         draw_goals(axes, plan, poses=False)
         axes.plot(*plan.points[0, 0], marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
-        canvas.draw()  # type: ignore[no-untyped-call]
-        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
+        image = figure_pixels(figure)
         ends = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
     return Backdrop.above_clock(image, PixelMap(ends[0], ends[1] - ends[0], image.height), settings)

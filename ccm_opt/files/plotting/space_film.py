@@ -2,11 +2,10 @@
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from PIL import Image
 
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.figure_files import figure_pixels
 from ccm_opt.files.plotting.film import Backdrop, Film, PixelMap
 from ccm_opt.files.plotting.picture_settings import SPACE_FILM, SPACE_PICTURES, FilmSettings
 from ccm_opt.files.plotting.space_plan import draw_goals_in_space
@@ -34,7 +33,6 @@ def _backdrop(plan: SpacePlan, points: FloatArray, scene: SeenScene, settings: F
     size = settings.longest_side * (high - low) / float(np.max(high - low))
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
         figure = Figure(figsize=tuple(size / 100.0), dpi=100)
-        canvas = FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         axes.set_xlim(low[0], high[0])
@@ -43,8 +41,7 @@ def _backdrop(plan: SpacePlan, points: FloatArray, scene: SeenScene, settings: F
         scene.draw(axes, SLANTED)
         axes.plot(*SLANTED(points[:, -1]).T, color=style.TIP_PATH, linewidth=1.0, linestyle=(0, (4, 2)), zorder=7)
         draw_goals_in_space(axes, plan, SLANTED, points)
-        canvas.draw()  # type: ignore[no-untyped-call]
-        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
+        image = figure_pixels(figure)
     scale = image.width / float(high[0] - low[0])
     pixels = PixelMap(-scale * low, np.full(2, scale), image.height)
     return Backdrop.above_clock(image, pixels, settings)
