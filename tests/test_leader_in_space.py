@@ -127,3 +127,18 @@ def test_an_arm_goes_back_the_way_that_it_came(tmp_path: Path) -> None:
     assert bends[-1] == pytest.approx(bends[0], abs=1e-9)
     for k in range(turning, len(feed), 50):
         assert np.abs(bends[:turning] - bends[k]).max(axis=(1, 2)).min() < 2e-3
+
+
+def test_an_arm_goes_back_past_several_goals_and_rests_at_the_corners_of_its_way(tmp_path: Path) -> None:
+    """Its path has a corner at each of them, through which nothing can be driven; it takes as long as the way there."""
+    problem = tmp_path / "problem.toml"
+    between = "[[goal]]\nposition = [0.35, -0.1, 0.2]\n[[goal]]\nposition = [0.4, -0.15, -0.05]\n[[goal]]\nshape"
+    problem.write_text(THERE_AND_BACK.replace("[[goal]]\nshape", between))
+    solved = CliRunner().invoke(app, ["solve", str(problem), "--out", str(tmp_path), "--no-pictures"])
+    assert solved.exit_code == 0, solved.output
+    with np.load(tmp_path / "there-and-back" / "solution.npz") as arrays:
+        time, stops, bends = arrays["time"], arrays["stops"], arrays["bend_angles"]
+    assert len(stops) == 3
+    assert bends[-1] == pytest.approx(bends[0], abs=1e-9)
+    there = time[stops[2]] - 0.5
+    assert time[-1] - time[stops[2]] == pytest.approx(there, rel=0.02)

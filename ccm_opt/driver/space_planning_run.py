@@ -183,9 +183,15 @@ class SpacePlanningRun:
         return VerifiedPlan(path, trajectory, joints, checks, of_terms)
 
     def _timed(self, leg: SpaceProblem, path: JointPath, dynamics: InverseDynamics) -> JointTrajectory:
-        if self.retimer is not None:
-            return self.retimer.retime(leg, path)
-        return timed_in_space(leg, path, dynamics, self.settings)
+        """A leg's motion; where its path has corners, as one back over several legs has, it rests in them."""
+        timed = [
+            self.retimer.retime(leg, part)
+            if self.retimer is not None
+            else timed_in_space(leg, part, dynamics, self.settings)
+            for part in path.parts or (path,)
+        ]
+        # The stops of a motion are the goals on its way, which corners are not.
+        return replace(retiming.joined(timed), stops=()) if len(timed) > 1 else timed[0]
 
     def _results_of_terms(
         self,

@@ -95,4 +95,5 @@ def end_to_end(paths: Sequence[JointPath]) -> JointPath:
         "; ".join(path.candidate for path in paths),
         tuple(leader for path in paths for leader in path.leaders),
         goal_pose=paths[-1].goal_pose,
+        parts=tuple(part for path in paths for part in path.parts or (path,)),
     )

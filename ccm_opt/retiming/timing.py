@@ -149,6 +149,8 @@ class _Timing:
             if stretch <= settings.small_stretch:
                 return samples.slowed(max(stretch, 1.0))
             self.rows(samples.s)  # a drive that is too weak between grid points is the reason, and is named
+            if stretch > settings.most_stretch:
+                break
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
 

@@ -127,6 +127,9 @@ class SamplingSettings:
             before it. Taste.
         resamplings: most samplings, each of a motion slower than the last by at least a small stretch. Derived: they
             reach 1.8 times the duration.
+        most_stretch: from which on a motion is not slowed down but given up: samples this far beyond a limit are those
+            of a path that nothing can be driven along, as one with a corner is, and a motion as slow has millions of
+            them. Taste.
     """
 
     step: float = 4e-3
@@ -141,6 +144,7 @@ class SamplingSettings:
     unseen_floor: float = 5e-4
     small_stretch: float = 1.01
     resamplings: int = 60
+    most_stretch: float = 100.0
 
 
 @dataclass(frozen=True)

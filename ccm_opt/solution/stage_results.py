@@ -36,6 +36,8 @@ class JointPath:
         leaders: paths that the arm follows joint by joint, in order, each of shape (m, 2) [m]; none when it does not.
         spare: gap beyond contact that the whole path is certified to keep [m]; timing may use it up.
         goal_pose: what the goal-pose NLP said about the end; None where it was not asked, or gave no answer.
+        parts: the paths of which it is made, where it is made of several; the spline has a corner between two of them,
+            where the arm has to rest.
     """
 
     spline: "BSpline"
@@ -45,6 +47,7 @@ class JointPath:
     leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
     goal_pose: GoalPoseRecord | SpaceGoalPoseRecord | None = None
+    parts: "tuple[JointPath, ...]" = ()
 
     def reversed(self) -> "JointPath":
         """The same motion from its end to its start; to draw the arm back is to reverse how it came."""
@@ -59,6 +62,7 @@ class JointPath:
             leaders=self.leaders[::-1],
             # The pose at which the motion now begins says nothing about where it ends.
             goal_pose=None,
+            parts=tuple(part.reversed() for part in reversed(self.parts)),
         )
 
     def __repr__(self) -> str:
