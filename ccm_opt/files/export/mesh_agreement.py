@@ -47,6 +47,8 @@ def _defects_of_file(path: Path, name: str, triangles: FloatArray) -> Iterator[s
     allowed = ROUNDING * float(np.max(np.abs(triangles)))
     # What is no number is off, too.
     off = ~(np.abs(found - triangles) <= allowed)
-    if count != len(triangles) or np.any(off):
+    if content.startswith(b"solid"):
+        yield f"{name} begins as a file of text does, and other programs would read it as one"
+    elif count != len(triangles) or np.any(off):
         number = int(np.argmax(np.any(off, axis=(1, 2)))) + 1
         yield f"{name} is not the problem's mesh, from triangle {number} on"

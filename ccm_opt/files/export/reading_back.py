@@ -1,8 +1,6 @@
 """Reads an output folder again for check, simulate and export, trusting nothing in it."""
 
-import json
-import zipfile
-import zlib
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.files.export.array_archive import read_archive
 from ccm_opt.files.export.folder import ARRAYS, RECORD
+from ccm_opt.files.export.record_file import read_record
 from ccm_opt.files.export.solution_json import SCHEMA
 from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.ground.arrays import FloatArray
@@ -71,8 +71,6 @@ FEED_SHAPES: Shapes = {
 """Further arrays of an arm with a feed axis."""
 ROOM_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
 """Further arrays where the room of the motion was measured."""
-MOST_BYTES_OF_ARRAYS = 2**29
-"""Arrays that take more are not unpacked: a minute of motion of the longest arm takes less."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +109,8 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
         ProblemError: when there is no folder, or it has no readable record of a known schema.
         VerificationError: when the record says that there is no plan.
     """
-    record = _read_record(folder / RECORD)
-    if (schema := record.get("schema")) != SCHEMA:
+    record = read_record(folder / RECORD)
+    if (schema := record.get("schema")) != SCHEMA or type(schema) is not int:
         raise ProblemError(
             f"{folder / RECORD}: schema is {schema!r}; this version reads schema {SCHEMA}; "
             "check the folder with the version of ccm-opt that wrote it"
@@ -148,14 +146,14 @@ def recorded_results(folder: Path) -> tuple[Mapping[str, float | None], Mapping[
     Raises:
         ProblemError: when there is no readable record, or these are not what they should be.
     """
-    record = _read_record(folder / RECORD)
+    record = read_record(folder / RECORD)
     try:
         figures = {name: _number(value) for name, value in record["metrics"].items()}  # type: ignore[attr-defined]
         listed: Any = record["checks"]
         checks = {str(check["name"]): (_number(check["worst"]), _number(check["limit"])) for check in listed}
         simulation: Any = record["simulation"]
         return figures, checks, str(simulation["outcome"])
-    except (AttributeError, KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise ProblemError(f"{folder / RECORD}: metrics, checks or simulation are not readable: {error}") from error
 
 
@@ -165,7 +163,10 @@ def _number(value: object) -> float | None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TypeError(f"expected a number or null, got {value!r}")
-    return float(value)
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError("a number is too large")
+    return number
 
 
 def recorded_constraints(folder: Path) -> tuple[str, ...]:
@@ -177,7 +178,7 @@ def recorded_constraints(folder: Path) -> tuple[str, ...]:
     Raises:
         ProblemError: when there is no readable record.
     """
-    checks = _read_record(folder / RECORD).get("checks", [])
+    checks = read_record(folder / RECORD).get("checks", [])
     listed = checks if isinstance(checks, list) else []
     names = [str(check.get("name", "")) for check in listed if isinstance(check, Mapping)]
     return tuple(name.removeprefix(CONSTRAINT_PREFIX) for name in names if name.startswith(CONSTRAINT_PREFIX))
@@ -256,55 +257,18 @@ def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: st
     return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
 
-def _read_record(path: Path) -> Mapping[str, object]:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'") from None
-    except NotADirectoryError:
-        raise ProblemError(f"{path.parent}: this is no folder; expected a folder written by 'ccm-opt solve'") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise ProblemError(f"{path}: not readable as JSON: {error}") from error
-    if not isinstance(record, Mapping):
-        raise ProblemError(f"{path}: expected a JSON object, got {type(record).__name__}")
-    return record
-
-
 def _reason(record: Mapping[str, object]) -> str:
     diagnosis = record.get("diagnosis")
     return f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    """The arrays of a file, by name, as they stand there.
+    """The arrays of a plan's file, by name, as they stand there.
 
     Raises:
         ProblemError: when it cannot be read.
     """
-    if not path.is_file():
-        raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'")
-    try:
-        if not zipfile.is_zipfile(path):
-            raise ProblemError(f"{path}: not readable as arrays: it is not an .npz archive")
-        _check_members(path)
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        raise ProblemError(f"{path}: not readable as arrays: {error}") from error
-
-
-def _check_members(path: Path) -> None:
-    """Refuse, unread, an archive with anything but the arrays of the format, or with more than a plan can hold."""
-    known = {f"{name}.npy" for name in (*SHAPES, *FEED_SHAPES, *ROOM_SHAPES)}
-    with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
-    names = [member.filename for member in members]
-    strange = next((name for name in names if name not in known or names.count(name) > 1), None)
-    if strange is not None:
-        raise ProblemError(f"{path}: holds '{strange[:60]}', which is none of the arrays of a plan, or is there twice")
-    size = sum(member.file_size for member in members)
-    if size > MOST_BYTES_OF_ARRAYS:
-        raise ProblemError(f"{path}: its arrays take {size} bytes unpacked, at most {MOST_BYTES_OF_ARRAYS} are read")
+    return read_archive(path, (*SHAPES, *FEED_SHAPES, *ROOM_SHAPES))
 
 
 def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
@@ -325,8 +289,9 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
             raise ProblemError(
                 f"{path}: the array '{name}' of type {array.dtype} holds something that is not a finite number"
             )
-    if sizes["samples"] < 2:
-        raise ProblemError(f"{path}: a motion needs at least two samples, got {sizes['samples']}")
+    for name, least, words in (("samples", 2, "two samples"), ("keyframes", 1, "one keyframe")):
+        if sizes[name] < least:
+            raise ProblemError(f"{path}: a motion needs at least {words}, got {sizes[name]}")
 
 
 def _check_positions(motion: SavedMotion, positions: FloatArray, arm: DrivenArm, path: Path) -> None:

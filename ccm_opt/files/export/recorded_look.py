@@ -1,6 +1,5 @@
 """What pictures of a written plan show besides its motion: its curves, its least gap, the simulated arm in space."""
 
-import json
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +10,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import ARRAYS, RECORD
+from ccm_opt.files.export.record_file import read_record
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_positions_3d
 from ccm_opt.problem import Problem
@@ -98,19 +98,18 @@ def recorded_nearest(folder: Path) -> NearPlace | None:
     Raises:
         ProblemError: the record is not readable.
     """
-    try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ProblemError(f"{folder / RECORD}: not readable as JSON: {error}") from error
-    room = record.get("room")
+    room = read_record(folder / RECORD).get("room")
     near = room.get("nearest") if isinstance(room, Mapping) else None
     if not isinstance(near, Mapping) or not near.get("link"):
         return None
-    return NearPlace(
-        gap=float(near["gap"]),
-        wanted=float(near["wanted"]),
-        time=float(near["time"]),
-        link=int(near["link"]),
-        obstacle=str(near.get("obstacle", "")),
-        second_link=int(near.get("second_link", 0)),
-    )
+    try:
+        return NearPlace(
+            gap=float(near["gap"]),
+            wanted=float(near["wanted"]),
+            time=float(near["time"]),
+            link=int(near["link"]),
+            obstacle=str(near.get("obstacle", "")),
+            second_link=int(near.get("second_link", 0)),
+        )
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ProblemError(f"{folder / RECORD}: the least gap in it is not readable: {error}") from error

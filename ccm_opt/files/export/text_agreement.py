@@ -15,6 +15,7 @@ from ccm_opt.files.export.mesh_agreement import mesh_defects
 from ccm_opt.files.export.number_rows import rows_agree
 from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.plain_file import read_plain
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.space.problem import AnyProblem
 
@@ -23,7 +24,11 @@ TEXT_TOLERANCE = 5.1e-12
 NUMBER_TOLERANCE = 1e-12
 """Share by which a number in a description of the arm may differ; all digits are written."""
 MOST_TIMES_LONGER = 10
-"""What is longer than a description of the arm by this factor is not read."""
+"""What is longer than a text need be by this factor is not read."""
+LONGEST_NUMBER = 25
+"""Characters of a number, its sign and what parts it from the next among them."""
+LEAST_BYTES = 2**16
+"""Files of no more are read in any case: short texts may have remarks in front that are longer than they are."""
 NAMES = {
     "trajectory.csv": "table against arrays",
     "trajectory.yaml": "ROS message against arrays",
@@ -33,6 +38,10 @@ NAMES = {
 """Checks of the files."""
 STAMP = re.compile(r"\{ *sec: *(\d{1,12}), *nanosec: *(\d{1,9}) *\}")
 """A time of a ROS message."""
+LIST = re.compile(r"\[([-+.,0-9eE ]*)\]")
+"""A list of numbers in it."""
+DECLARATION = re.compile(r"\s*<\?xml(\s+version=([\"'])1\.0\2)?(\s+encoding=([\"'])(?i:utf-8|us-ascii)\4)?\s*\?>")
+"""The only instruction that a description of an arm may have; other letters would make it another text elsewhere."""
 ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 """Lists of every point of a ROS message, in the order of the quantities of the table."""
 
@@ -51,6 +60,7 @@ def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajecto
         "trajectory.yaml": partial(_message_defects, time=trajectory.time),
     }
     described = lru_cache(partial(model_texts, problem))
+    numbers = len(trajectory.time) * (len(ROS_FIELDS) * (len(joints.names) + trajectory.positions.shape[1]) + 1)
     found = []
     for name in NAMES:
         if not (folder / name).exists():
@@ -62,10 +72,12 @@ def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajecto
                 for some in (joints, bending_joints(joints, trajectory.coordinates))
             )
             variants = (partial(readers[name], names=names, tables=tables) for names, tables in of_joints)
+            length = LONGEST_NUMBER * numbers
         else:
             meshes = partial(mesh_defects, folder, problem=problem)
+            length = len(described(obstacles=True, bends_only=False)[name])
             variants = (partial(_model_defects, wanted=text, meshes=meshes) for text in _descriptions(described, name))
-        found.append(_check(folder / name, variants))
+        found.append(_check(folder / name, variants, max(MOST_TIMES_LONGER * length, LEAST_BYTES)))
     return found
 
 
@@ -76,11 +88,11 @@ def _descriptions(described: Callable[..., Mapping[str, str]], name: str) -> Ite
             yield described(obstacles=obstacles, bends_only=bends_only)[name]
 
 
-def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Check:
+def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]], most_bytes: int) -> Check:
     """Whether a file is as one of several variants; what is said of it is how it differs from the first."""
     said = ""
     try:
-        text = _text(path)
+        text = _text(path, most_bytes)
         for find in variants:
             defect = next(find(text), "")
             said = said or defect
@@ -92,9 +104,9 @@ def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Ch
     return Check(NAMES[path.name], float(bool(said)), 0.0, "defects", said, passed=not said)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, most_bytes: int) -> str:
     """A file's text, its lines ended as everywhere; of megabytes, so those that are so already are not looked for."""
-    text = path.read_bytes().decode("utf-8")
+    text = read_plain(path, most_bytes).decode("utf-8")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -139,38 +151,48 @@ def _message_defects(
     """What of ``trajectory.yaml`` is otherwise than the arrays."""
     if _is_message_as_written(text, time, names, tables):
         return
-    lists: dict[str, list[str]] = {}
-    for line in text.splitlines():
-        field, _, value = line.lstrip(" -").partition(":")
-        lists.setdefault(field, []).append(value.strip())
+    lines = [line.rstrip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     joints = [column.rpartition("_")[0] for column in next(iter(names.values()))]
-    if [json.loads(value) for value in lists.get("joint_names", [])] != [joints]:
+    field, _, value = lines[0].partition(": ") if lines else ("", "", "")
+    if field != "joint_names" or json.loads(value) != joints:
         yield "its joint_names are not those of the arm"
         return
-    stamps = [STAMP.fullmatch(value) for value in lists.get("time_from_start", [])]
-    seconds = np.array([[int(n) for n in stamp.groups()] for stamp in stamps if stamp], dtype=np.float64).reshape(-1, 2)
-    if len(seconds) != len(time):
-        yield f"it has {len(seconds)} points for {len(time)} samples"
+    size = 1 + len(ROS_FIELDS)
+    points = [lines[k : k + size] for k in range(2, len(lines), size)]
+    if lines[1:2] != ["points:"] or len(points) != len(time):
+        yield f"it has {len(points)} points for {len(time)} samples, or none"
         return
+    # Whatever else stood in it, such as a second list of points, other programs might take for the motion.
+    found = [_point(point) for point in points]
+    strange = next((k for k, point in enumerate(found) if point is None), None)
+    if strange is not None:
+        yield f"point {strange + 1} is not made of {', '.join(('time_from_start', *ROS_FIELDS))}, each once"
+        return
+    values = [point for point in found if point is not None]
+    seconds = np.array([point["time_from_start"].split(",") for point in values], dtype=np.float64)
     # Nanoseconds are whole numbers, so that each is off by half of one at most.
     late = np.abs(seconds @ (1.0, 1e-9) - time)
     if np.max(late) > 1e-9:
         yield f"time_from_start of point {int(np.argmax(late)) + 1} is not that of its sample"
-    fields = [lists.get(field, []) for field in ROS_FIELDS]
-    for field, values in zip(ROS_FIELDS, fields, strict=True):
-        if len(values) != len(time):
-            yield f"it has {len(values)} lists of {field} for {len(time)} samples"
-            return
-        # One list too long would else make up for one that is too short.
-        if any(value.count(",") != len(joints) - 1 for value in values):
-            yield f"its {field} are not as many as the arm has joints"
-            return
-    rows = [
-        ",".join([value.removeprefix("[").removesuffix("]") for value in values])
-        for values in zip(*fields, strict=True)
-    ]
+    # One list too long would else make up for one that is too short.
+    if any(point[field].count(",") != len(joints) - 1 for point in values for field in ROS_FIELDS):
+        yield "it has lists that are not as long as the arm has joints"
+        return
+    rows = [",".join([point[field] for field in ROS_FIELDS]) for point in values]
     columns = [column for quantity in tables for column in names[quantity]]
     yield from _differing(_numbers("\n".join(rows)), _side_by_side(tables), columns)
+
+
+def _point(lines: Sequence[str]) -> Mapping[str, str] | None:
+    """The numbers of a point of a message, by its fields; None where it is made otherwise than points are."""
+    point = {}
+    for line, indent in zip(lines, ("- ", *repeat("  ", len(ROS_FIELDS))), strict=False):
+        field, _, value = line.removeprefix(indent).partition(": ")
+        match = (STAMP if field == "time_from_start" else LIST).fullmatch(value)
+        if not line.startswith(indent) or match is None:
+            return None
+        point[field] = ",".join(match.groups())
+    return point if point.keys() == {"time_from_start", *ROS_FIELDS} else None
 
 
 def _is_message_as_written(
@@ -218,12 +240,9 @@ def _model_defects(text: str, wanted: str, meshes: Callable[[str], Iterator[str]
 
 def _text_defects(text: str, wanted: str) -> Iterator[str]:
     """What of a description that is written otherwise is otherwise by its content."""
-    if len(text) > MOST_TIMES_LONGER * len(wanted):
-        yield "it is far longer than a description of the arm"
-        return
     # Nothing here needs declarations, and entities could make a short text endless.
-    if "<!" in text.replace("<!--", ""):
-        yield "it has declarations, which no description of an arm needs"
+    if "<!" in text.replace("<!--", "") or "<?" in DECLARATION.sub("", text, count=1):
+        yield "it has declarations or instructions, which no description of an arm needs"
         return
     try:
         found = ET.fromstring(text)  # noqa: S314 - without declarations there are no entities
@@ -241,7 +260,10 @@ def _differing_elements(found: ET.Element, wanted: ET.Element, path: str) -> Ite
     for name in sorted(set(found.attrib) | set(wanted.attrib)):
         if not _same_text(found.get(name), wanted.get(name)):
             yield f"{here}: {name} is {found.get(name)!r}, not {wanted.get(name)!r}"
-    if not _same_text((found.text or "").strip(), (wanted.text or "").strip()):
+    texts = (
+        (each.text or "").strip() + "".join([(part.tail or "").strip() for part in each]) for each in (found, wanted)
+    )
+    if not _same_text(*texts):
         yield f"{here}: its text is another"
     if len(found) != len(wanted):
         yield f"{here}: {len(found)} elements in it, not {len(wanted)}"
@@ -262,6 +284,7 @@ def _same_text(found: str | None, wanted: str | None) -> bool:
 def _same_word(found: str, wanted: str) -> bool:
     try:
         value = float(wanted)
-        return abs(float(found) - value) <= NUMBER_TOLERANCE * abs(value)
+        # What Python alone takes for a number is none elsewhere.
+        return "_" not in found and abs(float(found) - value) <= NUMBER_TOLERANCE * abs(value)
     except ValueError:
         return found == wanted
