@@ -18,6 +18,7 @@ from ccm_opt.ground.length_words import long_length, place, short_length, words_
 from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.problem import Problem, VerificationOptions
 from tests.conftest import PROBLEMS, SMALL_PROBLEM
+from tests.corruption.plans_in_space import PAUSING as SPACE_TEXT
 from tests.diagnosis_families import FAMILIES, make_case
 from tests.resizing import resized
 from tests.scenes import clutter
@@ -138,6 +139,21 @@ def test_the_contact_tolerance_is_the_users() -> None:
     assert plan(asked).checks
     with pytest.raises(ccm_opt.errors.ProblemError, match="contact_tolerance"):
         replace(problem, verification=VerificationOptions(-1.0))
+
+
+@pytest.mark.parametrize("in_space", [False, True])
+def test_no_plan_goes_through_walls_by_way_of_rounding(*, in_space: bool) -> None:
+    """More than a thousandth of the arm may not be missing of a gap, in files and in problems made otherwise."""
+    text = SPACE_TEXT if in_space else SMALL_PROBLEM
+    problem = parse_problem(text)
+    most = 1e-3 * problem.arm.length
+    asked = parse_problem(f"{text}\n[verification]\ncontact_tolerance = {0.999 * most}\n")
+    assert asked.contact_tolerance == pytest.approx(0.999 * most)
+    for wrong in (1.001 * most, f"1{'0' * 400}"):
+        with pytest.raises(ProblemFileError, match=r"line \d+: verification\.contact_tolerance"):
+            parse_problem(f"{text}\n[verification]\ncontact_tolerance = {wrong}\n")
+    with pytest.raises(ccm_opt.errors.ProblemError, match="a thousandth of the arm's length"):
+        replace(problem, verification=VerificationOptions(1.001 * most))
 
 
 def settings_classes() -> dict[str, type]:

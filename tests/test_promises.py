@@ -8,6 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 from ccm_opt.cli import checking
+from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.files.export.reading_back import FEED_SHAPES, ROOM_SHAPES, SHAPES
 from ccm_opt.files.export.text_agreement import NAMES
 from ccm_opt.files.problem_file import schema
@@ -118,11 +119,11 @@ def test_every_array_has_a_row() -> None:
     assert set(rows("Arrays")) == {*SHAPES, *FEED_SHAPES, *ROOM_SHAPES}
 
 
-def test_every_key_of_the_record_has_a_row(written: Folder) -> None:
-    """So has every key of ``solution.json``, and every file of text."""
+def test_every_key_of_the_record_has_a_row(written: Folder, written_in_space: Folder) -> None:
+    """So has every key of ``solution.json``, in the plane and in space, and every file of text."""
     listed = set(rows("Record and files"))
     sometimes = {"tries", "tolerance", "goal_pose", "diagnosis", "room"}
-    assert set(written.record) | sometimes | set(NAMES) == listed
+    assert set(written.record) | set(written_in_space.record) | sometimes | set(NAMES) == listed
 
 
 def test_every_check_has_a_row_and_a_mutation() -> None:
@@ -152,6 +153,30 @@ def test_a_broken_promise_of_the_motion_is_caught_by_its_check_alone(name: str) 
 def written(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     """A plan as it was written."""
     return write_plans(tmp_path_factory.mktemp("plans"), ("smooth",))["smooth"]
+
+
+@pytest.fixture(scope="module")
+def written_in_space(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """A plan of a fed arm in space past a mesh, likewise."""
+    return write_plans(tmp_path_factory.mktemp("plans"), ("fed in space",))["fed in space"]
+
+
+@pytest.mark.parametrize(
+    "path", ["goal.roll", "goal.position_error", "meshes.0.closed", "meshes.0.triangles", "meshes"]
+)
+def test_so_is_what_the_record_says_of_goal_and_meshes_in_space(
+    written_in_space: Folder, tmp_path: Path, capsys: pytest.CaptureFixture[str], path: str
+) -> None:
+    """What records in space have of their own contradicts nothing either."""
+    folder = written_in_space.copy()
+    place: Any = folder.record
+    *way, last = path.split(".")
+    for key in way:
+        place = place[int(key) if key.isdigit() else key]
+    place[last] = 1.0
+    folder.write(tmp_path / "plan")
+    assert checking.check_folders([tmp_path / "plan"]) == NO_PLAN
+    assert "Record against motion" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", FOLDER_MUTATIONS)

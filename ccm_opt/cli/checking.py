@@ -12,14 +12,14 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.cli.term_references import TermReferences
 from ccm_opt.driver.checking_plans import check as checked_again
+from ccm_opt.files.export.data_agreement import check_of_data
 from ccm_opt.files.export.reading_back import (
     SavedMotion,
     load_any_problem,
     load_motion,
-    recorded_constraints,
-    recorded_results,
 )
 from ccm_opt.files.export.recorded_look import recorded_curves
+from ccm_opt.files.export.recorded_results import RecordedResults, recorded_results
 from ccm_opt.files.export.room_json import room_data
 from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.report.check_words import checks_in_words
@@ -49,19 +49,21 @@ def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) ->
 def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
+    recorded = recorded_results(folder)
     own = checked_again(problem, motion.trajectory, motion.joints)
     of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
     room = _room(problem, motion, own) if whole else None
-    of_record = _checks_of_record(folder, problem, motion, own, room) if room is not None else []
+    left_out = _left_unchecked(problem, motion) if room is not None else ()
+    of_record = [] if room is None else _checks_of_record(folder, problem, motion, recorded, own, room, left_out)
     checks = (*own, *of_terms, *of_record)
     passed = all(check.passed for check in checks)
+    left_out = left_out if passed else ()
     verdict = "every check holds" if passed else "refused"
     # The room of a motion that is refused is in the checks that refuse it.
     room = room if passed else None
-    left_out = _left_unchecked(problem, motion) if passed else ()
-    unchecked = _unchecked(recorded_constraints(folder), of_terms)
+    unchecked = _unchecked(recorded.constraints, of_terms)
     if unchecked:
         _warn_of_unchecked(problem.name, unchecked)
 
@@ -113,27 +115,34 @@ def _curves(folder: Path, problem: AnyProblem) -> tuple[CurvePose, ...]:
 
 
 def _checks_of_record(
-    folder: Path, problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...], room: RoomRecord
+    folder: Path,
+    problem: AnyProblem,
+    motion: SavedMotion,
+    recorded: RecordedResults,
+    own: tuple[Check, ...],
+    room: RoomRecord,
+    left_out: Sequence[str],
 ) -> list[Check]:
     """Whatever else the folder says of the motion, held against it."""
     from ccm_opt.driver.record_agreement import WrittenRecord, checks_of_record  # noqa: PLC0415 - loads the simulation
 
-    figures, checks, outcome = recorded_results(folder)
     record = WrittenRecord(
         motion.keyframes,
-        ()
-        if isinstance(problem, SpaceProblem)
-        else tuple(CurvePose(each) for each in recorded_curves(folder, problem)),
+        _curves(folder, problem),
         motion.simulated_angles,
         motion.simulated_torques,
         motion.simulated_base,
-        outcome,
-        figures,
-        checks,
+        recorded.verdict,
+        recorded.figures,
+        recorded.checks,
+        recorded.tolerance,
         motion.room_arrays,
     )
-    found = checks_of_record(problem, motion.trajectory, motion.joints, record, own, room)
-    return [*found, *checks_of_texts(folder, problem, motion.trajectory, motion.joints)]
+    return [
+        *checks_of_record(problem, motion.trajectory, motion.joints, record, own, room),
+        check_of_data(recorded.data, problem, motion.trajectory, room, left_out),
+        *checks_of_texts(folder, problem, motion.trajectory, motion.joints),
+    ]
 
 
 def _checks_of_constraints(problem: AnyProblem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:

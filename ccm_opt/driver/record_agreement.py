@@ -1,7 +1,7 @@
 """Whether the rest of a written plan belongs to its motion: keyframes, curves, simulation, figures, checks, room."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -11,10 +11,27 @@ from ccm_opt.driver.space_metrics import space_figures_of_motion
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.planners.keyframe_curves import keyframe_curves
 from ccm_opt.problem import CurvePose, Problem
-from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord, SimulatedMotion
+from ccm_opt.solution import (
+    Check,
+    JointStates,
+    JointTrajectory,
+    RoomRecord,
+    SimulatedMotion,
+    SimulationVerdict,
+    SurvivedError,
+)
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
+from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error
+from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+_OF_PLANNING = ("cost_", "residual_", "leader_")
+"""What names of figures begin with that nobody can make again from a folder: of costs, constraints and leaders."""
+_OF_SIMULATION = ("tracking_error_rad", "tracking_error_m", "saturated_time_s")
+"""What names of figures end with that mean nothing where nothing was simulated."""
+_OF_USER = "constraint "
+"""What names of checks begin with that hold what the user asks for."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +44,10 @@ class WrittenRecord:
         simulated_angles: shape (T, 3 * links) [rad].
         simulated_torques: shape (T, 3 * links) [N m].
         simulated_base: positions of the axes that carry the base, shape (T, axes) [m].
-        outcome: of the simulation, in a word.
+        verdict: on the simulation, by the names of ``SimulationVerdict``.
         figures: of merit, by name; those that are not finite are None.
-        checks: worst value and limit of every check, by name; likewise.
+        checks: with what they found; numbers that are not finite are nan.
+        tolerance: errors that are survived; none where nobody asked.
         room_arrays: ``room_time``, ``wall_gaps``, ``self_gaps``, each of shape (N,); none where nobody measured them.
     """
 
@@ -38,9 +56,10 @@ class WrittenRecord:
     simulated_angles: FloatArray
     simulated_torques: FloatArray
     simulated_base: FloatArray
-    outcome: str
+    verdict: Mapping[str, object]
     figures: Mapping[str, float | None]
-    checks: Mapping[str, tuple[float | None, float | None]]
+    checks: tuple[Check, ...]
+    tolerance: tuple[SurvivedError, ...]
     room_arrays: Mapping[str, FloatArray]
 
 
@@ -74,16 +93,20 @@ def checks_of_record(
         found.append(_curves(problem, record, settings))
         figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(record.keyframes))
-    if record.outcome == "not simulated":
+    if record.verdict["outcome"] == "not simulated":
         found.append(_at_rest(trajectory, joints, record))
+        unheld = {name: value for name, value in record.figures.items() if name.endswith(_OF_SIMULATION)}
+        figures |= {name: np.nan if value is None else value for name, value in unheld.items()}
     else:
         again, of_simulation = simulate_and_check(problem, trajectory, joints)
-        found.append(_simulated(record, again, settings))
+        found.append(_simulated(trajectory.time, record, again, settings))
         figures |= of_simulation
     found.append(_figures(record.figures, figures, settings))
     found.append(_checks(record.checks, checks, settings))
     if record.room_arrays:
         found.append(_room(record.room_arrays, room, settings))
+    if record.tolerance:
+        found.append(_survived(problem, trajectory, record.tolerance))
     return found
 
 
@@ -106,12 +129,21 @@ def _at_rest(trajectory: JointTrajectory, joints: JointStates, record: WrittenRe
     return Check("simulated arm against its plan", worst, 0.0, "rad", "it was not simulated", passed=worst == 0.0)
 
 
-def _simulated(record: WrittenRecord, again: SimulatedMotion, settings: VerificationSettings) -> Check:
+def _simulated(
+    time: FloatArray, record: WrittenRecord, again: SimulatedMotion, settings: VerificationSettings
+) -> Check:
     """The simulated arm against another run of the same simulation."""
     name = "simulated arm against its plan"
-    if record.outcome != again.verdict.outcome:
-        where = f"recorded as {record.outcome!r}, but it is {again.verdict.outcome!r}"
-        return Check(name, np.inf, 0.0, "rad", where, passed=False)
+    verdict = asdict(again.verdict)
+    # Where the arm does not follow its plan, words and numbers of the verdict are as far off as the run is.
+    held = [field for field in verdict if again.verdict.followed or field == "outcome"]
+    for field in held:
+        told = record.verdict.get(field, verdict[field])
+        wanted = list(verdict[field]) if isinstance(verdict[field], tuple) else verdict[field]
+        if told != wanted:
+            return Check(
+                name, np.inf, 0.0, "rad", f"{field}: recorded as {told!r:.60}, but it is {wanted!r}", passed=False
+            )
     peak = float(np.max(np.abs(again.torques), initial=0.0))
     sources = (
         ("angle", record.simulated_angles, again.angles, settings.simulated_angle),
@@ -119,14 +151,25 @@ def _simulated(record: WrittenRecord, again: SimulatedMotion, settings: Verifica
         ("torque", record.simulated_torques, again.torques, settings.simulated_torque * peak),
     )
     worst = (0.0, settings.simulated_angle, "")
+    rows = slice(_samples_alike(time, again.verdict))
     for what, ours, theirs, allowed in sources:
-        # Where the arm does not follow its plan rounding grows without bound, and only the beginning is the same.
-        rows = slice(None) if again.verdict.followed else slice(1)
         off = np.abs(ours[rows] - theirs[rows])
         if off.size and float(np.max(off)) > worst[0] / worst[1] * allowed:
             sample = int(np.argmax(np.max(off, axis=1)))
             worst = (float(np.max(off)), allowed, f"{what} at sample {sample + 1}")
     return Check(name, worst[0], worst[1], "rad", worst[2], passed=worst[0] <= worst[1])
+
+
+def _samples_alike(time: FloatArray, verdict: SimulationVerdict) -> int:
+    """How many samples are the same to rounding whoever runs the simulation.
+
+    Where the arm does not follow its plan rounding grows without bound. What grows by the same factor in equal times,
+    from a unit in the last place to a tenth of a radian, has half of its digits left at half the time.
+    """
+    if verdict.followed:
+        return len(time)
+    until = time[0] if verdict.time is None else 0.5 * (time[0] + verdict.time)
+    return max(1, int(np.searchsorted(time, until, side="right")))
 
 
 def _figures(
@@ -136,7 +179,7 @@ def _figures(
 ) -> Check:
     """Recorded figures of merit against those of the arrays; figures of how the plan was made cannot be."""
     known = {name: value for name, value in figures.items() if name in recorded}
-    wrong = []
+    wrong = [name for name in recorded if name not in figures and not name.startswith(_OF_PLANNING)]
     for name, value in known.items():
         floor = settings.report_resolution if name.endswith("clearance_m") else settings.figure_floor
         if not _alike(recorded[name], value, floor, settings):
@@ -145,23 +188,47 @@ def _figures(
     return _listed("figures against arrays", wrong, len(known))
 
 
-def _checks(
-    recorded: Mapping[str, tuple[float | None, float | None]],
-    checks: Sequence[Check],
-    settings: VerificationSettings,
-) -> Check:
-    """Recorded checks against those made anew, worst values and limits; those that the record does not know are new."""
+def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: VerificationSettings) -> Check:
+    """Recorded checks against those made anew; those that the record does not know are new.
+
+    The user's constraints are known by their names alone, but of a plan that is solved they hold, too.
+    """
+    wanted = {check.name: check for check in checks}
+    names = [check.name for check in recorded]
     wrong = []
-    known = [check for check in checks if check.name in recorded]
-    for check in known:
-        worst, limit = recorded[check.name]
-        # Least gaps are known to a resolution only.
-        gap = settings.report_resolution if check.place is not None else 0.0
-        floor = max(gap, settings.figure_floor)
-        # Worst values may be nothing but rounding; limits follow from the problem, however small they are.
-        if not (_alike(worst, check.worst, floor, settings) and _alike(limit, check.limit, 0.0, settings)):
+    for check in recorded:
+        again = wanted.get(check.name)
+        held = check.passed and names.count(check.name) == 1
+        if again is None:
+            held = held and check.name.startswith(_OF_USER)
+        else:
+            # Least gaps are known to a resolution only.
+            gap = settings.report_resolution if again.place is not None else 0.0
+            floor = max(gap, settings.figure_floor)
+            # Worst values may be nothing but rounding; limits follow from the problem, however small they are.
+            held = held and check.unit == again.unit
+            held = held and _alike(_finite(check.worst), again.worst, floor, settings)
+            held = held and _alike(_finite(check.limit), again.limit, 0.0, settings)
+        if not held:
             wrong.append(check.name)
-    return _listed("record against checks", wrong, len(known))
+    return _listed("record against checks", wrong, len(recorded))
+
+
+def _survived(problem: AnyProblem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
+    """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
+    made = () if isinstance(problem, SpaceProblem) else [make(problem.arm) for make in MODELS]
+    models = {str(model.name): model for model in made}
+    wrong = []
+    for error in recorded:
+        model = models.get(error.name)
+        if isinstance(problem, SpaceProblem) or model is None or model.unit != error.unit:
+            wrong.append(error.name)
+            continue
+        # The search that found it proved as much to its own precision.
+        found = survived_error(problem.arm, problem.workspace, trajectory, model, most=error.size)
+        if not found.size >= (1.0 - 2.0 * DEFAULT_TOLERANCE.precision) * error.size:
+            wrong.append(f"{error.name}: no more than {found.size:.3g} {error.unit} are survived")
+    return _listed("survived errors against motion", wrong, len(recorded))
 
 
 def _room(recorded: Mapping[str, FloatArray], room: RoomRecord, settings: VerificationSettings) -> Check:
@@ -180,6 +247,10 @@ def _room(recorded: Mapping[str, FloatArray], room: RoomRecord, settings: Verifi
 def _listed(name: str, wrong: Sequence[str], count: int) -> Check:
     where = ", ".join(wrong) if wrong else f"{count} agree"
     return Check(name, float(len(wrong)), 0.0, "that differ", where, passed=not wrong)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _alike(recorded: float | None, value: float, floor: float, settings: VerificationSettings) -> bool:

@@ -19,6 +19,7 @@ from ccm_opt.problem.options import (
     SimulationOptions,
     Weights,
 )
+from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.problem.poses import JointPose, TipGoal
 
 if TYPE_CHECKING:
@@ -39,8 +40,11 @@ def defects(problem: "Problem") -> Iterator[str]:
     yield from _name_defects("planner.mapping", problem.planner.mapping, get_args(MappingName))
     if not 0.0 <= problem.joint_error < np.pi:
         yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
-    if not 0.0 < problem.contact_tolerance < np.inf:
-        yield f"verification.contact_tolerance must be positive and finite, got {problem.contact_tolerance}"
+    if not 0.0 < problem.contact_tolerance <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length:
+        yield (
+            "verification.contact_tolerance must be positive and at most a thousandth of the arm's length, got "
+            f"{problem.contact_tolerance}"
+        )
     poses = [("start", problem.start), ("goal", problem.goal)]
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
     yield from feed_defects(

@@ -11,6 +11,8 @@ from ccm_opt.problem.options import PlannerOptions, VerificationOptions
 CONTACT_SHARE_OF_LENGTH = 1e-6
 """Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
 to, and above what the certificate and the chords between samples leave to rounding."""
+MOST_CONTACT_SHARE_OF_LENGTH = 1e-3
+"""Greatest contact tolerance, as such a share: with more of it a plan may go through what it has to keep clear of."""
 WANTED_SHARE_OF_LENGTH = 0.015
 """Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
 WANTED_SHARE_OF_RADIUS = 0.5

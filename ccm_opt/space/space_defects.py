@@ -9,6 +9,7 @@ from ccm_opt.ground.arguments import is_number
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem.defects import array_defects, drive_defects, feed_defects
+from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.space.scene.bodies import Body, BoxBody, MeshBody, SphereBody
 from ccm_opt.space.scene.scene import SpaceWorkspace
 
@@ -27,8 +28,11 @@ def space_defects(problem: "SpaceProblem") -> Iterator[str]:
     yield from array_defects("simulation.gravity", problem.simulation.gravity, (3,), positive=False)
     if not 0.0 <= problem.joint_error < np.pi:
         yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
-    if not 0.0 < problem.contact_tolerance < np.inf:
-        yield f"verification.contact_tolerance must be positive and finite, got {problem.contact_tolerance}"
+    if not 0.0 < problem.contact_tolerance <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length:
+        yield (
+            "verification.contact_tolerance must be positive and at most a thousandth of the arm's length, got "
+            f"{problem.contact_tolerance}"
+        )
     yield from _pose_defects(problem)
 
 

@@ -1,7 +1,9 @@
 """Ways to change the record and the text files of a written plan."""
 
+import math
 import re
 import struct
+from collections.abc import Callable
 from typing import Any
 
 from .plans import Folder, Generator, kind
@@ -146,4 +148,45 @@ def _(folder: Folder, rng: Generator) -> bool:
         body["capsule"]["radius"] *= rng.uniform(0.5, 0.99)
     else:
         body["box"][0][0] += rng.uniform(0.001, 0.05)
+    return True
+
+
+def _claims(record: dict[str, Any]) -> dict[str, Callable[[], object]]:
+    """What may be claimed in a record besides figures and limits, by what is claimed."""
+    checks, room = record["checks"], record["room"]
+    claims: dict[str, Callable[[], object]] = {
+        "room": lambda: room["nearest"].update(gap=room["nearest"]["gap"] + 0.01),
+        "clearance": lambda: room.update(clearance=room["clearance"] + 0.01),
+        "nothing was left out": lambda: record.update(not_checked=[*record["not_checked"], "nothing"]),
+        "another unit": lambda: checks[3].update(unit="mm"),
+        "a check that fails": lambda: checks[4].update(passed=False),
+        "a check twice": lambda: checks.insert(0, dict(checks[3])),
+        "a check of nothing": lambda: checks.append(checks[3] | {"name": "gap to blades"}),
+        "a figure of nothing": lambda: record["metrics"].update(least_gap_to_blades_m=0.05),
+        "a figure without end": lambda: record["metrics"].update(duration_s=math.inf),
+        "another step": lambda: record["simulation"].update(step=0.5 * record["simulation"]["step"]),
+        "another method": lambda: record.update(method="by hand"),
+    }
+    if "tolerance" in record:
+        claims["errors"] = lambda: [
+            error.update(size=1.01 * error["size"], size_deg=None) for error in record["tolerance"]
+        ]
+    if "goal" in record:
+        claims["roll"] = lambda: record["goal"].update(roll=record["goal"]["roll"] + 0.01)
+    return claims
+
+
+@kind("something else claimed in the record")
+def _(folder: Folder, rng: Generator) -> bool:
+    claims = _claims(folder.record)
+    claims[sorted(claims)[int(rng.integers(len(claims)))]]()
+    return True
+
+
+@kind("more in the message than its points")
+def _(folder: Folder, rng: Generator) -> bool:
+    further = ["points: []", '"points": [{positions: [0.0]}]', "---", "header: {}", '  "effort": [0.0]']
+    lines = folder.texts["trajectory.yaml"].splitlines()
+    lines.insert(int(rng.integers(2, len(lines) + 1)), further[int(rng.integers(len(further)))])
+    folder.texts["trajectory.yaml"] = "\n".join(lines) + "\n"
     return True

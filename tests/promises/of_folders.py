@@ -42,6 +42,42 @@ def _recorded_check(folder: Folder) -> None:
     next(check for check in folder.record["checks"] if check["name"] == "joint velocity")["worst"] *= 0.5
 
 
+def _recorded(*path: str | int, value: object) -> Change:
+    """Another value somewhere in the record."""
+
+    def change(folder: Folder) -> None:
+        place = folder.record
+        for key in path[:-1]:
+            place = place[key]  # type: ignore[index]
+        assert place[path[-1]] != value  # type: ignore[index]
+        place[path[-1]] = value  # type: ignore[index]
+
+    return change
+
+
+def _another_check(**changed: object) -> Change:
+    """One more check, made of one that is there."""
+
+    def change(folder: Folder) -> None:
+        folder.record["checks"].append(folder.record["checks"][-1] | changed)
+
+    return change
+
+
+def _another_figure(folder: Folder) -> None:
+    folder.record["metrics"]["least_gap_to_blades_m"] = 0.05
+
+
+def _survives_more(folder: Folder) -> None:
+    for error in folder.record["tolerance"]:
+        error["size"] *= 1.01
+        error["size_deg"] *= 1.01
+
+
+def _survives_something_else(folder: Folder) -> None:
+    folder.record["tolerance"][0]["name"] = "payload"
+
+
 def _text(name: str, found: str, put: str) -> Change:
     def change(folder: Folder) -> None:
         assert found in folder.texts[name]
@@ -67,9 +103,34 @@ FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
     "curves against keyframes": tuple(
         _scaled(name) for name in ("segment_curvatures", "segment_knots", "segment_lengths", "base_headings")
     ),
-    "simulated arm against its plan": (_scaled("simulated_angles"), _scaled("simulated_torques")),
-    "figures against arrays": (_figure,),
-    "record against checks": (_recorded_check,),
+    "simulated arm against its plan": (
+        _scaled("simulated_angles"),
+        _scaled("simulated_torques"),
+        _recorded("simulation", "step", value=1e-5),
+        _recorded("simulation", "reason", value="in steps of 1 s"),
+        _recorded("simulation", "link", value=3),
+    ),
+    "figures against arrays": (_figure, _another_figure),
+    "record against checks": (
+        _recorded_check,
+        _recorded("checks", 3, "unit", value="mm"),
+        _recorded("checks", 3, "passed", value=False),
+        _another_check(),
+        _another_check(name="gap to blades"),
+        _another_check(name="constraint of mine", passed=False),
+    ),
+    "record against motion": (
+        _recorded("method", value="hill-climbing"),
+        _recorded("seed", value=7),
+        _recorded("not_checked", value=["nothing"]),
+        _recorded("room", "nearest", "gap", value=0.5),
+        _recorded("room", "goal", "gap", value=True),
+        _recorded("room", "clearance", value=None),
+        _recorded("room", "short", value=[{"from": 0.0, "to": 1.0}]),
+        _recorded("room", "stops", value=None),
+        _recorded("room", value=[]),
+    ),
+    "survived errors against motion": (_survives_more, _survives_something_else),
     "gaps over time against motion": tuple(_scaled(name) for name in ("room_time", "wall_gaps", "self_gaps")),
     "table against arrays": (_row("trajectory.csv", ","),),
     "ROS message against arrays": (_row("trajectory.yaml", "positions"), _row("trajectory.yaml", "effort")),

@@ -1,10 +1,8 @@
 """Reads an output folder again for check, simulate and export, trusting nothing in it."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +24,6 @@ from ccm_opt.space.problem import AnyProblem
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
 
-CONSTRAINT_PREFIX = "constraint "
-"""In front of the name of a user's constraint, in the name of its check."""
-
-Bounds = tuple[float | None, float | None]
-"""Worst value and limit of a check; what is not finite is None."""
 Shapes = Mapping[str, tuple[str | int, ...]]
 
 SHAPES: Shapes = {
@@ -135,53 +128,6 @@ def load_any_problem(folder: Path) -> AnyProblem:
         VerificationError: when the record says that there is no plan.
     """
     return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
-
-
-def recorded_results(folder: Path) -> tuple[Mapping[str, float | None], Mapping[str, Bounds], str]:
-    """Figures of merit, worst value and limit of every check, each by name, and the outcome of the simulation.
-
-    Args:
-        folder: an output folder.
-
-    Raises:
-        ProblemError: when there is no readable record, or these are not what they should be.
-    """
-    record = read_record(folder / RECORD)
-    try:
-        figures = {name: _number(value) for name, value in record["metrics"].items()}  # type: ignore[attr-defined]
-        listed: Any = record["checks"]
-        checks = {str(check["name"]): (_number(check["worst"]), _number(check["limit"])) for check in listed}
-        simulation: Any = record["simulation"]
-        return figures, checks, str(simulation["outcome"])
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ProblemError(f"{folder / RECORD}: metrics, checks or simulation are not readable: {error}") from error
-
-
-def _number(value: object) -> float | None:
-    """A number; None for what is not finite, which stands as null."""
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"expected a number or null, got {value!r}")
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError("a number is too large")
-    return number
-
-
-def recorded_constraints(folder: Path) -> tuple[str, ...]:
-    """Names of the user's constraints that a folder's plan was made to keep, in the order of its record.
-
-    Args:
-        folder: an output folder.
-
-    Raises:
-        ProblemError: when there is no readable record.
-    """
-    checks = read_record(folder / RECORD).get("checks", [])
-    listed = checks if isinstance(checks, list) else []
-    names = [str(check.get("name", "")) for check in listed if isinstance(check, Mapping)]
-    return tuple(name.removeprefix(CONSTRAINT_PREFIX) for name in names if name.startswith(CONSTRAINT_PREFIX))
 
 
 def load_motion(folder: Path, arm: DrivenArm) -> SavedMotion:

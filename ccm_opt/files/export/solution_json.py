@@ -39,7 +39,7 @@ def solution_json(solution: AnySolution) -> str:
         "simulation": asdict(solution.simulation.verdict),
     }
     if isinstance(solution, SpaceSolution):
-        record["goal"] = _goal_data(solution.goal_errors)
+        record["goal"] = goal_data(solution.goal_errors)
         record["meshes"] = mesh_data(solution.problem)
     if solution.room is not None:
         record["room"] = room_data(solution.room)
@@ -52,7 +52,7 @@ def solution_json(solution: AnySolution) -> str:
     return strict_text(record)
 
 
-def _goal_data(errors: GoalErrors) -> dict[str, object]:
+def goal_data(errors: GoalErrors) -> dict[str, object]:
     """How the last link lies at its goal [m, rad]."""
     return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
 

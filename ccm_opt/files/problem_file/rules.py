@@ -1,6 +1,7 @@
 """Rules between keys of a problem file: exactly one of several, and keys that need others."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 from ccm_opt.files.problem_file.issues import Issues, closest
 from ccm_opt.files.problem_file.keypath import KeyPath, lookup
@@ -12,6 +13,7 @@ from ccm_opt.files.problem_file.schema import (
     SpaceWorkspaceTable,
     WorkspaceTable,
 )
+from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 
 OBSTACLE_KINDS = ("polygon", "box", "circle", "wall")
 """Of which every obstacle has exactly one."""
@@ -45,6 +47,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
     check_masses(data, issues)
     check_feed_keys(data, issues)
     check_tries(data, issues)
+    check_contact(data, issues)
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -108,6 +111,17 @@ def check_tries(data: Mapping[str, object], issues: Issues) -> None:
     tries = lookup(data, ("planner", "tries"))
     if isinstance(tries, int) and tries > 1 and lookup(data, ("planner", "method")) == "hill-climbing":
         issues.add(("planner", "tries"), '"hill-climbing" draws nothing, so that all tries would be the same; use 1')
+
+
+def check_contact(data: Mapping[str, object], issues: Issues) -> None:
+    """What may be missing of a gap is there for rounding, and not for plans that go through walls."""
+    path: KeyPath = ("verification", "contact_tolerance")
+    tolerance, links, length = (lookup(data, place) for place in (path, ("arm", "links"), ("arm", "link_length")))
+    if not isinstance(tolerance, (int, float)) or not isinstance(links, int) or not isinstance(length, (int, float)):
+        return  # that is told already, or nothing is asked for
+    with suppress(OverflowError):  # so are numbers that are far too large
+        if tolerance > MOST_CONTACT_SHARE_OF_LENGTH * links * length > 0.0:
+            issues.add(path, f"at most a thousandth of the arm's length can be left to rounding; got {tolerance:g}")
 
 
 def check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath, lookup
 from ccm_opt.files.problem_file.rules import (
+    check_contact,
     check_feed_keys,
     check_masses,
     exactly_one,
@@ -37,6 +38,7 @@ def check_space_alternatives(data: Mapping[str, object], issues: Issues) -> None
         for key in ("direction", "via"):
             _needs(data, path, key, ("position",), issues)
     check_masses(data, issues)
+    check_contact(data, issues)
     check_feed_keys(data, issues)
     _refuse_planar_planning(data, issues)
 

@@ -58,6 +58,7 @@ def survived_error(
     trajectory: JointTrajectory,
     model: ErrorModel,
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
+    most: float = np.inf,
 ) -> SurvivedError:
     """The largest error of one kind with which every motion keeps clear, certified at all times.
 
@@ -71,10 +72,11 @@ def survived_error(
         trajectory: the plan, linear between its samples.
         model: what may be wrong.
         settings: how closely the error is sought.
+        most: larger errors are not looked at [unit]; what is survived is told as this.
     """
     motion = ChainMotion(arm, trajectory.time, trajectory.positions)
     edges = wall_edges(workspace)
-    search = LargestError(_largest(arm, model, settings), settings)
+    search = LargestError(min(most, _largest(arm, model, settings)), settings)
     coarse = MovingChain.in_strides(motion, model, settings.stride * arm.link_length)
     fine = MovingChain.through_all(motion, model)
 

@@ -82,5 +82,5 @@ class VerificationTable(Table):
 
     contact_tolerance: PositiveLength | None = VerificationOptions.contact_tolerance
     """Gap that may be missing before a motion is refused; motions that begin or end in contact may use half of it. It
-    is there for rounding: a clearance belongs into `workspace.clearance`. Default: [a millionth of the arm's
-    length](scale.md)."""
+    is there for rounding, a thousandth of the arm's length at most: a clearance belongs into `workspace.clearance`.
+    Default: [a millionth of the arm's length](scale.md)."""
