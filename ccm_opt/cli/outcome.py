@@ -133,7 +133,7 @@ def _printed(show: Callable[[], object], code: int) -> int:
 def _print_on_stderr(label: str, colour: str, message: str) -> None:
     """Print on stderr, folded where it is a terminal's; nothing happens when nobody reads it."""
     try:
-        console = Console(stderr=True, soft_wrap=True, highlight=False)
+        console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         text = f"{label} {message}"
         # What is no terminal gets whole lines, for other programs to read.
         text = folded(text, console.width) if console.is_terminal else text

@@ -126,8 +126,8 @@ def _plain_table(title: str) -> Table:
 
 def report_console() -> Console:
     """Standard output for tables; as wide as they need when it is not a terminal."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=DISPLAY.piped_width)
+    console = Console(highlight=False, emoji=False)
+    return console if console.is_terminal else Console(highlight=False, emoji=False, width=DISPLAY.piped_width)
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:

@@ -48,6 +48,8 @@ class ImportSettings:
         most_meeting: neighbours that an open end has within the joining distance, on average. Taste: two as a rule.
         most_nested: pairs of rings of one shape whose boxes meet. Measured: 0.5 s for
             as many, each ring in the next.
+        most_crossings: pairs of edges of one outline that meet besides neighbours, and are repaired. Measured: 0.5 s
+            for as many, and ten seconds for four times as many.
         flattening_share: share of the tolerance by which a polyline may leave its curve. Derived: polygons grow by
             half the tolerance, so that a little less than half keeps the true curve inside.
         growth_share: share of the tolerance by which polygons of curves grow. Derived: with the share above the sum
@@ -73,6 +75,7 @@ class ImportSettings:
     largest_coordinate: float = 1e9
     most_meeting: int = 100
     most_nested: int = 500_000
+    most_crossings: int = 1000
     flattening_share: float = 0.499
     growth_share: float = 0.5
     corner_reach: float = 1.9

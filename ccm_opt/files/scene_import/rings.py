@@ -84,6 +84,11 @@ def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> lis
     if polygon.is_valid and polygon.area > 0.0:
         return [polygon]
     why = shapely.is_valid_reason(polygon)
+    if _is_tangled(polygon, settings):
+        raise ProblemError(
+            f"the outline crosses or touches itself more than {settings.most_crossings} times, too often to be "
+            "repaired; list the corners in order round the shape"
+        )
     # Of a bow tie GEOS keeps both halves, so that a change of area shows that more than a slip was repaired.
     mended = polygons_of(shapely.make_valid(polygon))
     area = sum(part.area for part in mended)
@@ -105,6 +110,31 @@ def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
     while any(hasattr(part, "geoms") for part in parts):
         parts = [inner for part in parts for inner in getattr(part, "geoms", [part])]
     return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 0.0]
+
+
+def _is_tangled(polygon: shapely.Polygon, settings: ImportSettings) -> bool:
+    """Whether so many pairs of edges meet besides neighbours that a repair, which takes their square, would not end."""
+    outlines = [_without_repeats(shapely.get_coordinates(ring)) for ring in (polygon.exterior, *polygon.interiors)]
+    edges = shapely.linestrings(np.concatenate([np.stack((ring[:-1], ring[1:]), axis=1) for ring in outlines]))
+    tree = STRtree(edges)
+    at_once = max(1, settings.most_nested // len(edges))
+    # Each edge meets itself and its two neighbours, and every other pair is met from both sides.
+    left = 3 * len(edges) + 2 * settings.most_crossings
+    boxed = left + settings.most_nested
+    for k in range(0, len(edges), at_once):
+        ours, theirs = tree.query(edges[k : k + at_once])
+        boxed -= len(ours)
+        left -= int(np.count_nonzero(shapely.intersects(edges[k + ours], edges[theirs])))
+        if left < 0 or boxed < 0:
+            return True
+    return False
+
+
+def _without_repeats(ring: FloatArray) -> FloatArray:
+    """A closed ring without corners that are where the one before is; at least the first and the last are left."""
+    moves = np.any(ring[1:] != ring[:-1], axis=1)
+    moves[-1] = True
+    return ring[np.concatenate(([True], moves))]
 
 
 def _without_specks(polygon: shapely.Polygon, area: float) -> shapely.Polygon:
