@@ -1,5 +1,7 @@
 """Bounds on the motion of an arm in space, and the proof that stands on them: laws, against dense samples."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -117,6 +119,24 @@ def test_c_and_numpy_prove_the_same_intervals(seed: int, slack: float, depth: in
     # A short way, which is proved more often than not.
     near = keyframes[0] + 0.02 * (keyframes[1] - keyframes[0])
     assert compiled.safe(keyframes[0], near, depth) == interpreted.safe(keyframes[0], near, depth)
+
+
+@given(seeds, st.floats(0.0, 0.9), st.integers(0, 12))
+@settings(max_examples=40, deadline=None)
+def test_intervals_one_after_the_other_are_proved_as_each_alone(seed: int, slack: float, depth: int) -> None:
+    """What is kept of the end of one interval for the next, of another length or in another order, changes nothing."""
+    rng = np.random.default_rng(seed)
+    arm = snake(int(rng.integers(4, 12)))
+    tree = SurfaceTree.of(balls(rng.uniform(-1.0, 1.0, size=(8, 3)), 0.08))
+    numbers = SpaceCertificateSettings(slack=slack)
+    certificate = SpaceCertificate(arm, tree, 0.01, 0.002, numbers)
+    steps = rng.normal(size=(8, 2 * arm.links)) * 0.02 * rng.choice([0.1, 1.0, 5.0], size=(8, 1))
+    keyframes = rng.normal(size=2 * arm.links) * 0.2 + np.cumsum(steps, axis=0)
+    order = rng.integers(0, 8, 20) if rng.random() < 0.5 else np.arange(8)
+    for one, other in pairwise(order):
+        alone = SpaceCertificate(arm, tree, 0.01, 0.002, numbers)
+        pair = keyframes[one], keyframes[other]
+        assert certificate.safe(*pair, depth) == alone.safe(*pair, depth)
 
 
 def test_what_is_no_number_is_not_proved() -> None:

@@ -2,8 +2,11 @@
    does the same where there is no compiling. */
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "link_places.h"
+
+#define FINE 0.0625 /* share of the slack that is left where distances are taken for halvings */
 
 /* Least distance of a segment from the surfaces, (2, 3), cut off at a reach, and told too small by a slack at most. */
 typedef double (*SegmentGap)(const void *surfaces, const double *segment, double reach, double slack);
@@ -17,7 +20,14 @@ typedef struct {
     const double *start, *base, *before, *after;
     const void *surfaces; /* may be missing */
     SegmentGap gap;
+    double *end, *told; /* for the next call: where this one ends, and (2, 2, links) distances there */
 } ProofQuery;
+
+/* Distances of the links at one end of an interval, told too small by a slack at most and taken for halvings, and the
+   reaches that they were cut off at, which are zero where a distance is not known. */
+typedef struct {
+    double *told, *told_reach, *sure, *sure_reach;
+} EndGaps;
 
 typedef struct {
     double *bends, *points, *rotations;
@@ -96,64 +106,124 @@ static double gap_of(const ProofQuery *q, const Place *place, int64_t link, doub
     return q->gap(q->surfaces, segment, reach, slack);
 }
 
-/* Whether some links keep off the surfaces; distances at the ends are known. Written so that what is no number fails. */
-static int walls_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval,
-                       const Links *links, int64_t depth)
+/* What is known of links and surfaces: exact distances may still prove what is not known. */
+typedef enum { TOUCHING, CLEAR, UNKNOWN } Outcome;
+
+/* As the distance of a link, or told too small by a slack at most; below the wall's only where it is in truth. */
+static double sure_gap_of(const ProofQuery *q, const Place *place, int64_t link, double reach, double slack)
+{
+    double gap = gap_of(q, place, link, reach, slack);
+    if (!(gap < q->wall) || gap + slack < q->wall || slack == 0.0) return gap;
+    /* Whether anything is that near is found sooner than how near it is. */
+    return gap_of(q, place, link, q->wall, 0.0);
+}
+
+/* Whether some links keep off the surfaces; distances at the ends are known. Distances are told too small by a share of
+   the links' motions at most. Written so that what is no number fails. */
+static Outcome walls_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval,
+                           const Links *links, int64_t depth, double slack)
 {
     int64_t count = links->count;
     int64_t *numbers = malloc((size_t)count * sizeof(int64_t));
     double *memory = malloc((size_t)(3 * count + interval_size(q)) * sizeof(double));
-    int clear = numbers && memory;
+    Outcome outcome = numbers && memory ? CLEAR : TOUCHING;
     Links halves[2] = {{0, numbers, memory, memory + count}, {0, numbers, memory + count, memory + 2 * count}};
-    for (int64_t k = 0; clear && k < count; k++) {
+    for (int64_t k = 0; outcome == CLEAR && k < count; k++) {
         int64_t link = links->link[k], left = halves[0].count;
-        double most = most_of(interval, link);
+        double most = most_of(interval, link), middle = 0.0;
         if (links->first[k] + links->last[k] - most >= 2.0 * q->wall) continue;
-        /* A half of the interval moves the link half as far, or hardly more. */
-        double middle = depth ? gap_of(q, &interval->middle, link, q->wall + 0.75 * most, 0.0) : -INFINITY;
-        clear = middle >= q->wall;
+        if (depth == 0) {
+            outcome = UNKNOWN;
+        } else {
+            /* A half of the interval moves the link half as far, or hardly more. */
+            middle = sure_gap_of(q, &interval->middle, link, q->wall + 0.75 * most, slack * most);
+            if (!(middle >= q->wall)) outcome = TOUCHING;
+        }
         numbers[left] = link;
         halves[0].first[left] = links->first[k];
         halves[0].last[left] = middle;
         halves[1].last[left] = links->last[k];
         halves[0].count = halves[1].count = left + 1;
     }
-    for (int half = 0; half < 2 && clear && halves[half].count; half++) {
+    for (int half = 0; half < 2 && outcome == CLEAR && halves[half].count; half++) {
         const Place *from = half ? &interval->middle : first, *to = half ? last : &interval->middle;
         Interval part = interval_between(q, from, to, memory + 3 * count);
-        clear = walls_clear(q, from, to, &part, halves + half, depth - 1);
+        outcome = walls_clear(q, from, to, &part, halves + half, depth - 1, slack);
     }
     free(numbers);
     free(memory);
-    return clear;
+    return outcome;
 }
 
-/* Whether all links keep off the surfaces. */
+static EndGaps end_gaps(double *memory, int64_t links)
+{
+    EndGaps gaps = {memory, memory + links, memory + 2 * links, memory + 3 * links};
+    return gaps;
+}
+
+/* Distance of a link at an end, looked up where it was measured as far. */
+static double known_gap(const ProofQuery *q, const Place *place, double *gap, double *measured, int64_t link,
+                        double reach, double slack, int sure)
+{
+    if (!(gap[link] < measured[link] || measured[link] >= reach)) {
+        gap[link] = sure ? sure_gap_of(q, place, link, reach, slack) : gap_of(q, place, link, reach, slack);
+        measured[link] = reach;
+    }
+    return gap[link] > reach ? reach : gap[link];
+}
+
+/* Whether the links that are left keep off the surfaces, by exact distances. */
+static Outcome exactly_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval,
+                             const Links *left)
+{
+    for (int64_t k = 0; k < left->count; k++) {
+        double reach = q->wall + most_of(interval, left->link[k]);
+        left->first[k] = gap_of(q, first, left->link[k], reach, 0.0);
+        left->last[k] = gap_of(q, last, left->link[k], reach, 0.0);
+    }
+    return walls_clear(q, first, last, interval, left, q->depth, 0.0);
+}
+
+/* Whether all links keep off the surfaces. Most intervals begin where the one before has ended, so that half of the
+   distances are known. */
 static int all_walls_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval)
 {
     int64_t most_links = q->links - q->first_link;
     if (!q->surfaces || most_links <= 0) return 1;
     int64_t *numbers = malloc((size_t)most_links * sizeof(int64_t));
-    double *memory = malloc((size_t)(2 * most_links) * sizeof(double));
+    double *memory = malloc((size_t)(2 * most_links + 4 * q->links) * sizeof(double));
     Links left = {0, numbers, memory, memory + most_links};
-    int clear = numbers && memory;
-    for (int64_t link = q->first_link; clear && link < q->links; link++) {
+    Outcome outcome = numbers && memory ? CLEAR : TOUCHING;
+    size_t end_size = (size_t)coordinates(q) * sizeof(double), gaps_size = (size_t)(4 * q->links) * sizeof(double);
+    EndGaps start = end_gaps(memory + 2 * most_links, q->links), end = end_gaps(q->told, q->links);
+    if (outcome == CLEAR) {
+        if (memcmp(q->end, first->bends, end_size) == 0)
+            memcpy(start.told, q->told, gaps_size);
+        else
+            memset(start.told, 0, gaps_size);
+        memcpy(q->end, last->bends, end_size);
+        memset(q->told, 0, gaps_size);
+    }
+    for (int64_t link = q->first_link; outcome == CLEAR && link < q->links; link++) {
         double most = most_of(interval, link), reach = q->wall + most, slack = q->slack * most;
-        double at_first = gap_of(q, first, link, reach, slack);
-        double at_last = gap_of(q, last, link, reach, slack);
+        double at_first = known_gap(q, first, start.told, start.told_reach, link, reach, slack, 0);
+        /* So far off that it comes to no wall, wherever it moves. */
+        if (at_first >= reach) continue;
+        double at_last = known_gap(q, last, end.told, end.told_reach, link, reach, slack, 0);
         if (at_first >= q->wall && at_last >= q->wall && at_first + at_last - most >= 2.0 * q->wall) continue;
-        at_first = gap_of(q, first, link, reach, 0.0);
-        at_last = gap_of(q, last, link, reach, 0.0);
-        clear = at_first >= q->wall && at_last >= q->wall;
+        at_first = known_gap(q, first, start.sure, start.sure_reach, link, reach, FINE * slack, 1);
+        at_last = known_gap(q, last, end.sure, end.sure_reach, link, reach, FINE * slack, 1);
+        if (!(at_first >= q->wall && at_last >= q->wall)) outcome = TOUCHING;
         left.link[left.count] = link;
         left.first[left.count] = at_first;
         left.last[left.count] = at_last;
         left.count++;
     }
-    clear = clear && walls_clear(q, first, last, interval, &left, q->depth);
+    if (outcome == CLEAR) outcome = walls_clear(q, first, last, interval, &left, q->depth, FINE * q->slack);
+    if (outcome == UNKNOWN) outcome = exactly_clear(q, first, last, interval, &left);
     free(numbers);
     free(memory);
-    return clear;
+    return outcome == CLEAR;
 }
 
 /* How far a pair of links comes nearer at most: what both have in common does not count. */

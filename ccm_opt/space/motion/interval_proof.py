@@ -17,7 +17,7 @@ class _ProofStruct(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("links", "fed", "first_link", "first_pair", "depth", "safe")),
         *((name, ctypes.c_double) for name in ("length", "mount", "wall", "pair", "slack")),
-        *((name, ctypes.c_void_p) for name in ("start", "base", "before", "after", "surfaces", "gap")),
+        *((name, ctypes.c_void_p) for name in ("start", "base", "before", "after", "surfaces", "gap", "end", "told")),
     )
 
 
@@ -41,6 +41,9 @@ class IntervalProof:
         self._start = np.ascontiguousarray(arm.base, dtype=np.float64)
         self._base = np.ascontiguousarray(arm.base_rotation, dtype=np.float64)
         self._ends = np.empty((2, len(arm.coordinates)))
+        # Where the interval before has ended, and what is known of there: nowhere at first.
+        self._end = np.full(len(arm.coordinates), np.nan)
+        self._told = np.zeros((2, 2, arm.links))
         query = _ProofStruct(links=arm.links, fed=len(arm.base_axes))
         query.first_link = min(int(arm.mount_length / arm.link_length + 1e-9), arm.links)
         query.first_pair = arm.first_self_pair if arm.self_collision else arm.links
@@ -52,6 +55,7 @@ class IntervalProof:
         query.start = self._start.ctypes.data
         query.base = self._base.ctypes.data
         query.before, query.after = (end.ctypes.data for end in self._ends)
+        query.end, query.told = self._end.ctypes.data, self._told.ctypes.data
         if tree.search is not None and tree.search.gap_call is not None:
             query.gap, query.surfaces = tree.search.gap_call
         self._query = query
