@@ -268,6 +268,49 @@ def test_boxes_hold_their_triangles(seed: int, count: int) -> None:
         np.testing.assert_array_equal(np.sort(boxes.corners, axis=1), given_corners)
 
 
+@pytest.mark.parametrize("kind", ["strewn", "far-flung", "points", "one place"])
+def test_clusters_of_many_triangles_make_a_tree(kind: str) -> None:
+    """Of many triangles clusters are the leaves: each triangle stands in one, and distances are those of another tree.
+
+    Of a few that are far apart, and of many in one place, cells hold far more triangles than a leaf.
+    """
+    rng = np.random.default_rng(7)
+    count = 70_000
+    corners = rng.uniform(-1.0, 1.0, (count, 1, 3)) + rng.normal(0.0, 0.01, (count, 3, 3))
+    if kind == "far-flung":
+        corners[:10] += 1e11 * rng.normal(size=(10, 1, 3))
+    if kind == "points":
+        corners[:] = corners[:, :1]
+    if kind == "one place":
+        corners[5:] = corners[5]
+    scene = soup(corners, rng.uniform(0.0, 0.01, count), np.zeros(count, dtype=np.intp))
+    boxes = boxes_by_c(scene.triangles, scene.rounding, 8)
+    if boxes is None:
+        return
+    nodes = boxes.nodes
+    leaves = nodes[nodes["count"] > 0]
+    order = np.argsort(leaves["first"])
+    begins, counts = leaves["first"][order], leaves["count"][order]
+    np.testing.assert_array_equal(begins, np.cumsum(counts) - counts)
+    assert counts.sum() == count
+    assert counts.max() <= 8
+    assert np.array_equal(np.sort(boxes.order), np.arange(count))
+    np.testing.assert_array_equal(np.sort(boxes.corners, axis=1), np.sort(scene.triangles[boxes.order], axis=1))
+    np.testing.assert_array_equal(boxes.rounding, scene.rounding[boxes.order])
+    assert np.all(np.minimum.reduceat(boxes.corners.min(axis=1), begins) >= leaves["low"][order])
+    assert np.all(np.maximum.reduceat(boxes.corners.max(axis=1), begins) <= leaves["high"][order])
+    inner = nodes[nodes["count"] == 0]
+    for side in (0, 1):
+        child = nodes[inner["first"] + side]
+        assert np.all((child["low"] >= inner["low"]) & (child["high"] <= inner["high"]))
+        assert np.all((child["rounding"] <= inner["rounding"]) & (child["edge"] <= inner["edge"]))
+    segments = random_segments(rng, 50)
+    other = boxes_by_numpy(scene.triangles, scene.rounding, 8)
+    ways = [compiled_search(each) for each in (boxes, other)]
+    gaps = [way.distances(segments, 0.5, 0.0) for way in ways if way is not None]
+    np.testing.assert_allclose(gaps[0], gaps[-1], atol=1e-9)
+
+
 def faces_below(boxes: SurfaceBoxes, number: int) -> list[int]:
     """The triangles of a node, which all lie in its box."""
     node = boxes.nodes[number]

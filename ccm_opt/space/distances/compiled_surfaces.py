@@ -24,6 +24,7 @@ class _BuildingStruct(ctypes.Structure):
         *((name, _POINTER) for name in ("given", "given_rounding", "nodes", "corners", "rounding", "order")),
         ("count", _LONG),
         ("items", _POINTER),
+        ("clustered", _LONG),
     )
 
 

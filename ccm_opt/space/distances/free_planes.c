@@ -17,7 +17,8 @@
 typedef struct {
     double key;   /* the gap, changed by the slack at most */
     double gap;   /* of a triangle; of a box the least that what is in it may have */
-    int64_t what; /* a node, or −1 − a triangle */
+    int32_t what; /* a node, or −1 − a triangle */
+    int32_t seen; /* rows there were when it was put into the heap, behind none of which it lies */
 } Entry;
 
 typedef struct {
@@ -39,7 +40,7 @@ static inline int before(const Entry *one, const Entry *other)
 }
 
 /* Returns whether there was memory for it. */
-static int push(PlaneQuery *q, double key, double gap, int64_t what)
+static int push(PlaneQuery *q, double key, double gap, int64_t what, int64_t seen)
 {
     if (q->size == q->room) {
         int64_t room = q->room ? 2 * q->room : 256;
@@ -48,7 +49,7 @@ static int push(PlaneQuery *q, double key, double gap, int64_t what)
         q->waiting = waiting;
         q->room = room;
     }
-    Entry entry = {key, gap, what};
+    Entry entry = {key, gap, (int32_t)what, (int32_t)seen};
     int64_t at = q->size++;
     for (; at && before(&entry, q->waiting + (at - 1) / 2); at = (at - 1) / 2)
         q->waiting[at] = q->waiting[(at - 1) / 2];
@@ -70,7 +71,7 @@ static Entry pop(PlaneQuery *q)
     return top;
 }
 
-/* Whether all points at a rounding about the corners of a triangle lie behind one of a segment's planes. */
+/* Whether all points at a rounding about the corners of a triangle lie behind one of the planes from the first on. */
 static int is_behind(const PlaneQuery *q, int64_t first, int64_t face)
 {
     const double *corners = q->surfaces.corners + 9 * face;
@@ -122,7 +123,7 @@ static double wedge_gap(const Probe *probe, const double *lid, double above, con
     return sqrt(larger(level + 2.0 * share * slope + share * share * steep, 0.0) / rest);
 }
 
-/* The least gap that what is in a box, and not behind the planes of the segment, may have. */
+/* The least gap that what is in a box, and not behind the planes from the first on, may have. */
 static double gap_before(const PlaneQuery *q, const Probe *probe, const Node *node, int64_t first, double gap)
 {
     /* Large triangles count with all of them, and may reach behind a plane by their longest edge. */
@@ -132,7 +133,7 @@ static double gap_before(const PlaneQuery *q, const Probe *probe, const Node *no
         for (int d = 0; d < 3; d++) lid[d] = -lid[d];
         above = -node->beneath;
     }
-    for (int64_t row = first; row < q->rows; row++) {
+    for (int64_t row = first; row < q->rows && gap < q->reach; row++) {
         const double *normal = q->normal + 3 * row;
         double before = dot(normal, q->point + 3 * row) + q->behind - node->rounding - part_behind;
         gap = larger(gap, wedge_gap(probe, lid, above, normal, before) - node->rounding);
@@ -156,7 +157,7 @@ static int open_leaf(PlaneQuery *q, const Segment *segment, const Probe *probe, 
         Found found = found_at(q, segment, face);
         /* Triangles come before boxes in which nothing is nearer by more than the slack. */
         double key = found.gap - q->slack * (1.0 - off_middle(probe, found.pair.point));
-        if (found.face >= 0 && !push(q, key, found.gap, -1 - face)) return 0;
+        if (found.face >= 0 && !push(q, key, found.gap, -1 - face, q->rows - first)) return 0;
     }
     return 1;
 }
@@ -179,9 +180,10 @@ static int open_node(PlaneQuery *q, const Segment *segment, const Probe *probe, 
             key[child] = gap[child] + q->slack * off_middle(probe, centre);
         }
         int nearer = key[1] < key[0];
-        if (gap[1 - nearer] < q->reach && !push(q, key[1 - nearer], gap[1 - nearer], node->first + 1 - nearer)) return 0;
+        int64_t seen = q->rows - first, other = 1 - nearer;
+        if (gap[other] < q->reach && !push(q, key[other], gap[other], node->first + other, seen)) return 0;
         if (gap[nearer] > enough || gap[nearer] >= q->reach)
-            return gap[nearer] >= q->reach || push(q, key[nearer], gap[nearer], node->first + nearer);
+            return gap[nearer] >= q->reach || push(q, key[nearer], gap[nearer], node->first + nearer, seen);
         number = node->first + nearer;
     }
 }
@@ -204,22 +206,24 @@ static int planes_about(PlaneQuery *q, int64_t number)
     int64_t first = q->rows;
     q->size = 0;
     double whole = least_gap(&probe, q->surfaces.nodes, q->reach);
-    if (!push(q, whole, whole, 0)) return 0;
+    if (!push(q, whole, whole, 0, 0)) return 0;
     while (q->size && q->rows < first + q->most) {
         Entry next = pop(q);
+        int64_t unseen = first + next.seen;
         if (next.what < 0) {
-            Found found = found_at(q, &segment, -1 - next.what);
-            if (!is_behind(q, first, -1 - next.what)) keep(q, number, &segment, &found);
+            if (is_behind(q, unseen, -1 - (int64_t)next.what)) continue;
+            Found found = found_at(q, &segment, -1 - (int64_t)next.what);
+            keep(q, number, &segment, &found);
             continue;
         }
         const Node *node = q->surfaces.nodes + next.what;
-        if (is_box_behind(q, first, node)) continue;
+        if (is_box_behind(q, unseen, node)) continue;
         /* Planes that were kept since it was put there may leave less of it. */
-        double gap = gap_before(q, &probe, node, first, next.gap);
+        double gap = gap_before(q, &probe, node, unseen, next.gap);
         if (gap >= q->reach) continue;
         double key = next.key + gap - next.gap;
         int is_next = q->size == 0 || key <= q->waiting[0].key;
-        if (!(is_next ? open_node(q, &segment, &probe, next.what, first, gap + q->slack) : push(q, key, gap, next.what)))
+        if (!(is_next ? open_node(q, &segment, &probe, next.what, first, gap + q->slack) : push(q, key, gap, next.what, q->rows - first)))
             return 0;
     }
     return 1;

@@ -5,16 +5,19 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "surface_clusters.h"
 #include "surface_nodes.h"
 
 #define CUTS 16
+#define MANY 65536 /* triangles: of fewer the boxes are made in no time */
 #define DEEP 60 /* levels after which boxes are cut into halves of equal number */
 #define MOST_IN_SLICE 4096 /* triangles: more are hardly ever flat */
 #define SHORTENED (1.0 - 1e-6)
+#define AHEAD 12 /* triangles */
 
 typedef struct {
-    float low[3], high[3]; /* of the triangle with its rounding */
-    int64_t number;
+    float low[3], high[3]; /* of the triangles with their rounding */
+    int32_t first, count;  /* the number of a given triangle; or the triangles of a cluster, in the order of the leaves */
 } Item;
 
 typedef struct {
@@ -25,6 +28,7 @@ typedef struct {
     int64_t *order;                       /* number of the given triangle, likewise */
     int64_t count;                        /* of nodes; none where there is too little memory */
     Item *items;
+    int64_t clustered; /* whether the items are clusters */
 } Building;
 
 typedef struct {
@@ -34,17 +38,23 @@ typedef struct {
 
 typedef struct {
     double low[3], high[3], rounding, edge, area[3]; /* the last is twice the sum of the areas as vectors */
+    int64_t count;                                   /* of triangles */
 } Box;
+
+static const Box NOTHING = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, 0.0, 0.0, {0.0, 0.0, 0.0}, 0};
 
 static const Bin EMPTY = {{HUGE_VALF, HUGE_VALF, HUGE_VALF}, {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}, 0};
 
 static inline float centre(const Item *item, int axis) { return 0.5F * item->low[axis] + 0.5F * item->high[axis]; }
 
+static inline float smaller_float(float a, float b) { return a < b ? a : b; }
+static inline float larger_float(float a, float b) { return a > b ? a : b; }
+
 static inline void enclose(Bin *bin, const float *low, const float *high, int64_t count)
 {
     for (int d = 0; d < 3; d++) {
-        bin->low[d] = low[d] < bin->low[d] ? low[d] : bin->low[d];
-        bin->high[d] = high[d] > bin->high[d] ? high[d] : bin->high[d];
+        bin->low[d] = smaller_float(low[d], bin->low[d]);
+        bin->high[d] = larger_float(high[d], bin->high[d]);
     }
     bin->count += count;
 }
@@ -119,36 +129,47 @@ static void add_area(double *sum, const double *area)
     for (int d = 0; d < 3; d++) sum[d] += sign * area[d];
 }
 
-/* Put a triangle into its place with the longest edge first, and enclose it. */
-static void place(Building *b, Box *box, int64_t at)
+/* Put a triangle into its place with the longest edge first. */
+static void place(Building *b, int64_t number, int64_t at)
 {
-    int64_t number = b->items[at].number;
     const double *given = b->given + 9 * number;
-    double longest = -1.0;
-    int from = 0;
+    double square[3];
     for (int k = 0; k < 3; k++) {
         double edge[3];
         minus(given + 3 * ((k + 1) % 3), given + 3 * k, edge);
-        double square = dot(edge, edge);
-        if (square > longest) {
-            longest = square;
-            from = k;
-        }
+        square[k] = dot(edge, edge);
     }
-    double *corners = b->corners + 9 * at, one[3], other[3], area[3];
-    for (int k = 0; k < 3; k++) memcpy(corners + 3 * k, given + 3 * ((from + k) % 3), 3 * sizeof(double));
+    /* Which it is cannot be foreseen, so that nothing branches on it. */
+    int from = square[1] > square[0];
+    from = square[2] > larger(square[0], square[1]) ? 2 : from;
+    double *corners = b->corners + 9 * at;
+    const double *first = given + 3 * from, *second = given + 3 * (from == 2 ? 0 : from + 1);
+    const double *third = given + 3 * (from == 0 ? 2 : from - 1);
+    for (int d = 0; d < 3; d++) {
+        corners[d] = first[d];
+        corners[3 + d] = second[d];
+        corners[6 + d] = third[d];
+    }
     b->rounding[at] = b->given_rounding[number];
     b->order[at] = number;
-    box->rounding = larger(box->rounding, b->rounding[at]);
-    box->edge = larger(box->edge, sqrt(longest));
-    for (int k = 0; k < 9; k++) {
-        box->low[k % 3] = smaller(box->low[k % 3], given[k]);
-        box->high[k % 3] = larger(box->high[k % 3], given[k]);
-    }
+}
+
+/* Enclose a triangle that is in its place. */
+static void enclose_placed(const Building *b, Box *box, int64_t at)
+{
+    const double *corners = b->corners + 9 * at;
+    double one[3], other[3], area[3];
     minus(corners + 3, corners, one);
     minus(corners + 6, corners, other);
     cross(one, other, area);
     add_area(box->area, area);
+    box->rounding = larger(box->rounding, b->rounding[at]);
+    box->edge = larger(box->edge, sqrt(dot(one, one)));
+    for (int k = 0; k < 9; k++) {
+        box->low[k % 3] = smaller(box->low[k % 3], corners[k]);
+        box->high[k % 3] = larger(box->high[k % 3], corners[k]);
+    }
+    box->count++;
 }
 
 static float rounded_down(double number)
@@ -159,11 +180,21 @@ static float rounded_down(double number)
 
 static float rounded_up(double number) { return -rounded_down(-number); }
 
-/* The two planes across the mean normal between which some triangles lie. */
-static void slice(const Building *b, Node *node, const double *area, int64_t begin, int64_t end)
+static void span(const double *normal, const double *corners, int64_t count, double *beneath, double *above)
 {
+    for (int64_t corner = 0; corner < 3 * count; corner++) {
+        double height = dot(normal, corners + 3 * corner);
+        *beneath = smaller(*beneath, height);
+        *above = larger(*above, height);
+    }
+}
+
+/* The two planes across the mean normal between which the triangles of some items lie. */
+static void slice(const Building *b, Node *node, const Box *box, int64_t begin, int64_t end)
+{
+    const double *area = box->area;
     double length = sqrt(dot(area, area)), normal[3], beneath = HUGE_VAL, above = -HUGE_VAL;
-    int known = end - begin <= MOST_IN_SLICE && length > 0.0 && length < HUGE_VAL;
+    int known = box->count <= MOST_IN_SLICE && length > 0.0 && length < HUGE_VAL;
     for (int d = 0; d < 3; d++) {
         /* Shorter than a unit vector by more than single precision rounds, so that heights are not above distances.
            Volatile, since GCC 12 takes the number before it was rounded where it makes one vector of the three. */
@@ -171,35 +202,36 @@ static void slice(const Building *b, Node *node, const double *area, int64_t beg
         node->normal[d] = rounded;
         normal[d] = rounded;
     }
-    for (int64_t corner = 3 * begin; known && corner < 3 * end; corner++) {
-        double height = dot(normal, b->corners + 3 * corner);
-        beneath = smaller(beneath, height);
-        above = larger(above, height);
-    }
+    if (known && !b->clustered) span(normal, b->corners + 9 * begin, end - begin, &beneath, &above);
+    for (int64_t k = begin; known && b->clustered && k < end; k++)
+        span(normal, b->corners + 9 * (int64_t)b->items[k].first, b->items[k].count, &beneath, &above);
     node->beneath = known ? rounded_down(beneath) : 0.0F;
     node->above = known ? rounded_up(above) : 0.0F;
 }
 
-/* What some triangles are lies all over the memory; it is asked for at once, so that it is waited for once. */
-static void prefetch(const Building *b, int64_t begin, int64_t end)
+/* A leaf; of triangles that are not clustered it is the place of each too. */
+static Box fill_leaf(Building *b, Node *node, int64_t begin, int64_t end)
 {
-    for (int64_t at = begin; at < end; at++) {
-        const double *corners = b->given + 9 * b->items[at].number;
-        __builtin_prefetch(corners);
-        __builtin_prefetch(corners + 8);
-        __builtin_prefetch(b->given_rounding + b->items[at].number);
-    }
-}
-
-static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, int level)
-{
-    Box box = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, 0.0, 0.0, {0.0, 0.0, 0.0}};
-    Node *node = b->nodes + number;
-    if (end - begin <= b->leaf) {
+    Box box = NOTHING;
+    if (b->clustered) {
+        node->first = b->items[begin].first;
+        node->count = b->items[begin].count;
+    } else {
         node->first = (int32_t)begin;
         node->count = (int32_t)(end - begin);
-        prefetch(b, begin, end);
-        for (int64_t at = begin; at < end; at++) place(b, &box, at);
+        for (int64_t at = begin; at < end; at++) place(b, b->items[at].first, at);
+    }
+    for (int64_t at = node->first; at < node->first + node->count; at++) enclose_placed(b, &box, at);
+    return box;
+}
+
+/* The node about some items. */
+static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, int level)
+{
+    Box box = NOTHING;
+    Node *node = b->nodes + number;
+    if (end - begin <= (b->clustered ? 1 : b->leaf)) {
+        box = fill_leaf(b, node, begin, end);
     } else {
         int64_t half = level < DEEP ? parted(b->items + begin, end - begin) : (end - begin) / 2;
         node->first = (int32_t)b->count;
@@ -215,6 +247,7 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
                 box.high[d] = larger(box.high[d], below.high[d]);
             }
             add_area(box.area, below.area);
+            box.count += below.count;
         }
     }
     for (int d = 0; d < 3; d++) {
@@ -223,26 +256,81 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
     }
     node->rounding = rounded_up(box.rounding);
     node->edge = rounded_up(box.edge);
-    slice(b, node, box.area, begin, end);
+    slice(b, node, &box, begin, end);
     return box;
+}
+
+static void widen(Item *item, const double *corners, double rounding)
+{
+    for (int d = 0; d < 3; d++) {
+        double low = smaller(smaller(corners[d], corners[3 + d]), corners[6 + d]);
+        double high = larger(larger(corners[d], corners[3 + d]), corners[6 + d]);
+        item->low[d] = smaller_float(item->low[d], (float)(low - rounding));
+        item->high[d] = larger_float(item->high[d], (float)(high + rounding));
+    }
+}
+
+static Item item_of(int64_t first, int64_t count)
+{
+    Item item = {{HUGE_VALF, HUGE_VALF, HUGE_VALF}, {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}, (int32_t)first, (int32_t)count};
+    return item;
+}
+
+/* The triangles themselves as items; returns their number, none where there is too little memory. */
+static int64_t take_triangles(Building *b)
+{
+    b->items = malloc((size_t)b->triangles * sizeof(Item));
+    for (int64_t k = 0; b->items && k < b->triangles; k++) {
+        b->items[k] = item_of(k, 1);
+        widen(b->items + k, b->given + 9 * k, b->given_rounding[k]);
+    }
+    return b->items ? b->triangles : 0;
+}
+
+/* Put the triangles into their places along the curve, and take clusters of them as items. */
+static void take_clusters(Building *b, const Clusters *c)
+{
+    for (int64_t k = 0; k < c->count; k++) {
+        int64_t begin = c->begins[k], end = k + 1 < c->count ? c->begins[k + 1] : b->triangles;
+        b->items[k] = item_of(begin, end - begin);
+        for (int64_t at = begin; at < end; at++) {
+            /* Neighbours on the curve may lie all over the memory, which is asked for them long before. */
+            if (at + AHEAD < b->triangles) {
+                int64_t later = c->coded[at + AHEAD].number;
+                __builtin_prefetch(b->given + 9 * later);
+                __builtin_prefetch(b->given + 9 * later + 8);
+                __builtin_prefetch(b->given_rounding + later);
+            }
+            place(b, c->coded[at].number, at);
+            widen(b->items + k, b->corners + 9 * at, b->rounding[at]);
+        }
+    }
+}
+
+/* As ``take_triangles``. */
+static int64_t cluster_triangles(Building *b)
+{
+    size_t count = (size_t)b->triangles;
+    Clusters c = {b->given, b->leaf, malloc(count * sizeof(Coded)), malloc(count * sizeof(Coded)),
+                  malloc(count * sizeof(int32_t)), 0};
+    if (c.coded && c.spare && c.begins) {
+        for (int64_t k = 0; k < b->triangles; k++) c.coded[k].number = (uint32_t)k;
+        order_along_curve(&c, 0, b->triangles, 0);
+        b->items = malloc((size_t)c.count * sizeof(Item));
+        if (b->items) take_clusters(b, &c);
+    }
+    free(c.coded);
+    free(c.spare);
+    free(c.begins);
+    return b->items ? c.count : 0;
 }
 
 PUBLIC void build_surfaces(Building *b)
 {
-    b->count = 0;
-    b->items = malloc((size_t)b->triangles * sizeof(Item));
-    if (b->items == NULL) return;
-    for (int64_t k = 0; k < b->triangles; k++) {
-        const double *corners = b->given + 9 * k;
-        for (int d = 0; d < 3; d++) {
-            double low = smaller(smaller(corners[d], corners[3 + d]), corners[6 + d]);
-            double high = larger(larger(corners[d], corners[3 + d]), corners[6 + d]);
-            b->items[k].low[d] = (float)(low - b->given_rounding[k]);
-            b->items[k].high[d] = (float)(high + b->given_rounding[k]);
-        }
-        b->items[k].number = k;
-    }
-    b->count = 1;
-    build_node(b, 0, 0, b->triangles, 0);
+    b->items = NULL;
+    b->clustered = b->triangles > MANY;
+    int64_t items = b->clustered ? cluster_triangles(b) : take_triangles(b);
+    b->count = items > 0;
+    if (items > 0) build_node(b, 0, 0, items, 0);
     free(b->items);
 }

@@ -12,6 +12,8 @@
 
 #include "vectors.h"
 
+#define SLIVER 1e-12 /* squared sine of the angle at the first corner, below which rounding may turn the plane */
+#define BEYOND (1.0 + 1e-9)
 #define FLAT 1e-26 /* squared height over squared longest edge, below which a triangle is a segment */
 
 typedef struct {
@@ -132,10 +134,26 @@ static inline int segment_to_inside(const Segment *segment, const Plane *plane, 
     return 1;
 }
 
+/* Whether a triangle's plane alone is no nearer than the best, by more than rounding: it takes neither quotient nor
+   root, and says so of most triangles of a fine mesh. Nothing is said of slivers. */
+static inline int is_plane_beyond(const Segment *segment, const double *corners, double square)
+{
+    double edge[3], side[3], normal[3], from[3];
+    minus(corners + 3, corners, edge);
+    minus(corners + 6, corners, side);
+    cross(edge, side, normal);
+    minus(segment->start, corners, from);
+    double begins = dot(from, normal), ends = begins + dot(segment->line, normal), size = dot(normal, normal);
+    double least = smaller(fabs(begins), fabs(ends));
+    return (size > SLIVER * dot(edge, edge) * dot(side, side)) & (begins * ends > 0.0)
+           & (least * least > BEYOND * square * size);
+}
+
 /* The nearest pair, where it is nearer than the best that is known. */
 static inline void segment_to_triangle(const Segment *segment, const double *corners, Pair *best)
 {
     Plane plane;
+    if (is_plane_beyond(segment, corners, best->square)) return;
     if (plane_of(corners, &plane) && !segment_to_inside(segment, &plane, best)) return;
     segment_to_edge(segment, corners, corners + 3, best);
     segment_to_edge(segment, corners + 3, corners + 6, best);
