@@ -33,11 +33,13 @@ def seen_in_space(
     gaps = _as_far_as_needed(problem, joint_positions_3d(problem.arm, simulated.angles, carried), settings)
     walls = gaps.walls
     itself = gaps.itself
-    touching = np.flatnonzero((walls.gap <= 0.0) | (itself.gap <= 0.0))
+    # A plan may touch as deep as rounding goes, where its base stands flush on a floor; so may the arm.
+    deep = -problem.contact_tolerance
+    touching = np.flatnonzero((walls.gap < deep) | (itself.gap < deep))
     touch = None
     if len(touching):
         first = int(touching[0])
-        near = walls if walls.gap[first] <= 0.0 else itself
+        near = walls if walls.gap[first] < deep else itself
         touch = Touch(int(near.link[first]), gaps.other(near, first), float(trajectory.time[first]))
     own = _least(itself) if problem.arm.self_collision else None
     return Seen(touch, _least(walls), own)

@@ -40,6 +40,7 @@ class SpaceArm(LinkChain):
         rotor_inertia: of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous, of the joints, one number or shape (3 * links,) [N m s/rad].
         stray: error of the arm's curvature for which planning leaves room, as in ``Arm`` [rad/m].
+        clamped_joints: number of joints from the base that planning leaves straight.
     """
 
     links: int
@@ -61,6 +62,7 @@ class SpaceArm(LinkChain):
     rotor_inertia: FloatArray | float = 0.0
     friction: FloatArray | float = 0.0
     stray: float = 0.0
+    clamped_joints: int = 0
 
     @property
     def coordinates(self) -> Coordinates:
@@ -72,6 +74,7 @@ class SpaceArm(LinkChain):
         """Bound on the absolute value of each bend, in the order of the coordinates, shape (2 * links,) [rad]."""
         limits = np.full(2 * self.links, self.joint_limit)
         limits[:2] = self.base_limit
+        limits[: 2 * self.clamped_joints] = 0.0
         return limits
 
     @property

@@ -11,11 +11,13 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError,
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.length_words import place, short_length
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
 from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
+from ccm_opt.space.clamped_base import told_of_clamped_base, with_clamped_base
 from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
@@ -63,11 +65,16 @@ class SpacePlanner:
         """
         deadline = Deadline.after(PLANNING_SHARE * problem.planner.time_limit)
         with self.stages("free space"):
-            task = space_task(problem, SurfaceTree.of(problem.workspace.soup), deadline, self.settings, self.terms)
+            tree = SurfaceTree.of(problem.workspace.soup)
+            problem = with_clamped_base(problem, tree)
+            task = space_task(problem, tree, deadline, self.settings, self.terms)
             refuse_ends(problem, task)
             if self.refuse is not None:
                 task = replace(task, refuse=partial(self.refuse, problem))
-        planned = self._lifted(problem, task) or self._planned(problem, task)
+        try:
+            planned = self._lifted(problem, task) or self._planned(problem, task)
+        except NoPlanFound as none:
+            raise told_of_clamped_base(none, problem) from none
         with self.stages("smooth path"):
             path = joint_path(task, *planned.motions, legs=problem.planner.retiming == "paul")
         return replace(path, goal_pose=planned.end)
@@ -293,7 +300,7 @@ def contact_of(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
         kept = arm.radius + task.clearance
         near = task.tree.nearest(segments, kept + arm.link_length)
         k = int(np.argmin(near.gap))
-        if near.gap[k] < kept:
+        if near.gap[k] < kept - ROUNDING:
             missing = short_length(kept - float(near.gap[k]))
             return (
                 f"link {first + k + 1} and '{task.names[near.owner[k]]}' at {place(near.point[k])}, {missing} too near"

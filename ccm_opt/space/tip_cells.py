@@ -193,9 +193,7 @@ class TipLooker:
         """Room of a pose to the scene beyond radius and clearance, at most as far as is looked [m]."""
         arm = self.task.arm
         reach = self.settings.seen * arm.length
-        link, share = arm.mount_end
-        segments = pose.segments()[link:].copy()
-        segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
+        segments = pose.segments_beyond(arm.mount_end)
         kept = arm.radius + self.task.clearance
         least = float(np.min(self.task.tree.distances(segments, reach + kept), initial=reach + kept))
         return least - kept

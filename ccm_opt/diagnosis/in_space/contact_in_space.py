@@ -113,7 +113,7 @@ def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: Obstacl
     free = problem.arm.radius - gap
     if found.outside and gap < 0.0:
         how = f"{what} is {short_length(-gap)} outside the '{found.name}' at {at(place)}"
-    elif gap < 0.0:
+    elif gap < -problem.arm.radius:
         how = f"{what} is {short_length(-gap)} deep inside '{found.name}' at {at(place)}"
     elif free > 0.0:
         how = f"{what} overlaps '{found.name}' by {short_length(free)} at {at(place)}"

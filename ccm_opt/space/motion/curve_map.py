@@ -129,8 +129,7 @@ class CurveMap:
         slopes = np.zeros((m, 2 * n + fed, self.dimension))
         turned = 0 if fed else 2
         if turned:
-            slopes[:, 0, 0] = 1.0
-            slopes[:, 1, 1] = 1.0
+            slopes[:, [0, 1], [0, 1]] = self._base_turns
         for axis in (0, 1):
             columns = slice(turned + axis * k, turned + (axis + 1) * k)
             slopes[:, axis : 2 * n : 2, columns] = shapes[:m] * self.scale[columns]
@@ -190,6 +189,11 @@ class CurveMap:
         at_grid = known.offsets(grid, v) * (grid <= places[-1])[:, None]
         own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
         return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
+
+    @property
+    def _base_turns(self) -> FloatArray:
+        """What the two turns of the base bend its joint, shape (2,) [rad]: nothing where it is clamped."""
+        return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     @property
     def feed_column(self) -> int:
@@ -264,7 +268,7 @@ class CurveMap:
         if self.blend is not None:
             turns += v[:, -1, None, None] * self._interpolated(self.blend, places)
         if turned:
-            turns[:, 0] += v[:, :2] * self.scale[:2]
+            turns[:, 0] += v[:, :2] * self._base_turns
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
@@ -323,6 +327,8 @@ class CurveMap:
             library.curve_shapes(pointer_to(query))
         if self.arm.base_axes:
             shapes *= free_shares_of_bends(self.arm, flat)[:, None]
+        elif self.arm.clamped_joints:
+            shapes[flat < (self.arm.clamped_joints - 0.5) * l] = 0.0
         return shapes.reshape(*places.shape, self.knots)
 
     @cached_property

@@ -48,14 +48,15 @@ class SpaceFailure:
         target: FloatArray | None,
     ) -> "SpaceFailure":
         """The failure of a candidate that ended in a pose; ``target`` is where the tip should be, or None."""
-        near = task.tree.nearest(pose.segments(), stepper.kept + 0.5 * task.arm.length)
+        first, _ = task.arm.mount_end
+        near = task.tree.nearest(pose.segments_beyond(task.arm.mount_end), stepper.kept + 0.5 * task.arm.length)
         k = int(np.argmin(near.gap))
         remaining = 0.0 if target is None else float(np.linalg.norm(pose.tip - target))
         owner = int(near.owner[k])
         gap = float(near.gap[k]) - task.arm.radius
         named = "" if task.user is None else task.user.placed_at_goal().describe(pose.q)
         message = f"{message}; {named}" if named else message
-        return cls(candidate, message, remaining, k + 1 if owner >= 0 else 0, owner, gap, near.point[k], pose.q)
+        return cls(candidate, message, remaining, first + k + 1 if owner >= 0 else 0, owner, gap, near.point[k], pose.q)
 
 
 def nothing_found(task: SpaceTask, failures: Sequence[SpaceFailure]) -> MotionNotFound | TimeLimitReached:

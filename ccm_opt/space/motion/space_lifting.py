@@ -89,6 +89,7 @@ def coarse_arm(arm: SpaceArm, settings: LiftingSettings) -> SpaceArm:
         inertia_transverse=np.full(links, share * float(np.mean(arm.inertia_transverse))),
         rotor_inertia=0.0,
         friction=0.0,
+        clamped_joints=int(np.ceil(arm.clamped_joints / arm.links * links)),
     )
 
 

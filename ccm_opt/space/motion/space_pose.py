@@ -39,6 +39,17 @@ class SpacePose:
         points = self.chain.points
         return np.stack((points[:-1], points[1:]), axis=1)
 
+    def segments_beyond(self, mount_end: tuple[int, float]) -> FloatArray:
+        """Axes of what touches nothing: those of the links from the end of the mount on, shape (k, 2, 3) [m].
+
+        Args:
+            mount_end: link on which the mount ends, which comes first, and where on it as a share.
+        """
+        link, share = mount_end
+        segments = self.segments()[link:]
+        segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
+        return segments
+
 
 @dataclass(frozen=True)
 class SpaceTerm:

@@ -168,10 +168,12 @@ class SpaceStepper:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         settings = self.settings.step
         reach = self.kept + self.margin + settings.reach * self.unit
-        planes = self.tree.planes(pose.segments(), reach, settings.planes)
+        mounted, begins = self.curve.arm.mount_end
+        planes = self.tree.planes(pose.segments_beyond((mounted, begins)), reach, settings.planes)
         moving = pose.chain.moving
-        share = planes.share[:, None, None]
-        at_plane = (1.0 - share) * moving[planes.link] + share * moving[planes.link + 1]
+        link = planes.link + mounted
+        share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)[:, None, None]
+        at_plane = (1.0 - share) * moving[link] + share * moving[link + 1]
         rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
         gaps = [planes.gap - self.kept]
         arm = self.curve.arm
