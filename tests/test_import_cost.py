@@ -2,17 +2,49 @@
 
 import subprocess
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
 from .conftest import PROBLEMS
 
 HEAVY = ("casadi", "toppra", "matplotlib")
+PLANAR_ALONE = (
+    "ccm_opt.diagnosis.passages",
+    "ccm_opt.driver.plane_pipeline",
+    "ccm_opt.driver.solve_settings",
+    "ccm_opt.files.report.page",
+    "ccm_opt.files.report.scene_data",
+    "ccm_opt.files.scene_import.drawing",
+    "ccm_opt.freespace.free_space",
+    "ccm_opt.freespace.triangulation",
+    "ccm_opt.hill_climbing",
+    "ccm_opt.motion.settings.motion_settings",
+    "ccm_opt.planners.curve_settings",
+    "ccm_opt.planners.own_units",
+    "ccm_opt.verification.tolerance.survived_errors",
+    "ccm_opt.verification.verifier",
+)
+"""What a solve in space has no use for."""
+SELDOM = (
+    "ccm_opt.comparison",
+    "ccm_opt.diagnosis.explain",
+    "ccm_opt.diagnosis.in_space.way_search",
+    "ccm_opt.diagnosis.relaxation",
+    "ccm_opt.driver.contradicting_terms",
+    "ccm_opt.driver.pareto",
+    "ccm_opt.files.report.failure_page",
+    "ccm_opt.retiming.paul",
+    "ccm_opt.user_terms.contradictions",
+    "ccm_opt.user_terms.term_checks",
+)
+"""What only failures, users' terms, and other commands and timings need."""
 
 
 def loaded_after(code: str) -> set[str]:
-    """Top-level modules that a fresh interpreter has loaded after running ``code``."""
-    report = "\nimport sys; print('loaded:', *sorted(name for name in sys.modules if '.' not in name))"
+    """Modules that a fresh interpreter has loaded after running ``code``."""
+    report = "\nimport sys; print('loaded:', *sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True)
     return set(done.stdout.rsplit("loaded:", 1)[1].split())
 
@@ -49,3 +81,44 @@ def test_loading_a_problem_loads_nothing_heavy() -> None:
     path = str(PROBLEMS / "swan-neck.toml")
     loaded = loaded_after(f"import ccm_opt\nassert ccm_opt.load_problem({path!r}).name == 'swan-neck'")
     assert not loaded & set(HEAVY)
+
+
+@pytest.mark.slow
+def test_a_solve_in_space_loads_neither_the_plane_nor_what_explains_failures(tmp_path: Path) -> None:
+    """A plan in space with its pictures is made, verified, simulated and written without any of it."""
+    arguments = ["solve", str(PROBLEMS / "space" / "elbow.toml"), "--out", str(tmp_path)]
+    loaded = loaded_after(command(arguments))
+    assert (tmp_path / "elbow" / "report.html").is_file()
+    assert not loaded & {*PLANAR_ALONE, *SELDOM}
+
+
+@pytest.mark.slow
+def test_a_solve_in_the_plane_loads_neither_space_planners_nor_other_methods(tmp_path: Path) -> None:
+    """A plan in the plane is made without the planner in space, the paper's planner and Paul's transitions."""
+    loaded = loaded_after(command(["solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures", "--out", str(tmp_path)]))
+    assert not loaded & {
+        "ccm_opt.space.planner",
+        "ccm_opt.planners.baseline.hill_climbing_planner",
+        "ccm_opt.retiming.paul",
+    }
+
+
+def test_what_the_laws_name_is_there() -> None:
+    """A module that is renamed must not leave a law that holds of nothing."""
+    assert [name for name in (*PLANAR_ALONE, *SELDOM) if find_spec(name) is None] == []
+
+
+def test_loading_sets_aside_what_is_loaded_and_nothing_else() -> None:
+    """Searches for cycles go on after loading; they leave out what was loaded, and nothing where nothing was."""
+    code = """
+import gc
+from ccm_opt.cli.loading import no_search_for_cycles
+before = gc.get_freeze_count()
+with no_search_for_cycles():
+    assert not gc.isenabled()
+assert gc.isenabled() and gc.get_freeze_count() == before
+with no_search_for_cycles():
+    import wave
+assert gc.isenabled() and gc.get_freeze_count() > before
+"""
+    assert "wave" in loaded_after(code)
