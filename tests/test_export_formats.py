@@ -17,7 +17,7 @@ from ccm_opt.cli.exporting import ExportOptions, exported_files
 from ccm_opt.files.export.arrays_npz import arrays_npz, bends_of_arrays, solution_arrays
 from ccm_opt.files.export.folder import write_solution
 from ccm_opt.files.export.motion_glb import motion_glb
-from ccm_opt.files.export.trajectory_text import _rows
+from ccm_opt.files.export.number_writing import number_rows
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.solution import Solution
@@ -38,7 +38,7 @@ def folder(small_solution: Solution, tmp_path: Path) -> Path:
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64) | st.integers(-9, 9), min_size=1))
 def test_every_number_reads_as_a_float(values: list[float]) -> None:
     """Whole ones, tiny ones, huge ones: YAML takes each for a float, of the same value to twelve digits."""
-    (row,) = _rows(np.array([values], dtype=np.float64))
+    (row,) = number_rows(np.array([values], dtype=np.float64))
     words = row.split(",")
     assert all(YAML_FLOAT.fullmatch(word) for word in words)
     np.testing.assert_allclose([float(word) for word in words], values, rtol=1e-11)
