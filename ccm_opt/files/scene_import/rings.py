@@ -115,7 +115,9 @@ def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
 def _is_tangled(polygon: shapely.Polygon, settings: ImportSettings) -> bool:
     """Whether so many pairs of edges meet besides neighbours that a repair, which takes their square, would not end."""
     outlines = [_without_repeats(shapely.get_coordinates(ring)) for ring in (polygon.exterior, *polygon.interiors)]
-    edges = shapely.linestrings(np.concatenate([np.stack((ring[:-1], ring[1:]), axis=1) for ring in outlines]))
+    edges = np.asarray(
+        shapely.linestrings(np.concatenate([np.stack((ring[:-1], ring[1:]), axis=1) for ring in outlines]))
+    )
     tree = STRtree(edges)
     at_once = max(1, settings.most_nested // len(edges))
     # Each edge meets itself and its two neighbours, and every other pair is met from both sides.

@@ -84,11 +84,18 @@ class Connect:
         goal = self.goals[int(self.rng.integers(len(self.goals)))]
         share = self.rng.uniform(-0.2, 1.2)
         middle = self.start.v + share * (goal.v - self.start.v)
+        if self.settings.base_share > 0.0 and self.rng.uniform() < self.settings.base_share:
+            return self._turned(middle)
         spread = self.rng.normal(size=len(middle))
         apart = float(np.linalg.norm((goal.v - self.start.v) @ self._root))
         size = self.rng.uniform(0.1, 1.0) * max(apart, 1.0)
         direction = np.linalg.solve(self._root.T, spread)
         return np.asarray(middle + size * direction / np.sqrt(len(middle)))
+
+    def _turned(self, v: FloatArray) -> FloatArray:
+        """Unknowns whose base points anywhere."""
+        most = np.minimum(self.stepper.curve.arm.base_limit, (np.pi, 0.5 * np.pi))
+        return np.concatenate((self.rng.uniform(-most, most), v[2:]))
 
     def _extended(self, tree: _Tree, target: FloatArray) -> int | None:
         """Number of the new leaf, one edge nearer to a target; None where there is no way."""

@@ -195,6 +195,13 @@ class CurveMap:
         """What the two turns of the base bend its joint, shape (2,) [rad]: nothing where it is clamped."""
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
+    def unbent(self, v: FloatArray) -> FloatArray:
+        """Unknowns with all else as it is and a curve that is straight, shape (p,)."""
+        straight = v.copy()
+        turned = 0 if self.arm.base_axes else 2
+        straight[turned : turned + 2 * self.knots] = 0.0
+        return straight
+
     @property
     def feed_column(self) -> int:
         """Number of the unknown that carries the base of a fed arm."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from itertools import islice
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.space_tip_led import SpaceTipLed
 from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 from ccm_opt.space.motion.space_track_led import SpaceTrackLed
+from ccm_opt.space.motion.swinging import swung
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.motion.withdrawal import withdrawn
 
@@ -73,16 +75,7 @@ class _Search:
 
     def run(self) -> SpaceMotion:
         """The first motion that a tactic finds; see ``find_motion``."""
-        ways = (self._by_first_ways, self._by_withdrawing, self._by_other_ways)
-        rest: tuple[Callable[[], SpaceMotion | None], ...]
-        if self.task.via:
-            # What is not led by the tip passes no place on its way.
-            rest = (self._by_finest_ways, self._by_stages)
-        else:
-            rounds = [partial(self._by_connecting, k) for k in range(self.task.settings.connect.rounds)]
-            half = len(rounds) // 2
-            rest = (self._to_poses, *rounds[:half], self._by_finest_ways, *rounds[half:])
-        for tactic in (*ways, *rest):
+        for tactic in self._tactics():
             motion = tactic()
             if motion is not None:
                 return motion
@@ -91,6 +84,20 @@ class _Search:
             if tactic == self._by_withdrawing and self.task.refuse is not None:
                 self.task.refuse()
         raise nothing_found(self.task, self._failures)
+
+    def _tactics(self) -> list[Callable[[], SpaceMotion | None]]:
+        """What is tried, in this order."""
+        first = [self._by_first_ways, self._by_withdrawing]
+        others = [self._by_other_ways]
+        if self.task.via:
+            # What is not led by the tip passes no place on its way.
+            return [*first, *others, self._by_finest_ways, self._by_stages]
+        to_poses = [self._to_poses, self._by_swinging]
+        rounds = [partial(self._by_connecting, k) for k in range(self.task.settings.connect.rounds)]
+        half = len(rounds) // 2
+        # A pose of the whole arm is known, and need not be drawn; other ways of the tip mostly lead to other poses.
+        middle = [*to_poses, *others] if self.task.goal_pose is not None else [*others, *to_poses]
+        return [*first, *middle, *rounds[:half], self._by_finest_ways, *rounds[half:]]
 
     # ------------------------------------------------------------ led by the tip
     def _by_first_ways(self) -> SpaceMotion | None:
@@ -266,6 +273,22 @@ class _Search:
                 return found
         return None
 
+    def _by_swinging(self) -> SpaceMotion | None:
+        """To poses at the goal by way of straighter ones; a fed arm is drawn back into its tube instead."""
+        task = self.task
+        if task.arm.base_axes:
+            return None
+        curve, start, end = self._spaces()
+        stepper = task.stepper(curve)
+        rng = self._draws()
+        goals = [end] if end is not None else self._drawn_goals(stepper, rng)
+        if not goals:
+            return None
+        first = stepper.pose(start)
+        self._announce("unbent and swung", first)
+        poses = swung(stepper, first, goals, rng, task.settings.swing, task.deadline)
+        return None if poses is None else SpaceMotion.of(curve, poses, "unbent and swung")
+
     def _moved_to(self, end: SpacePose, stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
         """Poses from one to another.
 
@@ -297,12 +320,7 @@ class _Search:
         curve, start, end = self._spaces()
         stepper = task.stepper(curve)
         rng = self._draws(number)
-        goals = [end] if end is not None else []
-        if end is None:
-            for pose in goal_poses(task, stepper, rng):
-                goals.append(pose)
-                if len(goals) >= settings.goals:
-                    break
+        goals = [end] if end is not None else self._drawn_goals(stepper, rng)
         self._goal_reached = bool(goals)
         if not goals:
             return None
@@ -315,6 +333,10 @@ class _Search:
             )
             return None
         return SpaceMotion.of(curve, poses, "a sampler")
+
+    def _drawn_goals(self, stepper: SpaceStepper, rng: np.random.Generator) -> list[SpacePose]:
+        """Poses at the goal for trees to grow from."""
+        return list(islice(goal_poses(self.task, stepper, rng), self.task.settings.connect.goals))
 
     # ------------------------------------------------------------ from place to place
     def _by_stages(self) -> SpaceMotion | None:

@@ -59,9 +59,12 @@ class SpaceConnectSettings:
         rounds: how often it begins with other draws and poses, as long as there is time; the first half of them before
             the finest grid is searched. Measured among 320 bodies.
         goals: poses at the goal that the second tree grows from.
+        base_share: share of the draws in which the base alone is turned anywhere, and the curve is that between the
+            start and a goal.
     """
 
     extension: float = 2.0
     draws: int = 8000
     rounds: int = 4
     goals: int = 8
+    base_share: float = 0.0

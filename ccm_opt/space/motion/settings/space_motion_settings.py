@@ -1,6 +1,7 @@
 """All numbers of the search for a motion in space in one object, a part for every stage."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
 from ccm_opt.space.motion.settings.schedule_settings import ScheduleSettings
 from ccm_opt.space.motion.settings.space_end_settings import EndingSettings, GoalPoseSettings, SpaceConnectSettings
@@ -23,7 +24,9 @@ class SpaceMotionSettings:
         followable: ways for arms that follow their tip.
         slide: of arms that are slid along them.
         goal_poses: by drawn curves.
-        connect: the last resort.
+        swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
+            arms beside a post, where some hundred draws are enough.
+        connect: trees as the last resort.
         lifting: of arms of many links.
         ending: of the pose in which a motion ends.
         schedule: of the path parameter along a motion.
@@ -39,6 +42,7 @@ class SpaceMotionSettings:
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
     slide: SlideSettings = field(default_factory=SlideSettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
+    swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1500, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
