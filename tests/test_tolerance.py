@@ -30,6 +30,7 @@ from ccm_opt.verification.tolerance.largest_error import LargestError
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, worst_motion
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
+from ccm_opt.verification.tolerance.tube import tube_of
 from ccm_opt.verification.tolerance.wall_cases import WallCases
 from ccm_opt.verification.wall_clearance import check_walls
 from ccm_opt.verification.wall_edges import wall_edges
@@ -317,3 +318,23 @@ def test_an_arm_alone_is_limited_by_nothing() -> None:
     assert [error.name for error in found] == ["joints", "link lengths", "base heading", "base position", "walls"]
     assert not any(error.limited for error in found)
     assert all(isinstance(error, SurvivedError) and error.size > 0.0 for error in found)
+
+
+@given(SEEDS, st.sampled_from((1, 3, 6)), st.floats(1e-3, 0.1))
+@settings(max_examples=20)
+def test_the_tube_holds_the_arm_whatever_its_errors(seed: int, links: int, size: float) -> None:
+    """Any errors within their size leave the arm in what pictures show of them, and without any it is what is planned.
+
+    The buffers of shapely have 32 sides, which lie within a circle by 0.5 % of its radius.
+    """
+    rng = np.random.default_rng(seed)
+    arm, _, poses = drawn_case(rng, links)
+    arm = replace(arm, radius=0.02)
+    tube = tube_of(arm, motion_of(poses), joint_errors(arm), size)
+    # Pictures show the poses halfway between samples.
+    planned = 0.5 * (poses[0] + poses[1])
+    wrong = planned + size * rng.uniform(-1.0, 1.0, links)
+    for pose, within in ((planned, tube.planned), (planned, tube.region), (wrong, tube.region)):
+        links_of_pose = shapely.linestrings(arm.joint_positions(arm.headings(pose[None]))[0])
+        assert within.buffer(1e-9).covers(links_of_pose.buffer(0.99 * arm.radius))
+    assert tube.region.area <= shapely.buffer(tube.planned, 1.1 * size * arm.length * links).area
