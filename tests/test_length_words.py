@@ -45,6 +45,7 @@ def test_every_kind_of_word_has_the_files_unit() -> None:
     with words_in("mm"):
         assert long_length(2.5714) == "2571 mm"
         assert short_length(0.15) == "150.0 mm"
+        assert short_length(-0.0) == "0.0 mm"
         assert place((0.7, -0.25)) == "(700, -250) mm"
         assert curvature(4.0) == "0.004 1/mm"
     with words_in("in"):

@@ -113,8 +113,9 @@ def long_length(length: float) -> str:
 
 def short_length(length: float) -> str:
     """A length like that of a gap: to a tenth of a millimetre as a rule, with two figures where that says nothing."""
-    rules = _LONG if abs(in_metres(length)) >= _MANY else _SHORT
-    return rules[_SPEECH.get().unit].words(in_metres(length))
+    metres = in_metres(length) + 0.0  # zero without a sign
+    rules = _LONG if abs(metres) >= _MANY else _SHORT
+    return rules[_SPEECH.get().unit].words(metres)
 
 
 def file_length(length: float, figures: int = 4) -> str:
