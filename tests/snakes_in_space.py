@@ -14,7 +14,7 @@ from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_link_motion import segment_distances
 from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.planner import tip_box
+from ccm_opt.space.reach_boxes import tip_box
 from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 

@@ -15,6 +15,7 @@ from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.bend_allowances import bend_allowances
 from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searched_in_c
@@ -27,7 +28,7 @@ from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 from ccm_opt.space.motion.withdrawal import withdrawn
-from ccm_opt.space.planner import space_task, tip_box
+from ccm_opt.space.reach_boxes import tip_box
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
 

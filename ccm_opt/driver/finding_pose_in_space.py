@@ -15,16 +15,17 @@ from ccm_opt.ground.stages import Stages
 from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.solution import PoseOutcome
+from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
 from ccm_opt.space.nlp.space_pose_solver import SpaceArmPose
 from ccm_opt.space.nlp_ending import pose_record
-from ccm_opt.space.planner import refuse_goal, space_task
 from ccm_opt.space.pose_beginnings import PoseBeginning, PoseBeginnings
 from ccm_opt.space.pose_search_settings import DEFAULT_POSE_SEARCH, PoseSearchSettings
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.refused_ends import refuse_goal
 from ccm_opt.space.room_at_samples import GapsAtSamples
 from ccm_opt.space.space_static_pose import SpaceStaticPose
 from ccm_opt.user_terms.compiled_terms import UserTerms

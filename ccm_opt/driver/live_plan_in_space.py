@@ -18,11 +18,13 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.expected import expect, refusal
 from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
+from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.planner import SpacePlanner, joint_path, refuse_ends, space_task
+from ccm_opt.space.planner import SpacePlanner, joint_path
 from ccm_opt.space.pose_beginnings import any_motion
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.refused_ends import refuse_ends
 from ccm_opt.space.verification import verify_in_space
 
 

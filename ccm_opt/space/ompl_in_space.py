@@ -17,6 +17,7 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.planners.ompl_peer.ompl_planner import NAME, ompl_modules
 from ccm_opt.planners.ompl_peer.ompl_settings import DEFAULT_OMPL, OmplSettings
 from ccm_opt.solution import JointPath
+from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
@@ -25,8 +26,8 @@ from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.planner import refuse_ends, space_task
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.refused_ends import refuse_ends
 
 
 @dataclass(frozen=True)

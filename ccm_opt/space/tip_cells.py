@@ -12,13 +12,13 @@ from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_goal import SpaceTipPose, onto_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.planner import space_task
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.space_reach_settings import SpaceReachSettings
 

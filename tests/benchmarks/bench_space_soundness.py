@@ -21,11 +21,13 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.solution import JointPath
+from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.planner import SpacePlanner, joint_path, refuse_ends, space_task
+from ccm_opt.space.planner import SpacePlanner, joint_path
 from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.refused_ends import refuse_ends
 from ccm_opt.space.verification import verify_in_space
 from tests.benchmarks.bench_planning import head, row
 from tests.benchmarks.space_sweep import sweep_in_space

@@ -15,8 +15,8 @@ from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.planner import reach_box
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.reach_boxes import reach_box
 
 
 def moved_space_goals(

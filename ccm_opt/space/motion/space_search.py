@@ -138,7 +138,7 @@ class _Search:
         """Makes ways of the tip from some unknowns."""
         task = self.task
         stepper = task.stepper(curve)
-        goal = self._goal(stepper, end)
+        goal = self._goal(end)
         pose = stepper.pose(start)
         fed = task.arm.base_range[1] - float(pose.q[-1]) if task.arm.base_axes else None
         return SpaceTipWays(task, pose.tip, goal.position, goal.direction, pose.tip_direction, fed)
@@ -162,7 +162,7 @@ class _Search:
             slides: whether the motion begins at the task's start, so that the arm lies on the track of its tip.
         """
         task = self.task
-        goal = self._goal(task.stepper(curve), end)
+        goal = self._goal(end)
         slides = slides and self.stage is None and bool(task.arm.base_axes)
         for way in ways:
             found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
@@ -191,7 +191,7 @@ class _Search:
         curve, end, unknowns = fitted
         stepper = task.stepper(curve, way.margin)
         poses = [stepper.pose(v) for v in unknowns]
-        ended = partial(self._ended, poses, self._goal(stepper, end), end)
+        ended = partial(self._ended, poses, self._goal(end), end)
         return self._attempt("on the track of the tip", stepper, unknowns[0], lambda led, _: ended(led))
 
     def _fitted_slide(self, configurations: FloatArray) -> tuple[CurveMap, SpacePose | None, FloatArray] | None:
@@ -212,9 +212,13 @@ class _Search:
                     return curve, end, unknowns
         return None
 
-    def _goal(self, stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:
+    def _goal(self, end: SpacePose | None) -> SpaceTipPose:
         """Where the tip has to be: the goal, or where it is in the pose that is asked."""
-        return self.task.goal if self.task.goal is not None else self._tip_of(stepper, end)
+        if self.task.goal is not None:
+            return self.task.goal
+        if end is None:
+            raise ValueError("a task has a goal for the tip or a pose of the whole arm")
+        return SpaceTipPose(end.tip, end.tip_direction)
 
     def _along(
         self, way: TipWay, goal: SpaceTipPose, end: SpacePose | None
@@ -372,14 +376,6 @@ class _Search:
         curve, end = curve.blended_to(task.goal_pose)
         stepper = task.stepper(curve)
         return curve, np.append(start, 0.0), stepper.pose(end)
-
-    @staticmethod
-    def _tip_of(stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:
-        """Where the tip of a pose is, and where it points."""
-        del stepper
-        if end is None:
-            raise ValueError("a task has a goal for the tip or a pose of the whole arm")
-        return SpaceTipPose(end.tip, end.tip_direction)
 
     def _attempt(
         self,

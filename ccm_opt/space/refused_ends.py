@@ -1,0 +1,125 @@
+"""Starts and goals that are refused before any search: in contact, inside of a body, without room, or out of reach."""
+
+import numpy as np
+
+from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import place, short_length
+from ccm_opt.ground.rounding import ROUNDING
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.task import SpaceTask
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.scene.enclosures import Enclosure, deepest_enclosure
+from ccm_opt.space.scene.scene import ROOM_NAME
+
+
+def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
+    """Refuse a start, or a goal of the whole arm, in contact, and a goal that is out of reach.
+
+    Raises:
+        ProblemError: the start touches something, or breaks a constraint of the user.
+        UnreachableGoal: the goal does, or is too far away.
+    """
+    if task.user is not None:
+        refuse_broken_start(task.user.terms, task.start, task.user.settings.allowed)
+        if task.goal_pose is not None:
+            refuse_broken_goal(task.user.terms, task.goal_pose, task.user.settings.allowed)
+    contact = contact_words(problem, task, task.start)
+    if contact:
+        raise ProblemError(f"the start is in contact: {contact}")
+    if task.goal_pose is not None:
+        contact = contact_words(problem, task, task.goal_pose)
+        if contact:
+            raise UnreachableGoal(Diagnosis(f"the goal pose is in contact: {contact}", "necessary checks"))
+    if task.goal is not None:
+        refuse_goal(problem, task, task.goal)
+
+
+def refuse_goal(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> None:
+    """Refuse a goal for the tip that leaves it no room, or that is out of reach.
+
+    Raises:
+        UnreachableGoal: saying which, and by how much.
+    """
+    _refuse_goal_without_room(problem, task, goal)
+    _refuse_far_goal(task, goal)
+
+
+def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
+    """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
+    contact = contact_of(task, q)
+    joints = joint_positions(task.arm, q)
+    # An arm that touches nothing is inside of a body as a whole, as its tip tells.
+    first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else task.arm.links
+    found = deepest_enclosure(problem.workspace, joints[first:])
+    if found is None:
+        return contact
+    number = first + found.number
+    point = "the tip" if number == task.arm.links else f"joint {number + 1}"
+    deep = f"{point} is {_depth_words(found)}"
+    return f"{contact}; {deep}" if contact else deep
+
+
+def _depth_words(found: Enclosure) -> str:
+    where = f"deep inside of '{found.name}'" if found.name else f"outside of the {ROOM_NAME}"
+    return f"{short_length(found.depth)} {where}, at {place(found.place)}"
+
+
+def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> None:
+    """Refuse a goal for the tip inside of a body, or nearer to a surface than the arm may come."""
+    found = deepest_enclosure(problem.workspace, goal.position[None])
+    if found is not None:
+        reason = f"the goal is {_depth_words(found)}"
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal out of it",)))
+    kept = task.arm.radius + task.clearance
+    # Any place within the tolerance will do for a goal.
+    least = kept - problem.tolerances.position
+    near = task.tree.nearest(np.stack((goal.position, goal.position))[None], kept)
+    if near.owner[0] >= 0 and near.gap[0] < least:
+        missing = short_length(kept - float(near.gap[0]))
+        name = task.names[near.owner[0]]
+        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at {place(near.point[0])}"
+        raise UnreachableGoal(
+            Diagnosis(reason, "necessary checks", ("move the goal away from it", "use a thinner arm"))
+        )
+
+
+def contact_of(task: SpaceTask, q: FloatArray) -> str:
+    """What a configuration touches, in words; empty where it touches nothing."""
+    arm = task.arm
+    points = joint_positions(arm, q)
+    first = int(arm.mount_length / arm.link_length + 1e-9)
+    if first < arm.links:
+        segments = np.stack((points[first:-1], points[first + 1 :]), axis=1)
+        share = arm.mount_length / arm.link_length - first
+        segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
+        kept = arm.radius + task.clearance
+        near = task.tree.nearest(segments, kept + arm.link_length)
+        k = int(np.argmin(near.gap))
+        if near.gap[k] < kept - ROUNDING:
+            missing = short_length(kept - float(near.gap[k]))
+            return (
+                f"link {first + k + 1} and '{task.names[near.owner[k]]}' at {place(near.point[k])}, {missing} too near"
+            )
+    if arm.self_collision:
+        pairs = task.certificate.motion.near_pairs(points, 2.0 * arm.radius)
+        if len(pairs.first):
+            k = int(np.argmin(pairs.distance))
+            missing = short_length(2.0 * arm.radius - float(pairs.distance[k]))
+            return f"link {pairs.first[k] + 1} and link {pairs.second[k] + 1}, {missing} too near"
+    return ""
+
+
+def _refuse_far_goal(task: SpaceTask, goal: SpaceTipPose) -> None:
+    """Refuse a goal that no stretched arm reaches."""
+    arm = task.arm
+    low, high = arm.base_range
+    along = float(np.clip((goal.position - arm.base) @ arm.direction, low, high))
+    base = arm.base + along * arm.direction if arm.base_axes else arm.base
+    distance = float(np.linalg.norm(goal.position - base))
+    if distance > arm.length:
+        missing = short_length(distance - arm.length)
+        reason = f"the goal is out of reach: {missing} farther from the base than the arm is long"
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
