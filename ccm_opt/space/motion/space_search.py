@@ -71,6 +71,7 @@ class _Search:
     _failures: list[SpaceFailure] = field(default_factory=list)
     _tried: int = 0
     _other_ways: SpaceTipWays | None = None
+    _goal_poses: list[SpacePose] = field(default_factory=list)  # those to which no straight way leads
     _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
 
     def run(self) -> SpaceMotion:
@@ -272,6 +273,7 @@ class _Search:
         if end is not None:
             return self._attempt("straight to the pose", stepper, start, partial(self._moved_to, end))
         for number, pose in enumerate(goal_poses(task, stepper, self._draws()), start=1):
+            self._goal_poses.append(pose)
             found = self._attempt("straight to a pose at the goal", stepper, start, partial(self._moved_to, pose))
             if found is not None or number >= task.settings.goal_poses.wanted or task.deadline.passed():
                 return found
@@ -284,13 +286,12 @@ class _Search:
             return None
         curve, start, end = self._spaces()
         stepper = task.stepper(curve)
-        rng = self._draws()
-        goals = [end] if end is not None else self._drawn_goals(stepper, rng)
+        goals = [end] if end is not None else self._goal_poses
         if not goals:
             return None
         first = stepper.pose(start)
         self._announce("unbent and swung", first)
-        poses = swung(stepper, first, goals, rng, task.settings.swing, task.deadline)
+        poses = swung(stepper, first, goals, self._draws(), task.settings.swing, task.deadline)
         return None if poses is None else SpaceMotion.of(curve, poses, "unbent and swung")
 
     def _moved_to(self, end: SpacePose, stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
@@ -324,7 +325,7 @@ class _Search:
         curve, start, end = self._spaces()
         stepper = task.stepper(curve)
         rng = self._draws(number)
-        goals = [end] if end is not None else self._drawn_goals(stepper, rng)
+        goals = [end] if end is not None else list(islice(goal_poses(task, stepper, rng), settings.goals))
         self._goal_reached = bool(goals)
         if not goals:
             return None
@@ -337,10 +338,6 @@ class _Search:
             )
             return None
         return SpaceMotion.of(curve, poses, "a sampler")
-
-    def _drawn_goals(self, stepper: SpaceStepper, rng: np.random.Generator) -> list[SpacePose]:
-        """Poses at the goal for trees to grow from."""
-        return list(islice(goal_poses(self.task, stepper, rng), self.task.settings.connect.goals))
 
     # ------------------------------------------------------------ from place to place
     def _by_stages(self) -> SpaceMotion | None:

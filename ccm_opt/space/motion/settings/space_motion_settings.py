@@ -42,7 +42,7 @@ class SpaceMotionSettings:
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
     slide: SlideSettings = field(default_factory=SlideSettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
-    swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1500, base_share=0.8))
+    swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
