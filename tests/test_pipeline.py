@@ -9,8 +9,8 @@ from scipy.interpolate import make_interp_spline
 
 import ccm_opt
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.package_versions import PACKAGES
+from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.freespace.obstacle import Obstacle
