@@ -119,7 +119,7 @@ def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
 @contextmanager
 def _display(count: int) -> Iterator[Callable[[Run], None]]:
     """Count the runs on stderr: on a terminal by a bar, elsewhere by a line for each."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     if output().quiet:
         yield lambda _: None
         return

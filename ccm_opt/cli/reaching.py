@@ -113,7 +113,7 @@ def _guarded(
 @contextmanager
 def _display(name: str) -> Iterator[Callable[[int, int], None]]:
     """How many cells are reached, on stderr when that is a terminal."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None
         return

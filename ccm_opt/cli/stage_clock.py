@@ -85,7 +85,7 @@ def stage_display(title: str) -> Iterator[StageClock]:
     Args:
         title: stands in front of every line.
     """
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     if output().quiet:
         yield StageClock()
     elif output().verbose or not console.is_terminal:
