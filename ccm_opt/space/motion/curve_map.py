@@ -115,7 +115,9 @@ class CurveMap:
         Returns:
             Shapes (m, c) [rad, m] and (m, c, p).
         """
-        m, n, k = len(v), self.arm.links, self.knots
+        m = len(v)
+        n = self.arm.links
+        k = self.knots
         fed = bool(self.arm.base_axes)
         feeds = self._feeds(v)
         places = self._places_at(feeds)

@@ -55,7 +55,8 @@ class IntervalProof:
         query.start = self._start.ctypes.data
         query.base = self._base.ctypes.data
         query.before, query.after = (end.ctypes.data for end in self._ends)
-        query.end, query.told = self._end.ctypes.data, self._told.ctypes.data
+        query.end = self._end.ctypes.data
+        query.told = self._told.ctypes.data
         if tree.search is not None and tree.search.gap_call is not None:
             query.gap, query.surfaces = tree.search.gap_call
         self._query = query

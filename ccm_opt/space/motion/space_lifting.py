@@ -192,7 +192,9 @@ def _nearest(
             ridge = settings.ridge_rise * max(ridge, settings.raised_ridge)
             continue
         settled = gained < settings.worth * float(missing @ missing)
-        pose, missing, ridge = trial, left, max(ridge / settings.ridge_rise, settings.ridge)
+        pose = trial
+        missing = left
+        ridge = max(ridge / settings.ridge_rise, settings.ridge)
         if settled:
             break
     return _Laid(pose.v, float(np.max(np.linalg.norm(missing.reshape(-1, 3), axis=1))))
