@@ -129,9 +129,9 @@ class CurveMap:
         shapes = self._shapes(places)
         turns = self._turns(v, places, shapes).reshape(len(v), 2 * n)
         slopes = np.zeros((m, 2 * n + fed, self.dimension))
-        turned = 0 if fed else 2
+        turned = self._base_turns
         if turned:
-            slopes[:, [0, 1], [0, 1]] = self._base_turns
+            slopes[:, [0, 1], [0, 1]] = self._bent_by_base
         for axis in (0, 1):
             columns = slice(turned + axis * k, turned + (axis + 1) * k)
             slopes[:, axis : 2 * n : 2, columns] = shapes[:m] * self.scale[columns]
@@ -158,7 +158,7 @@ class CurveMap:
         places = self.places(float(np.sum(q[2 * n :])))
         wanted = q[: 2 * n].reshape(n, 2) - self.offsets(places, v)
         shapes = self._shapes(places)
-        turned = 0 if feeds else 2
+        turned = self._base_turns
         k = self.knots
         smooth = smoothness * np.diff(np.eye(k), axis=0)
         for axis in range(2):
@@ -193,14 +193,19 @@ class CurveMap:
         return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
 
     @property
-    def _base_turns(self) -> FloatArray:
+    def _base_turns(self) -> int:
+        """Number of unknowns in front of those of the curve: the two turns of a base that is not fed."""
+        return 0 if self.arm.base_axes else 2
+
+    @property
+    def _bent_by_base(self) -> FloatArray:
         """What the two turns of the base bend its joint, shape (2,) [rad]: nothing where it is clamped."""
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
         """Unknowns with all else as it is and a curve that is straight, shape (p,)."""
         straight = v.copy()
-        turned = 0 if self.arm.base_axes else 2
+        turned = self._base_turns
         straight[turned : turned + 2 * self.knots] = 0.0
         return straight
 
@@ -212,7 +217,7 @@ class CurveMap:
     @property
     def curvature_rows(self) -> FloatArray:
         """The curvature at the knots about the first and then about the second axis, shape (2 knots, p) [1/m]."""
-        turned = 0 if self.arm.base_axes else 2
+        turned = self._base_turns
         count = 2 * self.knots
         rows = np.zeros((count, self.dimension))
         rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
@@ -270,14 +275,14 @@ class CurveMap:
             shapes: there, shape (m, links, knots) [m].
         """
         k = self.knots
-        turned = 0 if self.arm.base_axes else 2
+        turned = self._base_turns
         curvatures = (v[:, turned : turned + 2 * k] * self.scale[turned : turned + 2 * k]).reshape(len(v), 2, k)
         turns = np.matmul(shapes, np.swapaxes(curvatures, 1, 2))
         turns += self._interpolated(self.offset, places)
         if self.blend is not None:
             turns += v[:, -1, None, None] * self._interpolated(self.blend, places)
         if turned:
-            turns[:, 0] += v[:, :2] * self._base_turns
+            turns[:, 0] += v[:, :2] * self._bent_by_base
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
