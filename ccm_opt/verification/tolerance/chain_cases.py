@@ -72,10 +72,14 @@ class ChainCases:
         """Every case twice, on either half of its stretch."""
         return joined_cases([self._part(0.0, 0.5), self._part(0.5, 1.0)])
 
+    def still(self, share: float) -> "ChainCases":
+        """Every case at the pose after a share of its stretch, where it stands still."""
+        part = self._part(share, share)
+        return replace(part, stray=np.zeros(len(part)))
+
     def middles(self) -> "ChainCases":
         """Every case at the middle of its stretch, where it stands still."""
-        part = self._part(0.5, 0.5)
-        return replace(part, stray=np.zeros(len(part)))
+        return self.still(0.5)
 
     def _part(self, start: float, end: float) -> "ChainCases":
         shares = np.array([[1.0 - start, start], [1.0 - end, end]])

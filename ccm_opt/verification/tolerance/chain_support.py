@@ -20,6 +20,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 
 _TURN = 2.0 * np.pi
+_TINY = 1e-300
 
 
 def chain_support(
@@ -88,12 +89,17 @@ def _bound(a: FloatArray, beta: FloatArray, w: FloatArray, h: FloatArray, slopes
 
 
 def _far_errors(a: FloatArray, beta: FloatArray, w: FloatArray, steps: int) -> FloatArray:
-    """Errors that bring the ends of chains far, by steps towards what a linearisation says (Frank and Wolfe, 1956)."""
+    """Errors that bring the ends of chains far, by steps towards what a linearisation says (Frank and Wolfe, 1956).
+
+    Where a lever is so short that the reach is longest for an error within its width, a linearisation would jump from
+    one end of the width to the other; there the step is that of a reach that is bent at most as a stretched chain's.
+    """
     errors = np.zeros(np.broadcast_shapes(beta.shape, w.shape))
+    stretched = np.maximum(_sums_to_end(a), _TINY)
     for k in range(steps):
         there = beta + np.cumsum(errors, axis=-1)
-        linearised = -w * np.sign(_sums_to_end(a * np.sin(there)))
-        errors = errors + 2.0 / (k + 2.0) * (linearised - errors)
+        wanted = np.clip(-_sums_to_end(a * np.sin(there)) / stretched, -w, w)
+        errors = errors + 2.0 / (k + 2.0) * (wanted - errors)
     return errors
 
 

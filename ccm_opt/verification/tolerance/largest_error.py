@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.verification.tolerance.chain_cases import ChainCases
+from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 
 _TINY = 1e-300
@@ -75,6 +75,23 @@ class LargestError:
         promising = np.argsort(middles.linear_errors())[: self._settings.solved]
         self._solve(middles.take(promising))
 
+    def lower_for(self, poses: ChainCases) -> None:
+        """Lower the upper end until the bound refuses hardly any of some poses, worst first.
+
+        Args:
+            poses: cases that stand still.
+        """
+        for _ in range(self._settings.tightenings):
+            _, gap = best_directions(poses, self.upper, self._settings)
+            short = np.flatnonzero(gap < 0.0)
+            if len(short) == 0:
+                return
+            at_rest, _ = poses.take(short).shortest_directions()
+            room = np.maximum(at_rest - poses.apart[short], 0.0)
+            worst = np.argsort(room / np.maximum(room - gap[short], _TINY))[: self._settings.solved]
+            self._solve(poses.take(short[worst]))
+            poses = poses.take(short)
+
     def prove(self, cases: ChainCases) -> None:
         """Prove all cases over their whole stretches, lowering the upper end where they do not allow it."""
         level = 0
@@ -90,6 +107,11 @@ class LargestError:
                 cases = cases.halves()
 
     def _give_way(self, cases: ChainCases) -> None:
+        # The bound jumps a little from pose to pose: that at the ends of a stretch may allow less than half-way.
+        before = self.upper
+        self.lower_for(joined_cases([cases.still(0.0), cases.still(1.0)]))
+        if self.upper < before:
+            return
         middles = cases.middles()
         worst = int(np.argmin(middles.linear_errors()))
         one = middles.take(slice(worst, worst + 1))
@@ -110,11 +132,11 @@ class LargestError:
         while of_motion and len(cases) > self._settings.chunk and self.upper < before:
             before = self.upper
             spread = np.linspace(0.0, len(cases) - 1.0, self._settings.sample).astype(np.intp)
-            self._tighten(cases.take(spread).middles())
+            self.lower_for(cases.take(spread).middles())
             cases = self._short(cases)
         middles = cases.middles()
         if of_motion:
-            self._tighten(middles)
+            self.lower_for(middles)
         if self.upper <= self._settings.least:
             return cases.take(slice(0, 0))
         angle, _ = best_directions(middles, self.upper, self._settings)
@@ -124,19 +146,6 @@ class LargestError:
         """The cases that keep no gap along their shortest lines, which prove nearly all the others."""
         _, angle = cases.middles().shortest_directions()
         return cases.take(_chunked(cases, self.certified, angle, self._settings) < 0.0)
-
-    def _tighten(self, middles: ChainCases) -> None:
-        """Lower the upper end until the bound refuses hardly any of some poses, worst first."""
-        for _ in range(self._settings.tightenings):
-            _, gap = best_directions(middles, self.upper, self._settings)
-            short = np.flatnonzero(gap < 0.0)
-            if len(short) == 0:
-                return
-            at_rest, _ = middles.take(short).shortest_directions()
-            room = np.maximum(at_rest - middles.apart[short], 0.0)
-            worst = np.argsort(room / np.maximum(room - gap[short], _TINY))[: self._settings.solved]
-            self._solve(middles.take(short[worst]))
-            middles = middles.take(short)
 
     def _solve(self, poses: ChainCases) -> None:
         errors, directions = solved_errors(poses, self.upper, self._settings)
