@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.mitred import mitred
 from ccm_opt.ground.polygons import cross
 from ccm_opt.ground.rounding import ROUNDING
 
@@ -30,7 +31,7 @@ def shortest_way(
         None where more corners than that may lie on a way.
     """
     # A little wider, so that rounding opens ways and closes none.
-    wide = shapely.buffer(space, ROUNDING, join_style="mitre")
+    wide = mitred(space, ROUNDING)
     ends = shapely.MultiPoint([start, goal])
     pieces = [part for part in shapely.get_parts(wide) if shapely.distance(part, ends) == 0.0]
     corners = np.vstack((goal, start, *(_reflex_corners(piece) for piece in pieces)))

@@ -15,6 +15,7 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import heading_of, unit_vector
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.mitred import mitred
 from ccm_opt.ground.polygons import cross
 from ccm_opt.ground.rounding import TINY
 
@@ -37,7 +38,7 @@ def free_set(
     """
     if inflation <= 0.0:
         raise ValueError(f"got inflation = {inflation} m, expected a positive length: for an arm of no width pass 1e-6")
-    room = shapely.buffer(workspace.boundary, -inflation, join_style="mitre", mitre_limit=settings.mitre_limit)
+    room = mitred(workspace.boundary, -inflation, settings.mitre_limit)
     grown = shapely.union_all([grown_outline(obstacle, inflation, settings) for obstacle in workspace.obstacles])
     pieces = shapely.get_parts(shapely.difference(room, grown))
     dent = settings.dent * inflation
@@ -59,7 +60,7 @@ def grown_outline(
     if isinstance(core, shapely.LineString):
         points = shapely.get_coordinates(core)
         return shapely.union_all([_capsule(a, b, radius) for a, b in itertools.pairwise(points)])
-    return shapely.buffer(core, radius, join_style="mitre", mitre_limit=settings.mitre_limit)
+    return mitred(core, radius, settings.mitre_limit)
 
 
 def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:

@@ -7,6 +7,7 @@ first used.
 """
 
 import logging
+import warnings
 from types import SimpleNamespace
 from typing import Any
 
@@ -58,8 +59,12 @@ def _time_unit(rows: PathRows) -> float:
 
 def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
     """The solver on rows a s̈ + b ṡ² + c within ±1, time in units of ``unit``."""
-    import toppra.algorithm  # noqa: PLC0415 - it is slow to import
-    import toppra.constraint  # noqa: PLC0415 - likewise
+    with warnings.catch_warnings():
+        # Python warns of its texts where it has to be translated first, which is an error where warnings are.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("ignore", SyntaxWarning)
+        import toppra.algorithm  # noqa: PLC0415 - it is slow to import
+        import toppra.constraint  # noqa: PLC0415 - likewise
 
     # Its failures are expected here and have a fall-back, so they are kept out of the log.
     logging.getLogger("toppra").setLevel(logging.CRITICAL)

@@ -14,6 +14,7 @@ from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 from ccm_opt.files.scene_import.rings import filled, polygons_of
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.mitred import mitred
 
 
 def obstacles_of(
@@ -68,8 +69,7 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
 def _grown(polygons: shapely.MultiPolygon, growth: float, corner_reach: float) -> list[shapely.Polygon]:
     """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
     # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
-    mitred = polygons.buffer(growth, join_style="mitre")
-    return polygons_of(shapely.intersection(mitred, polygons.buffer(corner_reach * growth)))
+    return polygons_of(shapely.intersection(mitred(polygons, growth), polygons.buffer(corner_reach * growth)))
 
 
 def _wall(line: Line, growth: float, thickness: float) -> Obstacle:
