@@ -55,6 +55,16 @@ def test_c_and_numpy_agree_on_bounds_and_pairs(seed: int, links: int) -> None:
     one = compiled.near_pairs(points, 0.3)
     other = interpreted.near_pairs(points, 0.3)
     assert sorted(zip(one.first, one.second, strict=True)) == sorted(zip(other.first, other.second, strict=True))
+    nearest = compiled.nearest_pairs(np.stack((points, points + 1.0)), 0.3)
+    slowly = interpreted.nearest_pairs(np.stack((points, points + 1.0)), 0.3)
+    least = one.distance.min(initial=0.3)
+    assert nearest.distance == pytest.approx(least, abs=1e-12)
+    assert slowly.distance == pytest.approx(least, abs=1e-12)
+    assert np.all((nearest.first >= 0) == (len(one.first) > 0))
+    for pose in (0, 1):
+        if len(one.first):
+            pair = (one.first == nearest.first[pose]) & (one.second == nearest.second[pose])
+            assert one.distance[pair] == pytest.approx([least], abs=1e-12)
     order = np.lexsort((one.second, one.first))
     assert one.distance[order] == pytest.approx(other.distance[np.lexsort((other.second, other.first))], abs=1e-12)
 

@@ -62,6 +62,33 @@ def test_every_way_gives_the_same_distances(seed: int, count: int, reach: float,
 
 
 @settings(max_examples=60)
+@given(
+    seed=seeds,
+    count=st.integers(1, 200),
+    reach=reaches,
+    together=st.integers(1, 9),
+    step=st.sampled_from((0.0, 0.01, 0.5)),
+)
+def test_of_segments_in_a_row_the_nearest_is_told(
+    seed: int, count: int, reach: float, together: int, step: float
+) -> None:
+    """However far rows move from one to the next, the nearest of each is found as if each were looked at alone."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    ways = step * rng.normal(size=(30, together, 2, 3))
+    rows = random_segments(rng, together) + np.cumsum(ways, axis=0)
+    for tree in trees(scene):
+        alone = tree.nearest(rows.reshape(-1, 2, 3), reach)
+        row = tree.nearest(rows.reshape(-1, 2, 3), reach, together)
+        least = row.gap.reshape(30, together).min(axis=1)
+        np.testing.assert_allclose(least, alone.gap.reshape(30, together).min(axis=1), rtol=0.0, atol=1e-12)
+        found = row.owner >= 0
+        np.testing.assert_allclose(row.gap[found], alone.gap[found], rtol=0.0, atol=1e-12)
+        assert np.all(row.gap[~found] == reach)
+        assert np.all(np.any(found.reshape(30, together), axis=1) == (least < reach))
+
+
+@settings(max_examples=60)
 @given(seed=seeds, count=st.integers(1, 300), reach=reaches, slack=st.sampled_from((1e-3, 0.02, 0.3)))
 def test_slack_lowers_distances_by_no_more(seed: int, count: int, reach: float, slack: float) -> None:
     """With slack no distance is above the least, and none is below by more than the slack."""
@@ -236,6 +263,7 @@ def test_a_segment_that_is_not_finite_is_not_free() -> None:
     for tree in trees(scene):
         assert np.isnan(tree.distances(segments, 1.0)).tolist() == [True, True, False]
         assert np.isnan(tree.nearest(segments, 1.0).gap).tolist() == [True, True, False]
+        assert np.isnan(tree.nearest(segments, 1.0, together=3).gap).tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize("kind", ["points", "one place", "segments"])

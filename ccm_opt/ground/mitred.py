@@ -26,7 +26,8 @@ def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shap
         if len(tips) == 0:
             return grown
         around = shapely.buffer(shapely.MultiPoint(tips), abs(distance) / np.cos(np.pi / (4 * _ARC)), quad_segs=_ARC)
-        return shapely.union(grown, around) if distance > 0.0 else shapely.difference(grown, around)
+        tipped: shapely.Geometry = shapely.union(grown, around) if distance > 0.0 else shapely.difference(grown, around)
+    return tipped
 
 
 def _needle_tips(shape: shapely.Geometry) -> FloatArray:

@@ -75,7 +75,7 @@ def _walls(problem: SpaceProblem, tree: SurfaceTree, points: FloatArray, reach: 
     count = len(points)
     if share >= 1.0 or len(problem.workspace.soup) == 0:
         return _nothing(count, reach)
-    found = tree.nearest(exposed.reshape(-1, 2, 3), reach + arm.radius)
+    found = tree.nearest(exposed.reshape(-1, 2, 3), reach + arm.radius, together=exposed.shape[1])
     gap = found.gap.reshape(count, -1) - arm.radius
     best = np.argmin(gap, axis=1)
     rows = np.arange(count)
@@ -85,19 +85,12 @@ def _walls(problem: SpaceProblem, tree: SurfaceTree, points: FloatArray, reach: 
 
 def _itself(problem: SpaceProblem, points: FloatArray, reach: float) -> NearestOfSamples:
     arm = problem.arm
-    nearest = _nothing(len(points), reach)
     if not arm.self_collision:
-        return nearest
-    motion = LinkMotion(arm)
-    for sample, joints in enumerate(points):
-        pairs = motion.near_pairs(joints, reach + 2.0 * arm.radius)
-        if len(pairs.first) == 0:
-            continue
-        k = int(np.argmin(pairs.distance))
-        nearest.gap[sample] = pairs.distance[k] - 2.0 * arm.radius
-        nearest.link[sample] = pairs.first[k] + 1
-        nearest.other[sample] = pairs.second[k] + 1
-    return nearest
+        return _nothing(len(points), reach)
+    nearest = LinkMotion(arm).nearest_pairs(points, reach + 2.0 * arm.radius)
+    found = nearest.first >= 0
+    gap = np.where(found, nearest.distance - 2.0 * arm.radius, reach)
+    return NearestOfSamples(gap, nearest.first + 1, np.where(found, nearest.second + 1, -1))
 
 
 def _nothing(count: int, reach: float) -> NearestOfSamples:

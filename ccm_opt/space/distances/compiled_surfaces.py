@@ -39,10 +39,10 @@ class _NearestStruct(ctypes.Structure):
 
     _fields_ = (
         ("surfaces", _SurfacesStruct),
-        ("count", _LONG),
+        *((name, _LONG) for name in ("count", "together")),
         ("segments", _POINTER),
         *((name, _DOUBLE) for name in ("reach", "slack")),
-        *((name, _POINTER) for name in ("gap", "share", "point", "normal", "face")),
+        *((name, _POINTER) for name in ("gap", "share", "point", "normal", "face", "known")),
     )
 
 
@@ -127,18 +127,19 @@ class CompiledSearch:
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment, or the reach; not a number where the segment is none."""
         gap = np.empty(len(segments))
-        query = _NearestStruct(self._surfaces, len(segments), segments.ctypes.data, reach, slack, gap.ctypes.data)
+        query = _NearestStruct(self._surfaces, len(segments), 1, segments.ctypes.data, reach, slack, gap.ctypes.data)
         self._nearest(ctypes.byref(query))
         return gap
 
-    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
+    def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
         """Where each segment is nearest to a surface."""
         count = len(segments)
         face = np.empty(count, dtype=np.int64)
-        found = Witnesses(np.empty(count), np.empty(count), np.zeros((count, 3)), np.zeros((count, 3)), face)
-        arrays = (found.gap, found.share, found.point, found.normal, found.owner)
+        found = Witnesses(np.empty(count), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)), face)
+        known = np.empty(together)
+        arrays = (found.gap, found.share, found.point, found.normal, found.owner, known)
         addresses = (array.ctypes.data for array in arrays)
-        query = _NearestStruct(self._surfaces, count, segments.ctypes.data, reach, 0.0, *addresses)
+        query = _NearestStruct(self._surfaces, count, together, segments.ctypes.data, reach, 0.0, *addresses)
         self._nearest(ctypes.byref(query))
         return found
 

@@ -59,8 +59,9 @@ class NumpySearch:
         gap[~np.all(np.isfinite(segments), axis=(1, 2))] = np.nan
         return gap
 
-    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
+    def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
         """Where each segment is nearest to a surface."""
+        del together  # each is looked at anyway
         found = self._near(segments, reach, nearest_only=True)
         rows = np.lexsort((found.gap, found.segment))
         rows = rows[np.diff(found.segment[rows], prepend=-1) > 0]

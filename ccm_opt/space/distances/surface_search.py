@@ -30,8 +30,8 @@ class SurfaceSearch(Protocol):
         """Least gap of each segment (k, 2, 3), or less by the slack at most, cut off at the reach, shape (k,) [m]."""
         ...
 
-    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
-        """Where each segment (k, 2, 3) is nearest to a surface."""
+    def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
+        """Where each segment (k, 2, 3) is nearest, or of so many in a row the nearest of them."""
         ...
 
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:

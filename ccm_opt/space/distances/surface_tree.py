@@ -76,13 +76,20 @@ class SurfaceTree:
             return np.full(len(segments), float(reach))
         return self.search.distances(np.ascontiguousarray(segments, dtype=np.float64), reach, slack)
 
-    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
-        """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach."""
+    def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
+        """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach.
+
+        Args:
+            segments: ends, shape (k, 2, 3) [m].
+            reach: surfaces at this distance are not looked at [m].
+            together: of so many segments in a row only the first of the nearest is asked for; what is told of the
+                others may be that nothing is in reach. It takes a fraction of the time.
+        """
         if self.search is None:
             k = len(segments)
             none = np.full(k, -1, dtype=np.intp)
             return Witnesses(np.full(k, float(reach)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)), none)
-        found = self.search.nearest(np.ascontiguousarray(segments, dtype=np.float64), reach)
+        found = self.search.nearest(np.ascontiguousarray(segments, dtype=np.float64), reach, together)
         return replace(found, owner=np.where(found.owner < 0, -1, self.owner[found.owner]))
 
     def planes(

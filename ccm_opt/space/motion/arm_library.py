@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ccm_opt.ground.compiled_source import compiled_source
 
-_SYMBOLS = ("motion_bounds", "near_links", "chain", "curve_shapes")
+_SYMBOLS = ("motion_bounds", "near_links", "nearest_links", "chain", "curve_shapes")
 
 
 def arm_library() -> ctypes.PyDLL | None:

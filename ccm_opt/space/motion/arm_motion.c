@@ -54,6 +54,37 @@ PUBLIC void near_links(PairQuery *q)
 }
 
 typedef struct {
+    int64_t links, first_pair, poses;
+    double reach;            /* farther pairs than this are not reported */
+    const double *points;    /* joints and tip, (poses, links + 1, 3) */
+    int64_t *first, *second; /* out: of the nearest pair of each pose, or -1, (poses,) */
+    double *distance;        /* out: of their axes, or the reach, (poses,) */
+} NearestPairQuery;
+
+PUBLIC void nearest_links(NearestPairQuery *q)
+{
+    for (int64_t pose = 0; pose < q->poses; pose++) {
+        const double *points = q->points + 3 * (q->links + 1) * pose;
+        double least = q->reach, s, t;
+        q->first[pose] = q->second[pose] = -1;
+        for (int64_t i = 0; i < q->links; i++) {
+            const double *p = points + 3 * i;
+            double u[3] = {p[3] - p[0], p[4] - p[1], p[5] - p[2]};
+            double length = sqrt(dot(u, u));
+            int64_t j = next_in_reach(points, q->links, i, i + q->first_pair, least, length);
+            for (; j < q->links; j = next_in_reach(points, q->links, i, j + 1, least, length)) {
+                double distance = links_apart(points, i, j, &s, &t);
+                if (distance >= least) continue;
+                least = distance;
+                q->first[pose] = i;
+                q->second[pose] = j;
+            }
+        }
+        q->distance[pose] = least;
+    }
+}
+
+typedef struct {
     int64_t links, unknowns, fed; /* fed is 1 where the last coordinate carries the base, else 0 */
     double length;
     const double *start, *base;   /* place of the first joint without feed, (3,), and rotation of the base, (3, 3) */

@@ -46,6 +46,31 @@ class _PairStruct(ctypes.Structure):
     )
 
 
+class _NearestPairStruct(ctypes.Structure):
+    """``NearestPairQuery`` of arm_motion.c."""
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("links", "first_pair", "poses")),
+        ("reach", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("points", "first", "second", "distance")),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPairs:
+    """The nearest pair of distant links in each of some poses.
+
+    Attributes:
+        first: link nearer to the base; −1 where none is in reach, shape (T,).
+        second: the other, shape (T,).
+        distance: of the axes; the reach where none is in reach, shape (T,) [m].
+    """
+
+    first: IntArray
+    second: IntArray
+    distance: FloatArray
+
+
 @dataclass(frozen=True)
 class LinkPairs:
     """Pairs of links that are near each other.
@@ -126,6 +151,32 @@ class LinkMotion:
         first, second = self._numbers[:, :k].copy()
         first_at, second_at, distance = self._reals[:, :k].copy()
         return LinkPairs(first, second, first_at, second_at, distance, self._normals[:k].copy())
+
+    def nearest_pairs(self, points: FloatArray, reach: float) -> NearestPairs:
+        """The nearest pair of distant links in every pose, the first of equally near ones.
+
+        Args:
+            points: joints and tip, shape (T, links + 1, 3) [m].
+            reach: distance of the axes from which on they are left out [m].
+        """
+        poses = len(points)
+        nearest = NearestPairs(
+            np.full(poses, -1, dtype=np.int64), np.full(poses, -1, dtype=np.int64), np.full(poses, float(reach))
+        )
+        if self._library is None:
+            for pose, joints in enumerate(points):
+                pairs = self._interpreted_pairs(joints, reach)
+                if len(pairs.first):
+                    k = int(np.argmin(pairs.distance))
+                    nearest.first[pose], nearest.second[pose] = pairs.first[k], pairs.second[k]
+                    nearest.distance[pose] = pairs.distance[k]
+            return nearest
+        points = np.ascontiguousarray(points)
+        arrays = (points, nearest.first, nearest.second, nearest.distance)
+        addresses = (array.ctypes.data for array in arrays)
+        query = _NearestPairStruct(self._arm.links, self._first_pair, poses, reach, *addresses)
+        self._library.nearest_links(pointer_to(query))
+        return nearest
 
     def _make_room(self, capacity: int) -> None:
         """Room for so many pairs."""
