@@ -95,7 +95,7 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
     [
         ("part.stl", b"", "part.stl is empty"),
         ("part.stl", binary_stl()[:300], "header says 12 triangles, but it ends after 4"),
-        ("part.stl", b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1", "it holds no triangles"),
+        ("part.stl", b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1", "ends after 0 triangles without 'endsolid'"),
         ("part.stl", b"just some words", "not readable as STL"),
         ("part.stl", b"v 0.0 0.0 0.0\n" * 10, "a text of another kind"),
         ("part.stl", b"\x89PNG" + bytes(range(256)), "or is it of another format?"),

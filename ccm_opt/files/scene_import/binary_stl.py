@@ -13,16 +13,11 @@ _COUNT = 4
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def is_text_stl(content: bytes) -> bool:
-    """Whether an STL file is of the kind that is text; the free text of binary ones may begin with ``solid`` too."""
-    return content.lstrip()[:5].lower() == b"solid" and b"facet" in content[:2000].lower()
-
-
 def read_binary_stl(content: bytes, settings: MeshSettings) -> RawMesh:
     """The mesh of a binary STL file.
 
     Raises:
-        ProblemError: the file is shorter than it says, or has too many triangles.
+        ProblemError: the file holds fewer triangles than it says, or more, or too many.
     """
     start = _HEADER + _COUNT
     if len(content) < start:
@@ -38,6 +33,13 @@ def read_binary_stl(content: bytes, settings: MeshSettings) -> RawMesh:
         )
     if count > settings.most_triangles:
         raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} can be used; simplify it")
+    behind = content[start + count * _TRIANGLE.itemsize :]
+    # Some programs fill their files up with zeros.
+    if len(behind) >= _TRIANGLE.itemsize and behind.strip(b"\0"):
+        raise ProblemError(
+            f"not readable as STL: its header says {count} triangles, but {len(behind)} bytes more follow, as of "
+            f"{held - count} that would be missing"
+        )
     records = np.frombuffer(content, dtype=_TRIANGLE, count=count, offset=start)
     # Some bytes are no number and warn when they are copied; what is no number is refused by name, later.
     with np.errstate(invalid="ignore"):

@@ -8,24 +8,27 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.binary_stl import is_text_stl, read_binary_stl
+from ccm_opt.files.scene_import.binary_stl import read_binary_stl
+from ccm_opt.files.scene_import.glb import read_glb
 from ccm_opt.files.scene_import.mesh_settings import MESHES, MeshSettings
+from ccm_opt.files.scene_import.obj import read_obj
+from ccm_opt.files.scene_import.ply import read_ply
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
+from ccm_opt.files.scene_import.text_stl import is_text_stl, read_text_stl
 from ccm_opt.files.scene_import.three_mf import read_3mf
-from ccm_opt.files.scene_import.trimesh_reading import read_by_trimesh
 
 
 def _read_stl(content: bytes, settings: MeshSettings) -> RawMesh:
     if is_text_stl(content):
-        return read_by_trimesh(content, "stl_ascii")
+        return read_text_stl(content, settings)
     return read_binary_stl(content, settings)
 
 
 MESH_READERS: Mapping[str, Callable[[bytes, MeshSettings], RawMesh]] = {
     ".stl": _read_stl,
-    ".obj": lambda content, _: read_by_trimesh(content, "obj"),
-    ".ply": lambda content, _: read_by_trimesh(content, "ply"),
-    ".glb": lambda content, _: read_by_trimesh(content, "glb"),
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".glb": lambda content, _: read_glb(content),
     ".3mf": read_3mf,
 }
 """Reader by the suffix of the file, in small letters."""

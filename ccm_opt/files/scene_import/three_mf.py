@@ -82,6 +82,11 @@ class _Model:
         elif kind == "object":
             self.current = self.objects.setdefault(given["id"], _Shape())
         elif kind == "component":
+            if elsewhere := next((given[key] for key in given if key.endswith(" path")), None):
+                raise ProblemError(
+                    f"a component lies in another part of the archive, {elsewhere[:60]!r}, which is not read; export "
+                    "it as one model"
+                )
             self.current.components.append((given["objectid"], _transform(given.get("transform"))))
         elif kind == "item":
             self.built.append((given["objectid"], _transform(given.get("transform"))))

@@ -1,4 +1,4 @@
-"""Formats of meshes that trimesh reads; it is loaded when the first such mesh is."""
+"""Meshes that trimesh reads; it is loaded when the first such mesh is."""
 
 import io
 import logging
@@ -40,8 +40,7 @@ def read_by_trimesh(content: bytes, kind: str) -> RawMesh:
     except Exception as error:  # noqa: BLE001
         missing = " is missing" if isinstance(error, KeyError) else ""
         reason = f"{' '.join(str(error).split())[:LONGEST_REASON] or type(error).__name__}{missing}"
-        name = kind.partition("_")[0].upper()
-        raise ProblemError(f"not readable as {name}: the file is damaged or cut short ({reason})") from None
+        raise ProblemError(f"not readable as {kind.upper()}: the file is damaged or cut short ({reason})") from None
     return RawMesh.joined(found)
 
 

@@ -1,0 +1,242 @@
+"""Formats of meshes: whatever a file may say is read as it is meant, or refused; nothing of an obstacle is lost."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.mesh_file import read_mesh_file
+from ccm_opt.files.scene_import.mesh_mending import mended_mesh
+from ccm_opt.files.scene_import.polygons import triangles_of
+from ccm_opt.files.scene_import.raw_mesh import RawMesh
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.scene.bodies import BOX_FACES
+from tests.space_files import CUBE, binary_stl, three_mf
+
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+"""The faces of the cube whose corners count x in fours, y in twos."""
+GRID = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+MIXED = [*QUADS[:5], [1, 5, 7], [1, 7, 3]]
+
+
+def read(folder: Path, name: str, content: bytes) -> RawMesh:
+    """A mesh from a file."""
+    (folder / name).write_bytes(content)
+    return read_mesh_file(folder / name).mesh
+
+
+def area(mesh: RawMesh) -> float:
+    """Of all triangles."""
+    return float(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).area)
+
+
+def obj(faces: list[list[int]], *, vertices: FloatArray = GRID, first: int = 1) -> str:
+    """An OBJ file in which vertices are counted from ``first``, or from -8 backwards."""
+    places = "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
+    return places + "".join(f"f {' '.join(str(corner + first) for corner in face)}\n" for face in faces)
+
+
+def text_stl(name: str = "part") -> bytes:
+    """The cube as STL in text."""
+    loops = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x:.6e} {y:.6e} {z:.6e}\n" for x, y, z in CUBE[face])
+        + "endloop\nendfacet\n"
+        for face in BOX_FACES
+    )
+    return f"solid {name}\n{loops}endsolid {name}\n".encode()
+
+
+def ply(faces: list[list[int]], *, order: str, wide: bool = False, faces_first: bool = False) -> bytes:
+    """The cube as PLY, with a list at every vertex that is as long as its number where it is wide."""
+    number, index = ("double", "ushort") if wide else ("float", "int")
+    more = "property list uchar short more\nproperty uchar red\n" if wide else ""
+    vertex = f"element vertex 8\nproperty {number} x\nproperty {number} y\n{more}property {number} z\n"
+    face = f"element face {len(faces)}\nproperty list uchar {index} vertex_indices\nproperty uchar flags\n"
+    header = f"ply\nformat {order} 1.0\ncomment <b>\n{face + vertex if faces_first else vertex + face}end_header\n"
+    end = "<" if "little" in order else ">"
+    text = order == "ascii"
+    rows: list[tuple[str, list[float]]] = []
+    for place, (x, y, z) in enumerate(GRID.tolist()):
+        letter = number[0]
+        listed = [place, *range(place), 255] if wide else []
+        rows.append((f"{letter}{letter}" + (f"B{place}hB" if wide else "") + letter, [x, y, *listed, z]))
+    corners: list[tuple[str, list[float]]] = [
+        (f"B{len(each)}{'H' if wide else 'i'}B", [len(each), *each, 7]) for each in faces
+    ]
+    rows = corners + rows if faces_first else rows + corners
+    if text:
+        return header.encode() + "".join(" ".join(f"{value:g}" for value in row) + "\n" for _, row in rows).encode()
+    packed = (
+        struct.pack(end + kinds, *(value if kinds[0] in "fd" and not wide else _fitting(value) for value in row))
+        for kinds, row in rows
+    )
+    return header.encode() + b"".join(packed)
+
+
+def _fitting(value: float) -> float:
+    """A whole number as such, which is packed as either kind."""
+    return int(value) if value == int(value) else value
+
+
+def glb(*, matrix: list[float] | None = None, **changes: Any) -> bytes:
+    """The cube as GLB, with changes of its document by the places of what is changed."""
+    places = CUBE.astype("<f4").tobytes()
+    corners = BOX_FACES.astype("<u2").tobytes()
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, **({"matrix": matrix} if matrix else {})}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": len(places)},
+            {"buffer": 0, "byteOffset": len(places), "byteLength": len(corners)},
+        ],
+        "buffers": [{"byteLength": len(places) + len(corners)}],
+    }
+    for key, value in changes.items():
+        if isinstance(value, dict):
+            document[key][0].update(value)
+        else:
+            document[key] = value
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<II", len(text), 0x4E4F534A) + text
+    body += struct.pack("<II", len(places + corners), 0x004E4942) + places + corners
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+
+
+COMMENTED = (
+    obj(QUADS)
+    .replace("f ", "g other # group\nusemtl none\nf \\\n", 1)
+    .replace("f 2", "f 2/1/1")
+    .replace("v 1.0 0.0 0.0", "v\t1.0 0.0 0.0 0.5 0.5 0.5 # grey")
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("part.stl", text_stl()),
+        ("part.stl", b"\xef\xbb\xbf" + text_stl().replace(b"\n", b"\r\n")),
+        ("part.stl", text_stl().replace(b"\n", b"\r").upper()),
+        ("part.stl", text_stl("outer loop <b>\u2028</b> " + 3000 * "n")),
+        ("part.stl", b"solid facet".ljust(80) + binary_stl()[80:]),
+        ("part.stl", binary_stl() + bytes(500)),
+        ("part.obj", obj(QUADS).encode()),
+        ("part.obj", COMMENTED.encode()),
+        ("part.obj", obj(MIXED, first=-8).encode()),
+        *(
+            (f"{order}.ply", ply(faces, order=order, wide=wide, faces_first=first))
+            for order in ("ascii", "binary_little_endian", "binary_big_endian")
+            for faces, wide, first in ((QUADS, False, True), (MIXED, True, False), (MIXED, False, True))
+        ),
+        ("part.glb", glb()),
+        ("part.glb", glb(matrix=[0, -1, 0, 0, 1, 0, 0, 0, 0, 0, -1, 0, 5, 6, 7, 1])),
+        ("part.glb", glb(extensionsRequired=["KHR_materials_unlit"], meshes={"weights": [0.0]})),
+    ],
+)
+def test_what_a_format_allows_is_read(tmp_path: Path, name: str, content: bytes) -> None:
+    """However a cube is written down, it is a closed cube."""
+    mended = mended_mesh(read(tmp_path, name, content))
+    assert (len(mended.mesh.vertices), mended.closed) == (8, True)
+    assert area(mended.mesh) == pytest.approx(6.0)
+
+
+def test_vertices_told_backwards_belong_to_what_stands_before_them(tmp_path: Path) -> None:
+    """In a second object of an OBJ file -1 is its own last vertex: two cubes are two cubes."""
+    both = obj(QUADS, first=-8) + "o second\n" + obj(QUADS, vertices=GRID + 3.0, first=-8)
+    mesh = mended_mesh(read(tmp_path, "part.obj", both.encode()))
+    assert (len(mesh.mesh.faces), mesh.closed, mesh.mended) == (24, True, ())
+    assert np.ptp(mesh.mesh.vertices, axis=0) == pytest.approx([4.0, 4.0, 4.0])
+
+
+SPARSE = {"sparse": {"count": 1}}
+INSTANCES = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}}
+ELSEWHERE = three_mf(
+    '<model><resources><object id="1"><components><component objectid="1" p:path="/3D/part.model" '
+    'xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06"/></components></object></resources></model>'
+)
+ASCII = ply(QUADS, order="ascii")
+LITTLE = ply(MIXED, order="binary_little_endian")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("part.stl", text_stl()[:-60], "ends after 11 triangles without 'endsolid'"),
+        ("part.stl", text_stl().replace(b"endloop", b"vertex 0 0 0\nendloop", 1), "triangle 1 has not three vertices"),
+        ("part.stl", text_stl().replace(b".", b","), "expected numbers"),
+        ("part.stl", binary_stl()[:80] + (5).to_bytes(4, "little") + binary_stl()[84:], "of 7 that would be missing"),
+        ("part.obj", (obj(QUADS) + "f 0 1 2\n").encode(), "line 15 is 'f 0 1 2', but 8 vertices stand before it"),
+        ("part.obj", (obj(QUADS) + "f -9 1 2\n").encode(), "line 15 is"),
+        ("part.obj", (obj(QUADS) + "f 1 2 x\n").encode(), "line 15 is 'f 1 2 x', expected numbers"),
+        ("part.obj", (obj(QUADS) + "surf 0 1 0 1 1 2\n").encode(), "line 15 names free-form surfaces"),
+        ("part.ply", ASCII[:-20], "says 6 elements 'face', but the file ends before"),
+        ("part.ply", LITTLE[:-9], "says 7 elements 'face', but the file ends before"),
+        ("part.ply", LITTLE.replace(b"face 7", b"face 6"), "more follows than its header says"),
+        ("part.ply", LITTLE.replace(b"vertex 8", b"vertex 4000000000"), "ends before"),
+        ("part.ply", LITTLE.replace(b"face 7", b"face 4000000000"), "at most 2000000 triangles"),
+        ("part.ply", LITTLE.replace(b"uchar int", b"uchar oint"), "'oint', which is not known"),
+        ("part.ply", LITTLE.replace(b"float z", b"float w"), "its vertices have no z"),
+        ("part.ply", ASCII.replace(b"4 0 1", b"4 0.5 1", 1), "no whole number"),
+        ("part.ply", ASCII.replace(b"4 0 1", b"-4 0 1", 1), "a list has the length -4"),
+        ("part.ply", ASCII.replace(b"4 0 1", b"4 x 1", 1), "is a number"),
+        ("part.ply", ASCII.replace(b"element face", b"element tristrips"), "strips of triangles"),
+        ("part.glb", glb(accessors=SPARSE), "it has a sparse list of numbers, which is not read"),
+        ("part.glb", glb(accessors={"normalized": True}), "places as shares of a whole number"),
+        ("part.glb", glb(nodes=INSTANCES), "'EXT_mesh_gpu_instancing', which is not read"),
+        ("part.glb", glb(nodes={"skin": 0}), "a skin that bones move"),
+        ("part.glb", glb(meshes={"weights": [0.0, 1.0]}), "a mesh that is morphed"),
+        ("part.glb", glb(meshes={"primitives": [{"attributes": {"POSITION": 0}, "mode": 6}]}), "a fan of triangles"),
+        ("part.glb", glb(extensionsRequired=["KHR_draco_mesh_compression"]), "'KHR_draco_mesh_compression'"),
+        ("part.glb", glb(buffers={"uri": "../other.bin"}), "another file, '../other.bin'"),
+        ("part.3mf", ELSEWHERE, "in another part of the archive, '/3D/part.model'"),
+    ],
+    ids=range(28),
+)
+def test_what_is_not_read_is_refused(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    """Where some of a mesh would be missing from the obstacle, or stand elsewhere, the file is refused."""
+    with pytest.raises(ProblemError) as refused:
+        read(tmp_path, name, content)
+    assert words in str(refused.value)
+
+
+@settings(max_examples=60)
+@given(seed=st.integers(0, 2**32), count=st.integers(4, 30))
+def test_a_flat_face_is_cut_into_triangles_that_cover_it(seed: int, count: int) -> None:
+    """Of a jagged face, turned anyhow, the triangles have its area, look its way, and are two fewer than corners."""
+    rng = np.random.default_rng(seed)
+    angles = (np.arange(count) + rng.uniform(0.1, 0.9, count)) * 2.0 * np.pi / count
+    radii = rng.uniform(0.2, 1.0, count)
+    flat = np.column_stack((radii * np.cos(angles), radii * np.sin(angles), np.zeros(count)))
+    following = np.roll(flat, -1, axis=0)
+    size = 0.5 * np.sum(flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0])
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    vertices = np.vstack((rng.normal(size=(2, 3)), flat @ turn.T + rng.normal(size=3)))
+    cut = triangles_of(vertices, np.arange(2, count + 2), np.array([count]))
+    sides = vertices[cut[:, 1:]] - vertices[cut[:, :1]]
+    along = np.cross(sides[:, 0], sides[:, 1]) @ np.cross(turn[:, 0], turn[:, 1])
+    assert len(cut) == count - 2
+    assert np.all(along > -1e-12)
+    assert 0.5 * along.sum() == pytest.approx(size)
+
+
+def test_faces_that_cross_themselves_are_covered() -> None:
+    """Of a star drawn in one line no place within its tips is left open, and faces stay in their order."""
+    points = np.exp(0.8j * np.pi * np.arange(5))
+    vertices = np.column_stack((points.real, points.imag, np.zeros(5)))
+    cut = triangles_of(vertices, np.array([0, 1, 2, 3, 4, 0, 1, 2, 3, 0, 4]), np.array([5, 0, 4, 2]))
+    assert cut.tolist()[:3] == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    assert len(cut) == 5
