@@ -241,6 +241,14 @@ def test_tiny_motions_are_timed_like_large_ones(size: float) -> None:
     assert len(trajectory.time) > 50
 
 
+def test_a_motion_that_takes_for_ever_is_refused() -> None:
+    """Limits that hardly let the arm move are told with the duration, not by a lack of memory for the samples."""
+    with pytest.raises(RetimingError, match=r"the motion takes .* s within the limits") as caught:
+        run(make_path(random_control(3, 3)), even_limits(3, 1e-9, 10.0))
+    assert caught.value.diagnosis.evidence["duration"] > 1e8
+    assert caught.value.diagnosis.advice
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_the_unit_of_time_does_not_matter(scale: float) -> None:
     """Limits scaled as by another unit of time give the same motion in that unit."""

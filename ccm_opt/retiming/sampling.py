@@ -14,6 +14,7 @@ from typing import Protocol, Self
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.retiming.motion_samples import MotionSamples
@@ -74,7 +75,13 @@ def sample_motion(
         coordinates: what the columns of the spline are.
         settings: of sampling.
         jumps: times at which accelerations jump, so that samples are to stand there; None for none [s].
+
+    Raises:
+        RetimingError: the motion is too slow to be sampled like this.
     """
+    most = settings.most_numbers // spline.c.shape[1]
+    if profile.duration / step > most:
+        raise _too_slow(profile.duration, step, most)
     # The small number keeps rounding from adding a step where the duration is a whole number of them.
     count = max(int(np.ceil(profile.duration / step - 1e-9)), settings.least_samples)
     time = np.linspace(0.0, profile.duration, count + 1)
@@ -83,6 +90,18 @@ def sample_motion(
     if jumps is not None:
         time = with_jumps(time, jumps, settings.beside_jump)
     return samples_at(spline, profile, time)
+
+
+def _too_slow(duration: float, step: float, most: int) -> RetimingError:
+    return RetimingError(
+        Diagnosis(
+            reason=f"the motion takes {duration:.4g} s within the limits; {most} steps of {step:.2g} s are the "
+            "most that is written",
+            stage="retiming",
+            advice=("raise the limits on speeds and accelerations: one of them hardly lets the arm move",),
+            evidence={"duration": duration},
+        )
+    )
 
 
 def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:

@@ -106,6 +106,8 @@ class SamplingSettings:
     Attributes:
         step: largest time between two samples [s]. Taste: 250 samples a second, as drives of robots take them.
         least_samples: steps of a short motion, whatever the time between them. Taste.
+        most_numbers: steps times coordinates of the arm; a motion of more is not sampled. Taste: an array of them has a
+            quarter of a gigabyte, and a fed arm of 24 links moves for 40 minutes.
         spare_share: share of the gap that a path is certified to spare that chords between samples may use. Derived:
             the other half is the verifier's, whose bounds are not sharp.
         hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives, which the driver puts in its
@@ -134,6 +136,7 @@ class SamplingSettings:
 
     step: float = 4e-3
     least_samples: int = 100
+    most_numbers: int = 30_000_000
     spare_share: float = 0.5
     hair: float = 5e-7
     most_pieces: int = 32
