@@ -143,7 +143,8 @@ def _touch(
     elif free > 0.0:
         how = f"{what} overlaps '{wall.name}' by {short_length(free)}"
     else:
-        how = f"{what} comes within {short_length(-free)} of '{wall.name}', the clearance is {short_length(clearance)}"
+        near = short_length(-free) if -free > ROUNDING else "a hair"
+        how = f"{what} comes within {near} of '{wall.name}', the clearance is {short_length(clearance)}"
     return contact_finding(problem, key, f"the {name} is in contact: {how}", where, wall.name, gap, play)
 
 

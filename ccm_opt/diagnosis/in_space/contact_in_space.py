@@ -118,7 +118,7 @@ def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: Obstacl
     elif free > 0.0:
         how = f"{what} overlaps '{found.name}' by {short_length(free)} at {at(place)}"
     else:
-        near = short_length(-free)
+        near = short_length(-free) if -free > ROUNDING else "a hair"
         how = f"{what} comes within {near} of '{found.name}' at {at(place)}, the clearance is {short_length(clearance)}"
     return contact_finding(problem, key, f"the {name} is in contact: {how}", place, found.name, gap, play)
 
