@@ -76,3 +76,14 @@ def test_goals_of_a_tour_are_numbered_in_every_view() -> None:
         axes = Figure().add_subplot()
         draw_goals_in_space(axes, shown, SIDES[0], points)
         assert [text.get_text() for text in axes.texts if text.get_text()] == numbers
+
+
+def test_places_to_pass_are_named_in_the_legend() -> None:
+    """The crosses of a goal with places to pass stand in the legend once, and there is none without them."""
+    plan = solved()
+    points = plan.joint_positions
+    for via, named in (((), 0), ((points[1, -1], points[2, -1]), 1)):
+        problem = replace(plan.problem, goal=SpaceTipGoal(points[-1, -1], via=via))
+        axes = Figure().add_subplot()
+        draw_goals_in_space(axes, replace(plan, problem=problem), SIDES[0], points)
+        assert axes.get_legend_handles_labels()[1].count("to pass") == named

@@ -187,7 +187,7 @@ def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side,
         tip: where the tip ends, for a goal of the whole arm, shape (3,) [m].
         side: of the view.
         ahead: length of the arrow [m].
-        label: in the legend.
+        label: in the legend, where the places to pass are named too; empty for none.
     """
     place = goal.position if isinstance(goal, SpaceTipGoal) else tip
     axes.plot(
@@ -200,8 +200,11 @@ def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side,
         end = side(place + ahead * goal.direction)
         arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.5, "shrinkA": 0.0, "shrinkB": 0.0}
         axes.annotate("", xy=tuple(end), xytext=tuple(side(place)), arrowprops=arrow, zorder=9)
-    for passed in goal.via:
-        axes.plot(*side(passed), marker="x", markersize=6, color=style.GOAL_MARK, linestyle="none", zorder=9)
+    if goal.via:
+        axes.plot(
+            *np.transpose([side(place) for place in goal.via]), marker="x", markersize=6, color=style.GOAL_MARK,
+            linestyle="none", zorder=9, label="to pass" if label else "",
+        )  # fmt: skip
 
 
 def dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
