@@ -100,7 +100,7 @@ def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PI
 def legend_below_views(figure: Figure, settings: SpacePictureSettings) -> None:
     """One legend for all views, of what is in the first of them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    legend = figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    legend = figure.legend(handles, labels, loc="lower center", ncols=6, frameon=False, fontsize=style.FONT_SIZE)
     for line in legend.get_lines():
         # A thick arm would cover its own name.
         line.set_linewidth(min(line.get_linewidth(), settings.legend_width))
