@@ -102,6 +102,33 @@ def test_closed_streams_are_no_failure(tmp_path: Path, numbers: tuple[int, ...])
     assert checked.returncode == 0, checked.stderr
 
 
+@pytest.mark.skipif(os.name != "posix", reason="numbers of streams are inherited by POSIX systems")
+def test_programs_that_are_started_have_the_streams_that_were_closed(tmp_path: Path) -> None:
+    """What a command starts finds no standard stream closed either, and takes none of its pipes for one.
+
+    The runs of ``compare`` did: with all three closed they ended by signals that nobody had sent.
+    """
+    script = (
+        "import subprocess, sys\n"
+        "from ccm_opt.cli.surroundings import use_sound_streams\n"
+        "use_sound_streams()\n"
+        "looks = 'import os; [os.fstat(number) for number in range(3)]'\n"
+        "sys.exit(subprocess.run([sys.executable, '-c', looks]).returncode)\n"
+    )
+    assert ended("-c", script, cwd=tmp_path, first=closing(0, 1, 2)).returncode == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="how many files processes for workers need differs")
+def test_workers_that_cannot_be_had_are_told_in_a_line(tmp_path: Path) -> None:
+    """Where the system allows too few open files for processes, one line says so."""
+    command = ("-m", "ccm_opt", "compare", str(OPEN_SPACE), "--no-pictures", "--workers", "1", "--out", "c")
+    few = 8
+    run = ended(*command, cwd=tmp_path, first=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (few, few)))
+    assert run.returncode == 2
+    assert "Traceback" not in run.stderr
+    assert "processes for workers cannot be had" in run.stderr.splitlines()[-1]
+
+
 def test_a_locale_without_the_letters_of_a_name_is_told(foreign: Path) -> None:
     """Where no folder can have the name, one line says so and what to do."""
     run = ended("-m", "ccm_opt", "solve", foreign.name, "--no-pictures", cwd=foreign.parent, environment=ASCII)

@@ -33,12 +33,14 @@ def use_sound_streams() -> None:
 
 
 def _fill_up_to(number: int) -> None:
-    """Open nothing until a number is taken; the lower ones are."""
+    """Open nothing until a number is taken, for this process and for those that it starts; the lower ones are."""
     with suppress(OSError):
         opened = os.open(os.devnull, os.O_RDWR)
         if opened != number:
             os.dup2(opened, number)
             os.close(opened)
+        # Python's own files are closed where another program begins, whose next file would get the number then.
+        os.set_inheritable(number, True)  # noqa: FBT003 - it has no name
 
 
 def too_little_memory() -> str:

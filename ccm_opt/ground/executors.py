@@ -80,12 +80,22 @@ class LocalWorkers:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """An executor with fresh processes; they are ended at the exit, also when they are still at work."""
+        """An executor with fresh processes; they are ended at the exit, also when they are still at work.
+
+        Raises:
+            ProblemError: the system allows none.
+        """
         # Not forked: locks and threads of numerical libraries do not survive that in a child.
         context = multiprocessing.get_context("spawn")
         # The executor does not publish its processes; those that are new from here on are its own.
         before = set(multiprocessing.active_children())
-        executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_serve_parent)
+        try:
+            executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_serve_parent)
+        except OSError as error:
+            raise ProblemError(
+                f"{self.count} processes for workers cannot be had: {error.strerror or error}; see ulimit -n, or take "
+                f"fewer workers"
+            ) from error
         try:
             yield executor, self.settings.tasks_per_process * self.count
         except BaseException:
