@@ -19,11 +19,13 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ground import c_compiler, compiled_source, library_cache
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, CompilerError, compile_library, has_compiler
-from ccm_opt.ground.compiled_source import LibraryRecipe, library_of
+from ccm_opt.ground.compiled_source import SLOWER, LibraryRecipe, library_of
 from ccm_opt.ground.compiler_settings import CompilerSettings
 from ccm_opt.ground.library_cache import CACHE_VARIABLE, cache_folder, digest_file, is_whole
 from ccm_opt.ground.machine_code import FLAGS, levels_here
 from ccm_opt.ground.prebuilding import prebuild, recipes_of_sources
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.scene.surfaces import SurfaceSoup
 from tests.dynamics_arms import swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -91,6 +93,19 @@ def test_a_strange_compiler_is_no_failure(
     assert "compiled code is not used" in caplog.messages[0]
     assert "\n" not in caplog.messages[0]
     assert time.monotonic() - begun < 30.0  # the child that hangs does so for a minute
+
+
+def test_a_scene_in_space_tells_it_no_second_time(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """However many scenes numpy searches, one line says that compiled code is not used, and what that costs."""
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    soup = SurfaceSoup(np.eye(3)[None], np.zeros(1), np.zeros(1, dtype=np.intp), ("a triangle",))
+    for _ in range(3):
+        assert SurfaceTree.of(soup).distances(np.zeros((1, 2, 3)), 1.0) == pytest.approx(1.0 / np.sqrt(3.0))
+    assert caplog.messages == [
+        f"compiled code is not used, and plans take {SLOWER}: {COMPILER_VARIABLE} is empty",
+    ]
 
 
 @posix
@@ -197,7 +212,7 @@ def test_what_others_can_write_is_not_loaded(cache: Path, caplog: pytest.LogCapt
     cache.chmod(0o770)
     assert library_of(ONE, ("one",)) is None
     (message,) = caplog.messages
-    assert message.startswith("compiled code is not used, and plans take several times as long: others can write in")
+    assert message.startswith(f"compiled code is not used, and plans take {SLOWER}: others can write in")
     assert message.endswith(f"remove it, or name another folder by {CACHE_VARIABLE}")
 
 

@@ -1,6 +1,5 @@
 """The surfaces of a scene, and what is asked of them: distances, witnesses, and half-spaces free of them."""
 
-import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +13,6 @@ from ccm_opt.space.distances.surface_boxes import boxes_by_numpy
 from ccm_opt.space.distances.surface_search import SurfaceSearch
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 
-logger = logging.getLogger(__name__)
 _MOST_TRIANGLES = 2**30
 """Nodes are numbered in 32 bits."""
 
@@ -56,7 +54,6 @@ class SurfaceTree:
         else:
             boxes = boxes_by_numpy(soup.triangles, soup.rounding, settings.leaf)
         if search is None:
-            logger.warning("distances in space are taken by numpy, which takes some hundred times as long")
             search = NumpySearch(boxes)
         return cls(soup.owner[boxes.order], search, settings)
 
