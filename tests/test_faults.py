@@ -19,8 +19,10 @@ from ccm_opt.ground.c_compiler import has_compiler
         ["solve", "--cold", "--count", "3"],
         ["check", "--count", "3"],
         ["compare", "--count", "2"],
+        ["solve", "--space", "--count", "4"],
+        ["check", "--space", "--count", "2"],
     ],
-    ids=["solve", "solve, compiling", "check", "compare"],
+    ids=["solve", "solve, compiling", "check", "compare", "solve in space", "check in space"],
 )
 def test_what_fails_underneath_leaves_the_old_result_or_the_new_one(arguments: list[str]) -> None:
     """Whatever fails, there is a whole result, the user's file is still there, and a line says what happened."""

@@ -15,20 +15,21 @@ from tests.faults import injection
 
 injection.install()
 
-from tests.faults.commands import PROBLEM, Bench, run  # noqa: E402 - solvers are met from here on
+from tests.faults.commands import IN_SPACE, PROBLEM, Bench, run  # noqa: E402 - solvers are met from here on
 
 
 def main() -> int:
     """Run one command under faults."""
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
     parser.add_argument("command", choices=("solve", "check", "export", "compare"))
+    parser.add_argument("--space", action="store_true", help="a problem in space")
     parser.add_argument("--cold", action="store_true", help="compile all libraries anew each time")
     parser.add_argument("--every", action="store_true", help="let every operation fail in turn")
     parser.add_argument("--count", type=int, default=20, help="so many operations drawn at random")
     parser.add_argument("--seed", type=int, help="of the draws")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as root:
-        bench = Bench(Path(root))
+        bench = Bench(Path(root), IN_SPACE if options.space else PROBLEM)
         bench.prepare()
         return swept(bench, options)
 
@@ -40,7 +41,15 @@ def arguments_of(command: str, bench: Bench) -> list[str]:
     if command == "check":
         return ["check", str(bench.target)]
     if command == "compare":
-        return ["compare", str(PROBLEM), "--method", "nlp", "--out", str(bench.root / "comparison"), "--no-pictures"]
+        return [
+            "compare",
+            str(bench.problem),
+            "--method",
+            "nlp",
+            "--out",
+            str(bench.root / "comparison"),
+            "--no-pictures",
+        ]
     return ["export", str(bench.target), "--format", "urdf", "--out", str(bench.root / "arm.urdf")]
 
 

@@ -20,6 +20,7 @@ from tests.conftest import PROBLEMS
 from tests.faults.injection import Faults, injected
 
 PROBLEM = PROBLEMS / "swan-neck.toml"
+IN_SPACE = PROBLEMS / "space" / "swan-neck-in-space.toml"
 NOTE = "notes.txt"
 """A file of the user's in the output folder."""
 KEPT_COMPILER = Path(__file__).parent / "kept_compiler.sh"
@@ -97,9 +98,11 @@ class Bench:
 
     Attributes:
         root: a folder of its own.
+        problem: file of the problem that is solved.
     """
 
     root: Path
+    problem: Path = PROBLEM
 
     @property
     def out(self) -> Path:
@@ -109,7 +112,7 @@ class Bench:
     @property
     def target(self) -> Path:
         """The folder of the plan."""
-        return self.out / PROBLEM.stem
+        return self.out / self.problem.stem
 
     @property
     def earlier(self) -> Path:
@@ -123,7 +126,7 @@ class Bench:
 
     def solve(self, *more: str) -> list[str]:
         """Arguments of the command that makes a plan."""
-        return ["solve", str(PROBLEM), "--out", str(self.out), "--no-pictures", "--quiet", *more]
+        return ["solve", str(self.problem), "--out", str(self.out), "--no-pictures", "--quiet", *more]
 
     def prepare(self) -> None:
         """Make the earlier plan and the later one."""
