@@ -77,13 +77,13 @@ class SpaceKeyframeProgram:
             upper = np.concatenate((upper, np.full(len(least_gain), _FAR)))
         least = np.full((count, p + 1), -_FAR)
         least[:, p] = 0.0
-        solver = piqp.SparseSolver()
-        solver.settings.verbose = False
-        solver.settings.kkt_solver = piqp.sparse_multistage
-        solver.settings.eps_abs = self.settings.tolerance
-        solver.settings.eps_rel = self.settings.tolerance
-        solver.settings.max_iter = self.settings.iterations
         try:
+            solver = piqp.SparseSolver()
+            solver.settings.verbose = False
+            solver.settings.kkt_solver = piqp.sparse_multistage
+            solver.settings.eps_abs = self.settings.tolerance
+            solver.settings.eps_rel = self.settings.tolerance
+            solver.settings.max_iter = self.settings.iterations
             solver.setup(
                 hessian,
                 linear,
