@@ -21,7 +21,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, CompilerError, compile_library, has_compiler
 from ccm_opt.ground.compiled_source import SLOWER, LibraryRecipe, library_of
 from ccm_opt.ground.compiler_settings import CompilerSettings
-from ccm_opt.ground.library_cache import CACHE_VARIABLE, cache_folder, digest_file, is_whole
+from ccm_opt.ground.library_cache import CACHE_VARIABLE, digest_file, is_whole
 from ccm_opt.ground.machine_code import FLAGS, levels_here
 from ccm_opt.ground.prebuilding import prebuild, recipes_of_sources
 from ccm_opt.space.distances.surface_tree import SurfaceTree
@@ -54,7 +54,7 @@ def cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     monkeypatch.delenv(COMPILER_VARIABLE, raising=False)
     monkeypatch.setattr(compiled_source, "PREBUILT", tmp_path / "none")
     compiled_source.forget_troubles()
-    yield cache_folder()
+    yield tmp_path / "cache" / "libraries"
     compiled_source.forget_troubles()
 
 
@@ -195,6 +195,43 @@ def test_a_library_without_its_digest_is_compiled_again(cache: Path) -> None:
     digest_file(path).unlink()
     assert library_of(ONE, ("one",)) is not None
     assert is_whole(path)
+
+
+@needs_compiler
+@posix
+@pytest.mark.parametrize("which", ["library", "digest"])
+def test_a_pipe_in_the_cache_is_not_waited_for(which: str, cache: Path) -> None:
+    """What is no file is not read, but replaced: nobody ever writes to a pipe that was left there."""
+    library_of(ONE, ("one",))
+    (path,) = libraries(cache)
+    place = path if which == "library" else digest_file(path)
+    place.unlink()
+    os.mkfifo(place, 0o600)
+    assert library_of(ONE, ("one",)) is not None
+    assert is_whole(path)
+
+
+@pytest.mark.parametrize("says", ["raises", "tells the tilde"])
+def test_an_account_without_a_home_is_no_failure(
+    says: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where there is no place for a cache one line says what to set, and no folder with the name of a tilde is made."""
+
+    def homeless(*_: object, **_options: object) -> str:
+        if says == "raises":
+            raise RuntimeError("could not determine the home directory")
+        return "~/.cache/ccm_opt"
+
+    monkeypatch.delenv(CACHE_VARIABLE)
+    monkeypatch.setattr(library_cache.platformdirs, "user_cache_dir", homeless)
+    monkeypatch.setattr(compiled_source, "find_compiler", lambda: "cc")
+    monkeypatch.chdir(tmp_path)
+    assert library_of(ONE, ("one",)) is None
+    (message,) = caplog.messages
+    assert message.endswith(
+        f"the user has no home for compiled libraries: set HOME, or name a folder by {CACHE_VARIABLE}"
+    )
+    assert not list(tmp_path.iterdir())
 
 
 @needs_compiler

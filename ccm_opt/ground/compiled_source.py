@@ -11,7 +11,15 @@ from functools import cache
 from pathlib import Path
 
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, CompilerError, find_compiler
-from ccm_opt.ground.library_cache import PREBUILT, cache_folder, compile_into, is_mine_alone, is_whole, make_folder
+from ccm_opt.ground.library_cache import (
+    CACHE_VARIABLE,
+    PREBUILT,
+    cache_folder,
+    compile_into,
+    is_mine_alone,
+    is_whole,
+    make_folder,
+)
 from ccm_opt.ground.machine_code import SUFFIX, best_level, target
 
 logger = logging.getLogger(__name__)
@@ -56,7 +64,9 @@ def compiled_source(source: Path, symbols: tuple[str, ...]) -> ctypes.PyDLL | No
 
 
 @cache
-def _library_of_source(source: Path, symbols: tuple[str, ...], chosen: str | None, folder: Path) -> ctypes.PyDLL | None:
+def _library_of_source(
+    source: Path, symbols: tuple[str, ...], chosen: str | None, folder: Path | None
+) -> ctypes.PyDLL | None:
     """As ``compiled_source``; looked for once for a compiler and a folder of the cache."""
     del chosen, folder
     return library_of(source_recipe(source), symbols)
@@ -92,6 +102,10 @@ def _cached(recipe: LibraryRecipe, symbols: Sequence[str], chosen: str | None) -
     """
     compiler = find_compiler()
     folder = cache_folder()
+    if folder is None:
+        raise CompilerError(
+            f"the user has no home for compiled libraries: set HOME, or name a folder by {CACHE_VARIABLE}"
+        )
     make_folder(folder)
     path = folder / recipe.file_name(best_level(), chosen)
     library = _loaded(path, symbols) if path.exists() and is_mine_alone(path) else None
@@ -133,15 +147,15 @@ def pointer_to(struct: ctypes.Structure) -> ctypes.c_void_p:
     return pointer
 
 
-_TROUBLES: dict[tuple[str | None, Path], str] = {}
+_TROUBLES: dict[tuple[str | None, Path | None], str] = {}
 """Why there is no compiling, by compiler and cache: one that failed once is not asked again."""
 
 
-def _trouble(chosen: str | None, folder: Path) -> str | None:
+def _trouble(chosen: str | None, folder: Path | None) -> str | None:
     return _TROUBLES.get((chosen, folder))
 
 
-def _note_trouble(chosen: str | None, folder: Path, reason: str) -> None:
+def _note_trouble(chosen: str | None, folder: Path | None, reason: str) -> None:
     _TROUBLES[chosen, folder] = reason
     logger.warning("compiled code is not used, and plans take %s: %s", SLOWER, reason)
 

@@ -17,18 +17,28 @@ from pathlib import Path
 import platformdirs
 
 from ccm_opt.ground.c_compiler import CompilerError, compile_library
+from ccm_opt.ground.plain_file import read_plain
 
 CACHE_VARIABLE = "CCM_OPT_CACHE"
 """Environment variable that names the folder of the cache."""
 PREBUILT = Path(__file__).with_name("prebuilt")
 """Folder of the libraries that were compiled when the package was built or installed."""
+_MOST_BYTES = 2**26
+"""No library is nearly as large [bytes]."""
 _UNFINISHED = "unfinished-"
 _HOUR = 3600.0
 
 
-def cache_folder() -> Path:
-    """Folder of the compiled libraries: under ``CCM_OPT_CACHE`` or the user's cache folder."""
-    root = os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_dir("ccm_opt", appauthor=False)
+def cache_folder() -> Path | None:
+    """Folder of the compiled libraries: under ``CCM_OPT_CACHE`` or the user's cache folder; None without a home."""
+    root = os.environ.get(CACHE_VARIABLE)
+    if not root:
+        try:
+            root = platformdirs.user_cache_dir("ccm_opt", appauthor=False)
+        except RuntimeError:  # an account that the system does not know, as in containers
+            return None
+        if root.startswith("~"):  # so say versions that do not raise
+            return None
     return Path(root) / "libraries"
 
 
@@ -41,11 +51,11 @@ def is_whole(path: Path) -> bool:
     """Whether a library has the size and the digest that it had when it was made.
 
     Raises:
-        OSError: what is there cannot be read.
+        OSError: what is there cannot be read, or is no file.
     """
     try:
-        told = digest_file(path).read_text(encoding="ascii", errors="replace").split()
-        content = path.read_bytes()
+        told = read_plain(digest_file(path), _MOST_BYTES).decode("ascii", errors="replace").split()
+        content = read_plain(path, _MOST_BYTES)
     except FileNotFoundError:
         return False
     return told == [hashlib.sha256(content).hexdigest(), str(len(content))]
