@@ -129,6 +129,25 @@ def test_workers_that_cannot_be_had_are_told_in_a_line(tmp_path: Path) -> None:
     assert "processes for workers cannot be had" in run.stderr.splitlines()[-1]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems keep a directory that somebody is in")
+def test_a_working_directory_that_was_removed_is_no_bug(tmp_path: Path) -> None:
+    """Processes have to begin in it, so one line says that it is gone, and nothing is said of bugs."""
+    gone = tmp_path / "gone"
+    gone.mkdir()
+
+    def leave() -> None:
+        os.chdir(gone)
+        gone.rmdir()
+
+    command = ("-m", "ccm_opt", "compare", str(OPEN_SPACE), "--no-pictures", "--method", "nlp", "--workers", "1")
+    path = {"PYTHONPATH": os.pathsep.join((str(PROBLEMS.parent), os.environ.get("PYTHONPATH", "")))}
+    run = ended(*command, "--out", str(tmp_path / "c"), cwd=tmp_path, environment=path, first=leave)
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.splitlines() == [
+        "error: processes for workers cannot be had: the working directory is gone",
+    ]
+
+
 def test_a_locale_without_the_letters_of_a_name_is_told(foreign: Path) -> None:
     """Where no folder can have the name, one line says so and what to do."""
     run = ended("-m", "ccm_opt", "solve", foreign.name, "--no-pictures", cwd=foreign.parent, environment=ASCII)

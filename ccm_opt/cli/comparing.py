@@ -4,7 +4,7 @@ import itertools
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,8 +79,9 @@ def compare_methods(options: CompareOptions) -> int:
 
 
 def _compare(options: CompareOptions) -> int:
-    if str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
+    with suppress(FileNotFoundError):  # a working directory that was removed has no planners
+        if str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
     cases = chosen_cases(options)
     methods = check_methods((*(options.methods or DEFAULT), *options.planners))
     workers: Workers = DaskWorkers(options.dask) if options.dask else LocalWorkers(options.workers)

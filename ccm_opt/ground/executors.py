@@ -19,6 +19,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import wait
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, Generic, Protocol, TypeVar
@@ -89,6 +90,10 @@ class LocalWorkers:
         context = multiprocessing.get_context("spawn")
         # The executor does not publish its processes; those that are new from here on are its own.
         before = set(multiprocessing.active_children())
+        try:
+            Path.cwd()  # processes begin there, and without it each task would fail by itself
+        except OSError as error:
+            raise ProblemError("processes for workers cannot be had: the working directory is gone") from error
         try:
             executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_serve_parent)
         except OSError as error:
