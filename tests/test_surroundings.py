@@ -206,6 +206,18 @@ def test_planning_that_falls_silent_is_ended_from_outside(tmp_path: Path) -> Non
     assert "nothing was heard" in record["diagnosis"]["reason"]
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")
+def test_planning_that_falls_silent_is_ended_where_nobody_reads_of_it(tmp_path: Path) -> None:
+    """The line that says so cannot be written, as after ``2>&1 | head -1``; the process is ended, with its record."""
+    script = SILENT.format(file=str(OPEN_SPACE), out=str(tmp_path), grace=0.5, times=0, silence=60)
+    reads, writes = os.pipe()
+    os.close(reads)
+    run = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, stderr=writes, timeout=300, check=False)
+    os.close(writes)
+    assert run.returncode in {NO_PLAN, -signal.SIGKILL}
+    assert json.loads((tmp_path / "open-space" / "solution.json").read_text())["status"] == "timed-out"
+
+
 HANGING = """
 import ctypes
 import time

@@ -121,7 +121,8 @@ def _listen(
 def _end(command: int, name: str, silence: float, record: Recorder | None, settings: WatchdogSettings) -> None:
     """Say why, leave the record, and end the command, which is the last that anybody waits for."""
     reason = f"nothing was heard of planning for {silence:g} s, so it was ended; memory may have run out"
-    os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
+    with suppress(OSError):  # whoever read it may have gone, and the command is to end all the same
+        os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
     try:
         if record is not None:
             record(TimeLimitReached.unproved_status, Diagnosis(reason, "planning", advice=(MORE_MEMORY,)))
