@@ -1,5 +1,6 @@
 """Starts and goals inside of bodies or in contact are told with the obstacle's name, the place and the depth."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.space.planner import SpacePlanner
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
 from ccm_opt.space.scene.enclosures import deepest_enclosure
 from tests.space_files import CUBE, binary_stl, written
 
@@ -63,3 +64,66 @@ def test_one_place_inside_tells_of_all(tmp_path: Path) -> None:
     assert found is not None
     assert (found.name, found.number, found.depth) == ("part", 1, pytest.approx(0.3))
     assert deepest_enclosure(workspace, places[2:]) is None
+
+
+ON_A_TABLE = """\
+schema = 1
+space = 3
+name = "on-a-table"
+
+[workspace]
+bounds = [[-0.5, -1, -0.5], [1.5, 1, 1.5]]
+
+[[workspace.obstacles]]
+name = "table"
+box = [[0.3, -0.5, -0.1], [1.2, 0.5, {top!r}]]
+
+[arm]
+links = 16
+link_length = 0.0625
+radius = 0.02
+base = {{ position = [0, 0, 0], direction = [1, 0, 0], up = [0, 0, 1] }}
+joint_limit_deg = 60
+
+[limits]
+velocity = 1.0
+acceleration = 5.0
+
+[start]
+shape = "straight"
+
+[goal]
+{goal}
+"""
+LIFTED = "position = [0.65, 0.4, 0.35]"
+
+
+def on_a_table(folder: Path, gap: float, goal: str = LIFTED) -> SpaceProblem:
+    """A straight arm so far above a table [m]."""
+    file = folder / "on-a-table.toml"
+    file.write_text(ON_A_TABLE.format(top=-0.02 - gap, goal=goal))
+    problem = ccm_opt.load_problem(file)
+    assert isinstance(problem, SpaceProblem)
+    return problem
+
+
+@pytest.mark.parametrize("gap", [1e-3, 5e-5, 5e-6])
+def test_an_arm_is_lifted_off_what_it_nearly_lies_on(tmp_path: Path, gap: float) -> None:
+    """What is proved to be spared gives way to the little room of a start, and the plan is verified."""
+    solution = ccm_opt.solve(on_a_table(tmp_path, gap))
+    assert solution.room is not None
+    assert solution.room.nearest.gap == pytest.approx(gap, abs=1e-8)
+
+
+@pytest.mark.parametrize("gap", [2e-7, 0.0])
+def test_an_end_without_room_to_leave_it_is_refused(tmp_path: Path, gap: float) -> None:
+    """A start, or a goal of the whole arm, that leaves nothing to prove is told with link and obstacle."""
+    with pytest.raises(ProblemError, match=r"the start has no room: link 5 and 'table' at .* too near"):
+        SpacePlanner().plan(on_a_table(tmp_path, gap))
+    laid = "joints_deg = [" + ", ".join(["[0, 0]"] * 16) + "]"
+    lifted = on_a_table(tmp_path, gap, laid)
+    bent = np.zeros((16, 2))
+    bent[0, 1] = -0.3
+    lifted = replace(lifted, start=SpaceJointPose(bent))
+    with pytest.raises(UnreachableGoal, match=r"the goal pose has no room: link 5 and 'table' at .* too near"):
+        SpacePlanner().plan(lifted)

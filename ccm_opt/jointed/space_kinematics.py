@@ -3,6 +3,7 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.compiled_poses import compiled_poses
 from ccm_opt.jointed.space_arm import SpaceArm
 
@@ -27,6 +28,24 @@ def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> F
     if arm.base_axes:
         positions += arm.coordinates.advance(q)[..., None, None] * arm.direction
     return positions
+
+
+def exposed_links(arm: SpaceArm, points: FloatArray) -> tuple[int, FloatArray]:
+    """Index of the first link beyond the mount, and the axes of the links from its end on.
+
+    Args:
+        arm: the arm.
+        points: joints and tip of one pose or of several, shape (..., links + 1, 3) [m].
+
+    Returns:
+        The index, and axes of shape (..., k, 2, 3) [m]; none where the whole arm is mount.
+    """
+    first, share = arm.mount_end
+    if share > 1.0 - ROUNDING:
+        return arm.links, np.zeros((*points.shape[:-2], 0, 2, 3))
+    axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
+    axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
+    return first, axes
 
 
 def link_rotations(arm: SpaceArm, q: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import place, short_length
 from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.jointed.space_kinematics import exposed_links, joint_positions
 from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.task import SpaceTask
@@ -29,10 +29,18 @@ def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
     contact = contact_words(problem, task, task.start)
     if contact:
         raise ProblemError(f"the start is in contact: {contact}")
+    least = 2.0 * task.least_spare
+    near = contact_of(task, task.start, least)
+    if near:
+        raise ProblemError(f"the start has no room: {near} for a motion from there that can be proved")
     if task.goal_pose is not None:
         contact = contact_words(problem, task, task.goal_pose)
         if contact:
             raise UnreachableGoal(Diagnosis(f"the goal pose is in contact: {contact}", "necessary checks"))
+        near = contact_of(task, task.goal_pose, least)
+        if near:
+            reason = f"the goal pose has no room: {near} for a motion to it that can be proved"
+            raise UnreachableGoal(Diagnosis(reason, "necessary checks"))
     if task.goal is not None:
         refuse_goal(problem, task, task.goal)
 
@@ -86,16 +94,13 @@ def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: Spac
         )
 
 
-def contact_of(task: SpaceTask, q: FloatArray) -> str:
-    """What a configuration touches, in words; empty where it touches nothing."""
+def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
+    """What a configuration touches, or is nearer to than so much beyond contact [m], in words; empty where nothing."""
     arm = task.arm
     points = joint_positions(arm, q)
-    first = int(arm.mount_length / arm.link_length + 1e-9)
-    if first < arm.links:
-        segments = np.stack((points[first:-1], points[first + 1 :]), axis=1)
-        share = arm.mount_length / arm.link_length - first
-        segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
-        kept = arm.radius + task.clearance
+    first, segments = exposed_links(arm, points)
+    if len(segments):
+        kept = arm.radius + task.clearance + beyond
         near = task.tree.nearest(segments, kept + arm.link_length)
         k = int(np.argmin(near.gap))
         if near.gap[k] < kept - ROUNDING:
@@ -104,10 +109,11 @@ def contact_of(task: SpaceTask, q: FloatArray) -> str:
                 f"link {first + k + 1} and '{task.names[near.owner[k]]}' at {place(near.point[k])}, {missing} too near"
             )
     if arm.self_collision:
-        pairs = task.certificate.motion.near_pairs(points, 2.0 * arm.radius)
+        kept = 2.0 * arm.radius + beyond
+        pairs = task.certificate.motion.near_pairs(points, kept)
         if len(pairs.first):
             k = int(np.argmin(pairs.distance))
-            missing = short_length(2.0 * arm.radius - float(pairs.distance[k]))
+            missing = short_length(kept - float(pairs.distance[k]))
             return f"link {pairs.first[k] + 1} and link {pairs.second[k] + 1}, {missing} too near"
     return ""
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.jointed.space_kinematics import exposed_links
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.space_link_motion import LinkMotion
 from ccm_opt.space.problem import SpaceProblem
@@ -67,13 +68,9 @@ class GapsAtSamples:
 
 def _walls(problem: SpaceProblem, tree: SurfaceTree, points: FloatArray, reach: float) -> NearestOfSamples:
     arm = problem.arm
-    link, share = arm.mount_end
-    segments = np.stack((points[:, :-1], points[:, 1:]), axis=2)
-    # Of the link on which the mount ends, what is beyond it; of those before, nothing.
-    segments[:, link, 0] += share * (segments[:, link, 1] - segments[:, link, 0])
-    exposed = np.ascontiguousarray(segments[:, link:])
+    link, exposed = exposed_links(arm, points)
     count = len(points)
-    if share >= 1.0 or len(problem.workspace.soup) == 0:
+    if link == arm.links or len(problem.workspace.soup) == 0:
         return _nothing(count, reach)
     found = tree.nearest(exposed.reshape(-1, 2, 3), reach + arm.radius, together=exposed.shape[1])
     gap = found.gap.reshape(count, -1) - arm.radius

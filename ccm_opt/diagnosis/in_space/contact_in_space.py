@@ -21,7 +21,7 @@ from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.length_words import short_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.jointed.space_kinematics import exposed_links, joint_positions
 from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.enclosures import deepest_enclosure
@@ -70,16 +70,6 @@ def _walls_touched(problem: SpaceProblem, gaps: ObstacleGaps, pose: WholeSpacePo
         touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", found, k, 0.0)
         lacking = need - found.gaps - found.error - pose.link_play(arm)[first:]
         yield replace(touch, proved=bool(np.max(lacking) > overlap_missed(arm)))
-
-
-def exposed_links(arm: SpaceArm, points: FloatArray) -> tuple[int, FloatArray]:
-    """Index of the first link beyond the mount, and the axes of the links from there, shape (k, 2, 3) [m]."""
-    first, share = arm.mount_end
-    if share > 1.0 - 1e-9:  # the whole arm is mount
-        return arm.links, np.zeros((0, 2, 3))
-    segments = np.stack((points[first:-1], points[first + 1 :]), axis=1)
-    segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
-    return first, segments
 
 
 def _tip_blocked(problem: SpaceProblem, gaps: ObstacleGaps, place: SpaceTipPlace) -> Iterator[Finding]:

@@ -9,12 +9,14 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import exposed_links, joint_positions
 from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_link_motion import LinkMotion
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
@@ -76,9 +78,33 @@ class SpaceTask:
     @cached_property
     def certificate(self) -> SpaceCertificate:
         """Of the motion; it spares a little gap for what the path between samples may use."""
-        spare = self.settings.certificate.spare * self.unit
-        gap = self.clearance + spare
-        return SpaceCertificate(self.arm, self.tree, gap, spare, self.settings.certificate, self.user)
+        gap = self.clearance + self.spare
+        return SpaceCertificate(self.arm, self.tree, gap, self.spare, self.settings.certificate, self.user)
+
+    @cached_property
+    def spare(self) -> float:
+        """Gap that is proved beyond the clearance: as asked, or half of what there is where the motion ends [m]."""
+        most = self.settings.certificate.spare * self.unit
+        ends = (self.start,) if self.goal_pose is None else (self.start, self.goal_pose)
+        room = min(self._room(q, 2.0 * most) for q in ends)
+        return most if room >= most else max(0.5 * room, self.least_spare)
+
+    @property
+    def least_spare(self) -> float:
+        """No smaller gap is proved [m]."""
+        return self.settings.certificate.least_spare * self.unit
+
+    def _room(self, q: FloatArray, most: float) -> float:
+        """Least gap of a configuration beyond the clearance, or between its links, up to so much [m]."""
+        arm = self.arm
+        points = joint_positions(arm, q)
+        _, axes = exposed_links(arm, points)
+        kept = arm.radius + self.clearance
+        room = float(np.min(self.tree.distances(axes, kept + most), initial=kept + most)) - kept
+        if arm.self_collision:
+            nearest = LinkMotion(arm).nearest_pairs(points[None], 2.0 * arm.radius + most)
+            room = min(room, float(nearest.distance[0]) - 2.0 * arm.radius)
+        return room
 
     @cached_property
     def margin(self) -> float:
