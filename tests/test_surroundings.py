@@ -140,7 +140,9 @@ def test_a_working_directory_that_was_removed_is_no_bug(tmp_path: Path) -> None:
         gone.rmdir()
 
     command = ("-m", "ccm_opt", "compare", str(OPEN_SPACE), "--no-pictures", "--method", "nlp", "--workers", "1")
-    path = {"PYTHONPATH": os.pathsep.join((str(PROBLEMS.parent), os.environ.get("PYTHONPATH", "")))}
+    # An empty part would be the working directory, without which Python itself does not start.
+    parts = [str(PROBLEMS.parent), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    path = {"PYTHONPATH": os.pathsep.join(parts)}
     run = ended(*command, "--out", str(tmp_path / "c"), cwd=tmp_path, environment=path, first=leave)
     assert run.returncode == 2, run.stderr
     assert run.stderr.splitlines() == [
