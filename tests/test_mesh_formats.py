@@ -240,3 +240,20 @@ def test_faces_that_cross_themselves_are_covered() -> None:
     cut = triangles_of(vertices, np.array([0, 1, 2, 3, 4, 0, 1, 2, 3, 0, 4]), np.array([5, 0, 4, 2]))
     assert cut.tolist()[:3] == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
     assert len(cut) == 5
+
+
+@pytest.mark.parametrize("odd", [1e308, -np.inf, np.nan])
+def test_places_that_are_none_are_no_warning(odd: float) -> None:
+    """Faces of any number of corners are cut without a warning; what is no place is refused after that, by name."""
+    vertices = np.vstack((GRID, [[0.0, odd, 0.0], [1.01, 3.0, 4.0]]))
+    for face in ([4, 9, 6, 8, 9, 3], [4, 7, 6, 8, 5, 3], [8, 0, 9, 5]):
+        assert len(triangles_of(vertices, np.array(face), np.array([len(face)]))) == len(face) - 2
+
+
+def test_signalling_numbers_of_a_ply_file_are_no_warning(tmp_path: Path) -> None:
+    """A number of single precision that is none, at which numpy warns when it is made one of double precision."""
+    content = ply(QUADS, order="binary_little_endian")
+    place = content.index(b"end_header\n") + len(b"end_header\n")
+    signalling = content[:place] + b"\x01\x00\xa0\x7f" + content[place + 4 :]
+    with pytest.raises(ProblemError, match="1 of 8 vertices are no numbers"):
+        read(tmp_path, "part.ply", signalling)

@@ -208,7 +208,8 @@ def _mesh(read: dict[str, _Rows]) -> RawMesh:
     missing = [axis for axis in "xyz" if axis not in places]
     if missing:
         raise ValueError(f"its vertices have no {missing[0]}")
-    vertices = np.column_stack([places[axis].astype(np.float64) for axis in "xyz"])
+    with np.errstate(invalid="ignore"):  # of signalling numbers, which are refused later
+        vertices = np.column_stack([places[axis].astype(np.float64) for axis in "xyz"])
     faces = read.get("face", _Rows({}, {}))
     name = next((name for name in _CORNERS if name in faces.lengths), None)
     if name is None:

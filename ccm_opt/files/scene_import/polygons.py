@@ -24,7 +24,8 @@ def triangles_of(vertices: FloatArray, corners: IntArray, counts: IntArray) -> I
     for count in np.unique(counts[counts >= _TRIANGLE]):
         chosen = np.flatnonzero(counts == count)
         faces = corners[starts[chosen, None] + np.arange(count)]
-        found.append(_cut(vertices, faces).reshape(-1, 3))
+        with np.errstate(invalid="ignore", over="ignore"):  # of what is no number or no place, and is refused later
+            found.append(_cut(vertices, faces).reshape(-1, 3))
         places.append(np.repeat(chosen, count - 2))
     if not found:
         return np.zeros((0, 3), dtype=np.intp)
@@ -58,10 +59,9 @@ def _normals(corners: FloatArray) -> FloatArray:
 
 def _bends_inward(corners: FloatArray) -> BoolArray:
     """Which corners of faces bend inward, shape (f, c)."""
-    with np.errstate(invalid="ignore", over="ignore"):  # of what is no number, and is refused later
-        edges = np.roll(corners, -1, axis=1) - corners
-        turns = np.cross(np.roll(edges, 1, axis=1), edges)
-        return np.asarray(np.einsum("fci,fi->fc", turns, _normals(corners)) < 0.0)
+    edges = np.roll(corners, -1, axis=1) - corners
+    turns = np.cross(np.roll(edges, 1, axis=1), edges)
+    return np.asarray(np.einsum("fci,fi->fc", turns, _normals(corners)) < 0.0)
 
 
 def _cut_flat(corners: FloatArray) -> IntArray | None:
