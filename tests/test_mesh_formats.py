@@ -250,6 +250,15 @@ def test_places_that_are_none_are_no_warning(odd: float) -> None:
         assert len(triangles_of(vertices, np.array(face), np.array([len(face)]))) == len(face) - 2
 
 
+def test_a_face_that_cannot_be_cut_flat_is_cut_as_a_fan() -> None:
+    """Where one corner lies so far out that the others are one to it, GEOS finds no corner to begin with."""
+    vertices = np.array([
+        [0.0, 0.0, 0.0], [0.0, 1e308, 1.0], [1.0, 1.0, -1e308], [1e-320, 0.0, 0.0], [0.0, -1e308, 0.0], [0.0, -1e308, 0.0],
+    ])  # fmt: skip
+    face = np.array([0, 3, 1, 4, 4, 5])
+    assert len(triangles_of(vertices, face, np.array([6]))) == 4
+
+
 def test_signalling_numbers_of_a_ply_file_are_no_warning(tmp_path: Path) -> None:
     """A number of single precision that is none, at which numpy warns when it is made one of double precision."""
     content = ply(QUADS, order="binary_little_endian")

@@ -65,7 +65,7 @@ def _bends_inward(corners: FloatArray) -> BoolArray:
 
 
 def _cut_flat(corners: FloatArray) -> IntArray | None:
-    """A face of corners of shape (c, 3), as triangles of their numbers; none where it crosses itself."""
+    """A face of corners of shape (c, 3), as triangles of their numbers; none where there are no such."""
     import shapely  # noqa: PLC0415 - few meshes have such faces
 
     normal = _normals(corners[None])[0]
@@ -77,7 +77,10 @@ def _cut_flat(corners: FloatArray) -> IntArray | None:
     if not ring.is_valid:
         return None
     numbers = {tuple(place): number for number, place in enumerate(flat)}
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(ring))
+    try:
+        pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(ring))
+    except shapely.errors.GEOSException:  # of corners so far apart that GEOS loses them
+        return None
     if len(pieces) != len(corners) - 2:
         return None
     # Of a ring of three corners the last place is the first again.
