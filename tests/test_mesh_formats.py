@@ -252,9 +252,9 @@ def test_places_that_are_none_are_no_warning(odd: float) -> None:
 
 def test_a_face_that_cannot_be_cut_flat_is_cut_as_a_fan() -> None:
     """Where one corner lies so far out that the others are one to it, GEOS finds no corner to begin with."""
-    vertices = np.array([
-        [0.0, 0.0, 0.0], [0.0, 1e308, 1.0], [1.0, 1.0, -1e308], [1e-320, 0.0, 0.0], [0.0, -1e308, 0.0], [0.0, -1e308, 0.0],
-    ])  # fmt: skip
+    far = 1e308
+    places = [[0, 0, 0], [0, far, 1], [1, 1, -far], [1e-320, 0, 0], [0, -far, 0], [0, -far, 0]]
+    vertices = np.array(places, dtype=np.float64)
     face = np.array([0, 3, 1, 4, 4, 5])
     assert len(triangles_of(vertices, face, np.array([6]))) == 4
 
