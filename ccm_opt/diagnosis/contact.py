@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.diagnosis.contact_finding import contact_finding
+from ccm_opt.diagnosis.contact_finding import contact_finding, gap_words
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.words import point
@@ -143,7 +143,7 @@ def _touch(
     elif free > 0.0:
         how = f"{what} overlaps '{wall.name}' by {short_length(free)}"
     else:
-        near = short_length(-free) if -free > ROUNDING else "a hair"
+        near = gap_words(-free)
         how = f"{what} comes within {near} of '{wall.name}', the clearance is {short_length(clearance)}"
     return contact_finding(problem, key, f"the {name} is in contact: {how}", where, wall.name, gap, play)
 

@@ -3,6 +3,8 @@
 from ccm_opt.diagnosis.words import point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import short_length
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.space.problem import AnyProblem
 
 
@@ -37,3 +39,8 @@ def contact_finding(
         obstacles=(obstacle,),
         bounds=bounds,
     )
+
+
+def gap_words(gap: float) -> str:
+    """A gap in words [m]; what rounding leaves of one is none that a length tells anything of."""
+    return short_length(gap) if gap > ROUNDING else "a hair"

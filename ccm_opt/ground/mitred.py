@@ -4,6 +4,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import after_each, cross
 
 _NEEDLE = 1e-6
 """Corners that turn back as nearly as this are needles [rad]."""
@@ -35,9 +36,8 @@ def _needle_tips(shape: shapely.Geometry) -> FloatArray:
     tips = [np.zeros((0, 2))]
     for ring in shapely.get_rings(shape):
         corners = shapely.get_coordinates(ring)[:-1]
-        before = corners - np.roll(corners, 1, axis=0)
-        after = np.roll(corners, -1, axis=0) - corners
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        after = after_each(corners) - corners
+        before = np.roll(after, 1, axis=0)
         along = np.sum(before * after, axis=1)
-        tips.append(corners[(along < 0.0) & (np.abs(cross) <= _NEEDLE * np.abs(along))])
+        tips.append(corners[(along < 0.0) & (np.abs(cross(before, after)) <= _NEEDLE * np.abs(along))])
     return np.concatenate(tips)

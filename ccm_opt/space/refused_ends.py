@@ -26,21 +26,13 @@ def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
         refuse_broken_start(task.user.terms, task.start, task.user.settings.allowed)
         if task.goal_pose is not None:
             refuse_broken_goal(task.user.terms, task.goal_pose, task.user.settings.allowed)
-    contact = contact_words(problem, task, task.start)
-    if contact:
-        raise ProblemError(f"the start is in contact: {contact}")
-    least = 2.0 * task.least_spare
-    near = contact_of(task, task.start, least)
-    if near:
-        raise ProblemError(f"the start has no room: {near} for a motion from there that can be proved")
+    bad = _what_is_bad(problem, task, task.start, "from there")
+    if bad:
+        raise ProblemError(f"the start {bad}")
     if task.goal_pose is not None:
-        contact = contact_words(problem, task, task.goal_pose)
-        if contact:
-            raise UnreachableGoal(Diagnosis(f"the goal pose is in contact: {contact}", "necessary checks"))
-        near = contact_of(task, task.goal_pose, least)
-        if near:
-            reason = f"the goal pose has no room: {near} for a motion to it that can be proved"
-            raise UnreachableGoal(Diagnosis(reason, "necessary checks"))
+        bad = _what_is_bad(problem, task, task.goal_pose, "to it")
+        if bad:
+            raise UnreachableGoal(Diagnosis(f"the goal pose {bad}", "necessary checks"))
     if task.goal is not None:
         refuse_goal(problem, task, task.goal)
 
@@ -53,6 +45,15 @@ def refuse_goal(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> N
     """
     _refuse_goal_without_room(problem, task, goal)
     _refuse_far_goal(task, goal)
+
+
+def _what_is_bad(problem: SpaceProblem, task: SpaceTask, q: FloatArray, motion: str) -> str:
+    """Whether an end is in contact or has no room for a motion, in words; empty where neither."""
+    contact = contact_words(problem, task, q)
+    if contact:
+        return f"is in contact: {contact}"
+    near = contact_of(task, q, 2.0 * task.least_spare)
+    return f"has no room: {near} for a motion {motion} that can be proved" if near else ""
 
 
 def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
@@ -110,11 +111,10 @@ def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
             )
     if arm.self_collision:
         kept = 2.0 * arm.radius + beyond
-        pairs = task.certificate.motion.near_pairs(points, kept)
-        if len(pairs.first):
-            k = int(np.argmin(pairs.distance))
-            missing = short_length(kept - float(pairs.distance[k]))
-            return f"link {pairs.first[k] + 1} and link {pairs.second[k] + 1}, {missing} too near"
+        nearest = task.certificate.motion.nearest_pairs(points[None], kept)
+        if nearest.first[0] >= 0:
+            missing = short_length(kept - float(nearest.distance[0]))
+            return f"link {nearest.first[0] + 1} and link {nearest.second[0] + 1}, {missing} too near"
     return ""
 
 

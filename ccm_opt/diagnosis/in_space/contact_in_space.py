@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.diagnosis.contact_finding import contact_finding
+from ccm_opt.diagnosis.contact_finding import contact_finding, gap_words
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.in_space.keyed_space_poses import (
     SpaceTipPlace,
@@ -108,7 +108,7 @@ def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: Obstacl
     elif free > 0.0:
         how = f"{what} overlaps '{found.name}' by {short_length(free)} at {at(place)}"
     else:
-        near = short_length(-free) if -free > ROUNDING else "a hair"
+        near = gap_words(-free)
         how = f"{what} comes within {near} of '{found.name}' at {at(place)}, the clearance is {short_length(clearance)}"
     return contact_finding(problem, key, f"the {name} is in contact: {how}", place, found.name, gap, play)
 

@@ -19,7 +19,9 @@ def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
     Raises:
         ProblemError: a line cannot be read, or there are too many faces.
     """
-    coordinates, corners, counts = array("d"), array("q"), array("q")
+    coordinates = array("d")
+    corners = array("q")
+    counts = array("q")
     # A line goes on behind a backslash at its end.
     lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
     for number, line in enumerate(lines, 1):

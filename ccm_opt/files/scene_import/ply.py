@@ -55,7 +55,8 @@ def read_ply(content: bytes, settings: MeshSettings) -> RawMesh:
     """
     try:
         elements, body = _opened(content)
-        read, end = {}, 0
+        read: dict[str, _Rows] = {}
+        end = 0
         for element in elements:
             most = settings.most_triangles
             if element.name == "face" and element.count > most:

@@ -20,7 +20,8 @@ def triangles_of(vertices: FloatArray, corners: IntArray, counts: IntArray) -> I
         Vertices of each triangle, shape (m, 3), those of one face together.
     """
     starts = np.cumsum(counts) - counts
-    found, places = [], []
+    found = []
+    places = []
     for count in np.unique(counts[counts >= _TRIANGLE]):
         chosen = np.flatnonzero(counts == count)
         faces = corners[starts[chosen, None] + np.arange(count)]

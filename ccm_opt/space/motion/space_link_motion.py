@@ -168,7 +168,8 @@ class LinkMotion:
                 pairs = self._interpreted_pairs(joints, reach)
                 if len(pairs.first):
                     k = int(np.argmin(pairs.distance))
-                    nearest.first[pose], nearest.second[pose] = pairs.first[k], pairs.second[k]
+                    nearest.first[pose] = pairs.first[k]
+                    nearest.second[pose] = pairs.second[k]
                     nearest.distance[pose] = pairs.distance[k]
             return nearest
         points = np.ascontiguousarray(points)
