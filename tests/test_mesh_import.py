@@ -2,7 +2,6 @@
 
 import io
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +12,11 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.errors import ProblemFileError
-from ccm_opt.files.scene_import.edge_collapse import collapsed_faces
 from ccm_opt.files.scene_import.mesh_file import read_mesh_file
 from ccm_opt.files.scene_import.mesh_mending import _distinct_faces, mended_mesh
-from ccm_opt.files.scene_import.mesh_settings import SIMPLIFYING, MeshSettings
-from ccm_opt.files.scene_import.mesh_simplifying import simplified_mesh
+from ccm_opt.files.scene_import.mesh_settings import MeshSettings
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
 from ccm_opt.space.scene.bodies import BOX_FACES
-from ccm_opt.space.scene.closed_surfaces import is_closed
-from ccm_opt.space.scene.point_distances import distance_from_triangles
 from tests.space_files import CUBE, binary_stl, cube_3mf, three_mf, written
 
 OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in BOX_FACES)
@@ -202,6 +197,14 @@ def test_a_packed_bomb_does_not_fill_the_memory(tmp_path: Path) -> None:
     tracemalloc.stop()
 
 
+def test_what_simplified_meshes_is_refused_by_name(tmp_path: Path) -> None:
+    """The key of earlier versions is one defect, which says that it is no longer needed."""
+    with pytest.raises(ProblemFileError) as refused:
+        ccm_opt.load_problem(written(tmp_path, binary_stl(), extra="simplify = 0.5"))
+    (issue,) = refused.value.issues
+    assert (issue.key, issue.message[:16]) == ("workspace.obstacles[0].simplify", "no longer needed")
+
+
 def test_other_files_are_not_read_for_a_mesh(tmp_path: Path) -> None:
     """Materials that a mesh names in other places are left alone."""
     (tmp_path / "part.obj").write_text("mtllib ../../secret.mtl\nusemtl x\n" + OBJ)
@@ -244,63 +247,6 @@ def test_repeated_triangles_among_vertices_without_end() -> None:
     few = rng.integers(0, 1000, (500, 3))
     expected = len(np.unique(np.sort(few, axis=1), axis=0))
     assert len(_distinct_faces(np.concatenate((few, few[:, ::-1])))) == expected
-
-
-def by_c(mesh: RawMesh, error: float) -> tuple[RawMesh, float]:
-    """Simplified as it is where there is a compiler."""
-    return simplified_mesh(mesh, error)
-
-
-def in_python(mesh: RawMesh, error: float) -> tuple[RawMesh, float]:
-    """Simplified as it is where there is none."""
-    found = collapsed_faces(mesh, error, SIMPLIFYING)
-    return RawMesh(mesh.vertices, found.faces), found.off
-
-
-@pytest.mark.parametrize("simplify", [by_c, in_python])
-@settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 2**32), error=st.floats(0.005, 0.3), rough=st.floats(0.0, 0.2))
-def test_a_simplified_mesh_grown_by_its_error_contains_the_mesh(
-    simplify: Callable[[RawMesh, float], tuple[RawMesh, float]], seed: int, error: float, rough: float
-) -> None:
-    """No place of a dented ball is farther from the simplified one than the error that is told, nor that than asked."""
-    rng = np.random.default_rng(seed)
-    ball = trimesh.creation.icosphere(2)
-    squeezed = np.asarray(ball.vertices) * rng.uniform(0.4, 1.5, 3) + rng.normal(0.0, 0.1 * rough, ball.vertices.shape)
-    mesh = RawMesh(squeezed, np.asarray(ball.faces, dtype=np.intp))
-    simple, off = simplify(mesh, error)
-    assert off <= error + 1e-12
-    assert is_closed(simple.faces)
-    triangles = simple.vertices[simple.faces]
-    shares = rng.dirichlet(np.ones(3), len(mesh.faces))
-    places = np.einsum("mi,mij->mj", shares, mesh.vertices[mesh.faces])
-    for place in (*places, *mesh.vertices):
-        assert distance_from_triangles(place, triangles) <= off + 1e-12
-
-
-@pytest.mark.parametrize("simplify", [by_c, in_python])
-def test_flat_faces_lose_their_triangles_for_nothing(
-    simplify: Callable[[RawMesh, float], tuple[RawMesh, float]],
-) -> None:
-    """A finely meshed box keeps a few triangles of its 768, exactly in their places, and one of a sheet its border."""
-    box = trimesh.creation.box().subdivide().subdivide().subdivide()
-    mesh = RawMesh(np.asarray(box.vertices), np.asarray(box.faces, dtype=np.intp))
-    simple, off = simplify(mesh, 1e-9)
-    assert len(simple.faces) <= 24
-    assert off < 1e-13
-    left = trimesh.Trimesh(simple.vertices, simple.faces)
-    assert left.volume == pytest.approx(1.0, abs=1e-12)
-    lid = mesh.faces[np.all(mesh.vertices[mesh.faces][..., 2] > 0.49, axis=1)]
-    sheet, _ = simplify(RawMesh(mesh.vertices, lid), 0.2)
-    assert len(sheet.faces) < len(lid) / 3
-    assert trimesh.Trimesh(sheet.vertices, sheet.faces).area == pytest.approx(1.0, abs=1e-12)
-
-
-def test_triangles_that_share_nothing_stay() -> None:
-    """In a soup of triangles there is no surface that edges could be collapsed in."""
-    corners = np.random.default_rng(0).uniform(0.0, 1.0, (60, 3, 3))
-    mesh = mended_mesh(RawMesh.of_corners(corners)).mesh
-    assert simplified_mesh(mesh, 0.4) == (mesh, 0.0)
 
 
 def test_reading_many_triangles(tmp_path: Path) -> None:

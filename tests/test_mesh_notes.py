@@ -25,15 +25,14 @@ def read(file: Path) -> tuple[SpaceProblem, MeshBody]:
 
 
 def test_what_is_told_of_a_mesh(tmp_path: Path) -> None:
-    """Triangles, size, place, whether it is closed, what was mended, and by what it is grown, in the file's unit."""
+    """Triangles, size, place, whether it is closed and what was mended, in the file's unit."""
     faces = np.concatenate((BOX_FACES, BOX_FACES[:1]))
-    file = written(tmp_path, binary_stl(faces=faces), extra="scale = 500\nsimplify = 1")
+    file = written(tmp_path, binary_stl(faces=faces), extra="scale = 500")
     file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("-2.0", "-2e3"))
     problem, body = read(file)
     assert list(mesh_lines("part", body, problem)) == [
         "part: part.stl, 13 triangles, 500 × 500 × 500 mm, from (0, 0, 0) to (500, 500, 500) mm, closed",  # noqa: RUF001
         "  mended: left out 1 repeated triangle",
-        "  simplified to 12 triangles; the obstacle is grown by what it may be off, 0 mm",
     ]
     told = mesh_data("part", body)
     assert (told["triangles_read"], told["triangles"], told["closed"]) == (13, 12, True)

@@ -21,14 +21,12 @@ from ccm_opt.files.export.reading_back import load_any_problem, load_motion
 from ccm_opt.files.export.space_glb import quaternions
 from ccm_opt.files.report.space_page_html import space_failure_html
 from ccm_opt.files.saved_plans import SavedSpacePlan, load
-from ccm_opt.files.scene_import.seen_surface import seen_surfaces
-from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.jointed.space_kinematics import link_rotations
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.bodies import BoxBody, SphereBody
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import sharp_edges, thinned
+from ccm_opt.space.scene.thin_surfaces import all_within, sharp_edges, thinned
 from ccm_opt.space.space_solution import roll_against
 
 from .space_arms import random_rotation, turned_arm
@@ -243,7 +241,6 @@ def test_thinned_surfaces_stay_near() -> None:
     assert kept.max() < len(corners)
 
 
-@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
 @pytest.mark.parametrize("most", [2000, 900, 300])
 def test_what_is_drawn_of_a_surface_looks_like_it(most: int) -> None:
     """A torus in fewer triangles is off it by a cell at most, and a small box beside it stays whole."""
@@ -255,7 +252,7 @@ def test_what_is_drawn_of_a_surface_looks_like_it(most: int) -> None:
     a, b, c, d = (corner.ravel() for corner in corners)
     faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
     box = seen_triangles(BoxBody(np.zeros(3), np.array([1.0, 2.0, 3.0])), 8)
-    torus, same = seen_surfaces([(vertices, faces), box], most, 100, 0.2)
+    torus, same = all_within([(vertices, faces), box], most, 100, 0.2)
     assert same[1] is box[1]
     assert 0 < len(torus[1]) <= most - len(box[1])
     middles = torus[0][torus[1]].mean(axis=1)

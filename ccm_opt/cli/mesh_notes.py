@@ -47,9 +47,6 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
     yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {inside}"
     for words in body.mended:
         yield f"  mended: {words}"
-    if body.simplified_by:
-        grown = f"{body.rounding / METRES[unit]:.3g} {unit}"
-        yield f"  simplified to {len(body.faces)} triangles; the obstacle is grown by what it may be off, {grown}"
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
@@ -64,5 +61,4 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
         "box": box.tolist(),
         "closed": body.closed,
         "mended": list(body.mended),
-        "grown_by": float(body.rounding),
     }

@@ -31,11 +31,8 @@ with atheris.instrument_imports(include=["ccm_opt.files.scene_import"]):
     from ccm_opt.files.scene_import.import_settings import ImportOptions
     from ccm_opt.files.scene_import.mesh_file import MESH_READERS, read_mesh_file
     from ccm_opt.files.scene_import.mesh_mending import mended_mesh
-    from ccm_opt.files.scene_import.mesh_simplifying import simplified_mesh
 
 OPTIONS = ImportOptions(scale=0.001)
-ERROR = 0.01
-"""What a mesh may be off once it is simplified, in its own unit."""
 LONGEST = 5
 """Time of the processor that reading one file may take [s]."""
 HANGING = 60
@@ -130,7 +127,7 @@ def _read_drawing(path: Path) -> None:
 
 
 def _read_mesh(path: Path) -> None:
-    simplified_mesh(mended_mesh(read_mesh_file(path).mesh).mesh, ERROR)
+    mended_mesh(read_mesh_file(path).mesh)
 
 
 if __name__ == "__main__":

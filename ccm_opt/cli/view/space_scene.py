@@ -14,11 +14,11 @@ from ccm_opt.cli.view.meshes import ball, cylinder, turned_to
 from ccm_opt.cli.view.scene import path_of
 from ccm_opt.cli.view.space_frames import SpaceFrames
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
-from ccm_opt.files.scene_import.seen_surface import seen_surface
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.round_bodies import seen_triangles
 from ccm_opt.space.scene.scene import SpaceObstacle
+from ccm_opt.space.scene.thin_surfaces import within
 
 SPACE_LAYERS = {"start": "/start", "poses on the way": "/poses", "names": "/names"}
 """What can be switched on and off, and where it stands in the scene."""
@@ -87,7 +87,7 @@ class SpaceScene:
                 continue
             self._standing[obstacle.name] = obstacle
             surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
-            vertices, faces = seen_surface(*surface, most, self.settings.cell * extent)
+            vertices, faces = within(*surface, most, self.settings.cell * extent)
             self.server.scene.add_mesh_simple(
                 path_of("/room", obstacle.name), vertices / self.unit, faces, color=colours.WALLS,
                 opacity=self.opacity, side="double", flat_shading=True,

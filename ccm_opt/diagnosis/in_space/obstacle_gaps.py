@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.scene.bodies import CylinderBody, MeshBody
+from ccm_opt.space.scene.bodies import CylinderBody
 from ccm_opt.space.scene.insides import depth_inside
 from ccm_opt.space.scene.scene import ROOM_NAME, SpaceObstacle, SpaceWorkspace
 from ccm_opt.space.scene.surfaces import SurfaceSoup
@@ -98,10 +98,7 @@ def _from_obstacle(obstacle: SpaceObstacle, segments: FloatArray, reach: float) 
 def stands_out(obstacle: SpaceObstacle) -> float:
     """By how much the surfaces that planning keeps away from may stand out of an obstacle itself [m]."""
     body = obstacle.body
-    if isinstance(body, CylinderBody):
-        return body.error
-    # A simplified mesh is grown by how far its surface was moved, which may have been outwards.
-    return 2.0 * body.rounding if isinstance(body, MeshBody) else 0.0
+    return body.error if isinstance(body, CylinderBody) else 0.0
 
 
 def _from_room(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:

@@ -17,7 +17,7 @@ _OF_MOTION = ("wanted_gap", "clearance", "reach", "nearest", "start", "stops", "
 """What of the room follows from the motion; what would have been possible, and what it costs, was found in planning."""
 _OF_PLACES = ("gap", "wanted")
 """What is held of a place with little room; of several that are alike any may be named."""
-_OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed", "grown_by")
+_OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed")
 """What is held of a mesh; where it was copied from is not known any more."""
 
 

@@ -25,7 +25,6 @@ def mesh_data(problem: SpaceProblem) -> list[dict[str, object]]:
             "sha256": hashlib.sha256(kept[name]).hexdigest(),
             "triangles": len(obstacle.body.faces),
             "closed": obstacle.body.closed,
-            "grown_by": obstacle.body.rounding,
         }
         for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True)
         if isinstance(obstacle.body, MeshBody)

@@ -11,11 +11,10 @@ from PIL import Image, ImageDraw
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
-from ccm_opt.files.scene_import.seen_surface import seen_surfaces
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import sharp_edges
+from ccm_opt.space.scene.thin_surfaces import all_within, sharp_edges
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class SeenScene:
         fine = settings.most_triangles >= len(obstacles) * settings.round_sides**2
         sides = settings.round_sides if fine else settings.fewest_sides
         surfaces = [seen_triangles(obstacle.body, sides) for obstacle in obstacles]
-        return seen_surfaces(surfaces, settings.most_triangles, settings.least_triangles, settings.cell * extent)
+        return all_within(surfaces, settings.most_triangles, settings.least_triangles, settings.cell * extent)
 
     @cached_property
     def edges(self) -> list[FloatArray]:

@@ -19,6 +19,8 @@ _SIMILAR = 0.6
 """Least similarity of a misspelt key to the one that is suggested (difflib's default)."""
 _LONGEST_VALUE = 60
 """Characters of a value that a message shows."""
+REMOVED = {"simplify": "no longer needed: every triangle of a mesh is kept; leave it out"}
+"""What is said of keys that earlier versions knew."""
 
 
 @dataclass
@@ -78,7 +80,8 @@ class Issues:
                 # Likeness takes long, and of so many defects nobody reads all.
                 listed = len(self.found) < MOST_LISTED
                 guess = closest(name, known) if listed else None
-                self.add((*path, *key), unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'")
+                unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
+                self.add((*path, *key), REMOVED.get(name, unknown))
                 renamed.add((*key[:-1], guess or ""))
         for detail in details:
             key = _real_path(detail["loc"], table)

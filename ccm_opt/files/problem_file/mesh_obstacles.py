@@ -1,4 +1,4 @@
-"""Obstacles of a problem file that are meshes: their files are found, read, mended, simplified, scaled and placed."""
+"""Obstacles of a problem file that are meshes: their files are found, read, mended, scaled and placed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +13,6 @@ from ccm_opt.files.problem_file.schema import SpaceObstacleTable
 from ccm_opt.files.problem_file.space_build import build_placement
 from ccm_opt.files.problem_file.typed_quantities import MAX_LENGTH
 from ccm_opt.space.scene.bodies import MeshBody
-from ccm_opt.space.scene.closed_surfaces import is_closed
 
 if TYPE_CHECKING:
     from ccm_opt.files.scene_import.mesh_file import MeshFile
@@ -86,13 +85,8 @@ class MeshObstacles:
         self, table: SpaceObstacleTable, file: str, path: KeyPath, read: "MeshFile", mended: "MendedMesh"
     ) -> MeshBody | None:
         """The mesh in metres, where it stands; None where it lies beyond all measure."""
-        from ccm_opt.files.scene_import.mesh_simplifying import simplified_mesh  # noqa: PLC0415
-
         scale = self.metres * (1.0 if table.scale is None else table.scale)
         mesh = mended.mesh
-        moved = 0.0
-        if table.simplify is not None:
-            mesh, moved = simplified_mesh(mesh, table.simplify / scale)
         placement = build_placement(table.pose)
         vertices = placement.points(scale * mesh.vertices)
         if abs(vertices).max() > MAX_LENGTH:
@@ -103,11 +97,9 @@ class MeshObstacles:
             mesh.faces,
             file=file,
             digest=read.digest,
-            closed=mended.closed if table.simplify is None else is_closed(mesh.faces),
-            rounding=scale * moved,
+            closed=mended.closed,
             scale=scale,
             placement=placement,
-            simplified_by=0.0 if table.simplify is None else table.simplify,
             content=read.content,
             triangles_read=len(read.mesh.faces),
             mended=mended.mended,
@@ -122,5 +114,5 @@ class MeshObstacles:
             self.issues.add(
                 ("workspace", "obstacles"),
                 f"the meshes have {total} triangles together, at most {MESHES.most_triangles} can be used; "
-                "simplify them",
+                "export them coarser",
             )

@@ -72,8 +72,6 @@ def _body(body: Body, file: str, unit: LengthUnit) -> Table:
             # Made in Python: written in metres, where it stands.
             return {"mesh": file, "scale": 1.0 / METRES[unit]}
         table: Table = {"mesh": file, "scale": body.scale / METRES[unit], "sha256": body.digest}
-        if body.simplified_by:
-            table["simplify"] = in_unit(body.simplified_by, unit)
         return table | _placement(body.placement, unit)
     if isinstance(body, BoxBody):
         return {"box": [_lengths(body.low, unit), _lengths(body.high, unit)]} | _placement(body.placement, unit)

@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
-from ccm_opt.files.scene_import.seen_surface import seen_surface
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.bodies import Body
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import sharp_edges
+from ccm_opt.space.scene.thin_surfaces import sharp_edges, within
 
 _STEPS = 65535
 """Corners are told apart to this part of the extent of their body."""
@@ -55,7 +54,7 @@ def space_scene_data(
 def _body_data(name: str, body: Body, share: int, extent: FloatArray, settings: ReportSettings) -> dict[str, object]:
     """A body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
     surface = seen_triangles(body, settings.round_sides)
-    vertices, faces = seen_surface(*surface, max(share, 500), settings.cell * float(np.max(np.ptp(extent, axis=0))))
+    vertices, faces = within(*surface, max(share, 500), settings.cell * float(np.max(np.ptp(extent, axis=0))))
     # Corners that several triangles have at one place are written once.
     places, number = np.unique(vertices, axis=0, return_inverse=True)
     joined = number.reshape(-1)[faces]

@@ -32,7 +32,7 @@ def read_binary_stl(content: bytes, settings: MeshSettings) -> RawMesh:
             "is it of another format?"
         )
     if count > settings.most_triangles:
-        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} can be used; simplify it")
+        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
     behind = content[start + count * _TRIANGLE.itemsize :]
     # Some programs fill their files up with zeros.
     if len(behind) >= _TRIANGLE.itemsize and behind.strip(b"\0"):

@@ -66,7 +66,7 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> MeshFile:
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
     except (MemoryError, RecursionError) as error:
-        raise ProblemError(f"{path.name}: too large or too deeply nested to be read; simplify it") from error
+        raise ProblemError(f"{path.name}: too large or too deeply nested to be read") from error
     return MeshFile(mesh, content, hashlib.sha256(content).hexdigest())
 
 
@@ -83,7 +83,7 @@ def _content(path: Path, settings: MeshSettings) -> bytes:
         size = path.stat().st_size
         if size > settings.most_bytes:
             raise ProblemError(
-                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; simplify the mesh"
+                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; export it coarser"
             )
         content = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -101,7 +101,7 @@ def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
     if count == 0:
         raise ProblemError("it holds no triangles; expected a mesh")
     if count > settings.most_triangles:
-        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} can be used; simplify it")
+        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise ProblemError(f"a triangle has a vertex that is not there; there are {len(mesh.vertices)} vertices")
     finite = np.isfinite(mesh.vertices).all(axis=1)

@@ -33,27 +33,3 @@ class MeshSettings:
 
 MESHES = MeshSettings()
 """Used where no other settings are given."""
-
-
-@dataclass(frozen=True)
-class SimplifyingSettings:
-    """How edges of a mesh are collapsed.
-
-    Attributes:
-        steepest: least cosine between the direction in which two surfaces are compared and the normal of any of their
-            triangles. Taste: at a fifth the difference along it is five times the distance at most, so that hardly any
-            simplification is lost, and no triangle is turned over.
-        sweeps: over all vertices on one level, at most. Measured: a sweep takes a fifth of the vertices away.
-        levels: the first allows 2^(1 − levels) of the error, and each twice what the one before it did. Measured: five
-            leave a tenth fewer triangles of a ball than one.
-        rounding: of the told error, as a share of the largest coordinate. Derived: a hundred roundings of a vertex.
-    """
-
-    steepest: float = 0.2
-    sweeps: int = 12
-    levels: int = 5
-    rounding: float = 1e-14
-
-
-SIMPLIFYING = SimplifyingSettings()
-"""Used where no other settings are given."""

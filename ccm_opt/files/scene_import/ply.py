@@ -60,7 +60,7 @@ def read_ply(content: bytes, settings: MeshSettings) -> RawMesh:
         for element in elements:
             most = settings.most_triangles
             if element.name == "face" and element.count > most:
-                raise ProblemError(f"it has {element.count} faces, at most {most} triangles can be used; simplify it")
+                raise ProblemError(f"it has {element.count} faces, at most {most} are used; export it coarser")
             read[element.name], end = _element(element, body, end)
         _refuse_more(body[end:])
         return _mesh(read)

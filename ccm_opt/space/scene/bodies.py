@@ -177,10 +177,8 @@ class MeshBody:
         file: path of the mesh's file as the problem file gives it.
         digest: SHA-256 of that file, in hexadecimal digits.
         closed: whether it has an inside: every edge is one of an even number of triangles.
-        rounding: by which it is grown for what simplifying it put it off at most [m].
         scale: metres in the mesh's unit.
         placement: where it stands in the room, and how it is turned; the vertices are there already.
-        simplified_by: error that simplifying it was allowed [m]; 0 where it was not simplified.
         content: the bytes of the file, for who copies it; empty where they were not kept.
         triangles_read: how many triangles the file has.
         mended: what was put right, in words.
@@ -191,13 +189,12 @@ class MeshBody:
     file: str = ""
     digest: str = ""
     closed: bool = False
-    rounding: float = 0.0
     scale: float = 1.0
     placement: RigidPlacement = field(default_factory=RigidPlacement)
-    simplified_by: float = 0.0
     content: bytes = field(default=b"", repr=False)
     triangles_read: int = 0
     mended: tuple[str, ...] = ()
+    rounding = 0.0
 
     @classmethod
     def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":

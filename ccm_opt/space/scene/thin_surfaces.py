@@ -1,5 +1,7 @@
 """Surfaces with fewer triangles, to be looked at alone: corners that share a cell of a grid become one."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
@@ -40,6 +42,27 @@ def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tup
         if len(kept) <= most:
             return corners, kept
         cell *= 1.5
+
+
+def all_within(
+    surfaces: Sequence[tuple[FloatArray, IntArray]], most: int, least: int, cell: float
+) -> list[tuple[FloatArray, IntArray]]:
+    """Thin several surfaces to at most so many triangles in all; what small ones do not need is left for large ones.
+
+    Args:
+        surfaces: vertices, shape (v, 3) [m], and faces, shape (m, 3), of each.
+        most: triangles in all.
+        least: triangles that each of them may have, however many there are.
+        cell: width of the cells in which corners are joined first [m].
+    """
+    drawn = list(surfaces)
+    left = most
+    order = np.argsort([len(faces) for _, faces in surfaces], kind="stable").tolist()
+    for rank, k in enumerate(order):
+        vertices, faces = surfaces[k]
+        drawn[k] = within(vertices, faces, max(left // (len(order) - rank), least), cell)
+        left -= len(drawn[k][1])
+    return drawn
 
 
 def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray:

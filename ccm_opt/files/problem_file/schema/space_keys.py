@@ -58,9 +58,6 @@ class SpaceObstacleTable(Table):
     whose folder it lies unless `--allow-outside` is given (in Python `allow_outside=True`)."""
     scale: Positive | None = None
     """Of a mesh: length of one unit of its file, in the problem file's unit. Default: 1."""
-    simplify: PositiveLength | None = None
-    """Of a mesh: error by which its surface may be off to have fewer triangles; the obstacle is grown by what it is
-    off. Default: every triangle is kept."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
     """Of a mesh: the hash of its file, which is refused when it is another. Default: any."""
     box: Corners | None = None
