@@ -14,7 +14,7 @@ from .conftest import PROBLEMS
 
 SWALLOWED = """
 import os, signal, sys, time
-from ccm_opt.cli.cancelling import interrupt_met, interrupts_insist, leave_cancelled, report_cancelled
+from ccm_opt.cli.cancelling import interrupt_met, interrupts_insist, leave_at_once, report_cancelled
 
 interrupts_insist()
 try:
@@ -26,7 +26,7 @@ try:
     time.sleep(60)
 except KeyboardInterrupt:
     report_cancelled()
-    leave_cancelled()
+    leave_at_once()
 """
 IN_A_FINALISER = """
 class Held:
@@ -37,7 +37,7 @@ class Held:
 held = Held()
 """
 LET_GO = """
-from ccm_opt.cli.cancelling import interrupts_insist, leave_cancelled, report_cancelled
+from ccm_opt.cli.cancelling import interrupts_insist, leave_at_once, report_cancelled
 
 interrupts_insist()
 try:
@@ -45,11 +45,11 @@ try:
     time.sleep(60)
 except KeyboardInterrupt:
     report_cancelled()
-    leave_cancelled()
+    leave_at_once()
 """
 HALF_MADE = """
 import os, signal, time
-from ccm_opt.cli.cancelling import interrupts_insist, leave_cancelled, report_cancelled
+from ccm_opt.cli.cancelling import interrupts_insist, leave_at_once, report_cancelled
 
 class Held:
     def __init__(self):
@@ -65,7 +65,7 @@ try:
     Held()
 except KeyboardInterrupt:
     report_cancelled()
-leave_cancelled()
+leave_at_once()
 """
 HANDLED = "interrupt_met(); time.sleep(1); sys.exit(7)"
 """What answers an interrupt, and goes on for longer than it takes to look again."""
@@ -142,7 +142,7 @@ assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 LOADING = """
 import os, signal, sys
-from ccm_opt.cli.cancelling import interrupts_insist, leave_cancelled, report_cancelled
+from ccm_opt.cli.cancelling import interrupts_insist, leave_at_once, report_cancelled
 
 sys.path.insert(0, {folder!r})
 interrupts_insist()
@@ -154,7 +154,7 @@ try:
 except KeyboardInterrupt:
     print(slow.done, flush=True)
     report_cancelled()
-    leave_cancelled()
+    leave_at_once()
 """
 SLOW = """
 import os, signal, time

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.view.app import ViewerApp
+from ccm_opt.cli.view.app import ViewerApp, claim_port
 from ccm_opt.cli.view.handle_frame import direction_of
 from ccm_opt.cli.view.handles import GOAL
 from ccm_opt.cli.view.kinds import frames_of
@@ -29,9 +29,6 @@ from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.space.verification import verify_in_space
 
 from .space_folders import solved
-
-PORT = 18180
-"""The first that is tried; the viewer takes the next one that is free."""
 
 
 @cache
@@ -156,7 +153,7 @@ def viewer() -> Iterator[ViewerApp]:
     """The page of a plan in space."""
     live = LivePlanInSpace(problem())
     plan = live.plan
-    app = ViewerApp(frames_of(plan.problem, plan.trajectory, plan.joints), live, PORT, plan.checks)
+    app = ViewerApp(frames_of(plan.problem, plan.trajectory, plan.joints), live, claim_port(0), plan.checks)
     stop = threading.Event()
     thread = threading.Thread(target=app.run, args=(stop.is_set,))
     thread.start()

@@ -1,8 +1,15 @@
 """The viewer: solids over shapes of the plane, poses at any time, colours, and plans that follow what is dragged."""
 
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +23,7 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.view import colours
-from ccm_opt.cli.view.app import ViewerApp
+from ccm_opt.cli.view.app import ViewerApp, claim_port
 from ccm_opt.cli.view.frames import MotionFrames
 from ccm_opt.cli.view.handle_frame import PlaneHandles
 from ccm_opt.cli.view.meshes import cylinder, extruded, in_space, turned
@@ -29,8 +36,8 @@ from ccm_opt.problem import TipGoal
 from .conftest import PROBLEMS
 
 SWAN = PROBLEMS / "swan-neck.toml"
-PORT = 18080
-"""The first that is tried; the viewer takes the next one that is free."""
+PORT = 0
+"""Any that is free."""
 
 
 @given(
@@ -179,6 +186,93 @@ def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
     viewer._planned(live, live.move_goal((0.2, 0.3)))
     assert "No plan to here" in viewer._status.content
     assert "hanging wall" in viewer._status.content
+
+
+@pytest.fixture(scope="module")
+def served(live: LivePlan) -> Iterator[ViewerApp]:
+    """The page of the swan's neck, which nobody plays."""
+    app = ViewerApp(frames_of(live), None, claim_port(PORT))
+    yield app
+    app.server.stop()
+
+
+UPGRADE = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+KEY = f"Sec-WebSocket-Key: {'A' * 22}==\r\n"
+OWN = "GET /TOKEN HTTP/1.1\r\nHost: HERE\r\n"
+FOREIGN = {
+    "another origin": f"{OWN}Origin: https://else.example\r\n{UPGRADE}",
+    "the origin of a file": f"{OWN}Origin: null\r\n{UPGRADE}",
+    "no origin": f"{OWN}{UPGRADE}",
+    "an empty origin": f"{OWN}Origin:\r\n{UPGRADE}",
+    "another port": f"{OWN}Origin: http://127.0.0.1:1\r\n{UPGRADE}",
+    "another scheme": f"{OWN}Origin: https://HERE\r\n{UPGRADE}",
+    "two origins": f"{OWN}Origin: http://HERE\r\nOrigin: https://else.example\r\n{UPGRADE}",
+    "another spelling of upgrade": f"{OWN}Origin: https://else.example\r\n{UPGRADE.replace('w', 'W', 1)}",
+    "an upgrade in a list": f"{OWN}{UPGRADE.replace('websocket', 'h2c, websocket')}",
+    "no token": f"GET / HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "another token": f"GET /{'A' * 43} HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "more than the token": f"GET /TOKENx HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "the token asked for": f"GET /?TOKEN HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "no text": f"GET /\xe9 HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "a rebound host": f"GET /TOKEN HTTP/1.1\r\nHost: else.example\r\nOrigin: http://else.example\r\n{UPGRADE}",
+    "a host that begins so": "GET /TOKEN HTTP/1.1\r\nHost: localhost.else.example\r\n",
+    "a host with a user": "GET /TOKEN HTTP/1.1\r\nHost: else.example@HERE\r\n",
+    "all addresses": "GET /TOKEN HTTP/1.1\r\nHost: 0.0.0.0\r\n",
+    "no host": f"GET /TOKEN HTTP/1.1\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "two hosts": f"{OWN}Host: else.example\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "the page by its file": "GET /index.html HTTP/1.1\r\nHost: HERE\r\n",
+    "the page by a script": f"{OWN}Origin: https://else.example\r\n",
+    "a form": f"POST /TOKEN HTTP/1.1\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "an old protocol": f"GET /TOKEN HTTP/1.0\r\nHost: HERE\r\nOrigin: http://HERE\r\n{UPGRADE}",
+    "two requests in one": f"GET / HTTP/1.1\r\nHost: HERE\r\nContent-Length: 0\r\n\r\n{OWN}",
+}
+
+
+def _answer(app: ViewerApp, request: str) -> str:
+    """Return the first line of the answer to a request; empty where the connection is closed."""
+    host, port = app.door.getsockname()
+    text = request.replace("HERE", f"{host}:{port}").replace("TOKEN", app.token)
+    with socket.create_connection((host, port), timeout=20.0) as client:
+        client.sendall(f"{text}{KEY if 'Upgrade' in text else ''}\r\n".encode("latin-1"))
+        with suppress(ConnectionError):
+            return client.recv(1000).decode("latin-1").partition("\r\n")[0]
+    return ""
+
+
+@pytest.mark.parametrize("way", FOREIGN)
+def test_requests_of_others_are_refused(served: ViewerApp, way: str) -> None:
+    """Neither page nor socket is given to another origin, to another host name, or without the token."""
+    assert _answer(served, FOREIGN[way]) in ("", "HTTP/1.1 403 Forbidden")
+
+
+@pytest.mark.parametrize("host", ["HERE", "localhost:9000"])
+def test_the_own_page_is_served(served: ViewerApp, host: str) -> None:
+    """Page and socket of the address that is told are served, through a forwarded port as well."""
+    page = OWN.replace("HERE", host)
+    assert _answer(served, page) == "HTTP/1.1 200 OK"
+    assert _answer(served, f"{page}Origin: http://{host}\r\n{UPGRADE}") == "HTTP/1.1 101 Switching Protocols"
+
+
+def test_a_taken_port_is_bad_input() -> None:
+    """It is said in a sentence before anything is planned, with what to do."""
+    with claim_port(PORT) as door:
+        done = CliRunner().invoke(command_line, ["view", str(SWAN), "--port", str(door.getsockname()[1])])
+    assert done.exit_code == 2
+    assert "--port 0" in done.output
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no such signal")
+def test_an_open_page_does_not_hold_the_viewer(tmp_path: Path) -> None:
+    """Ctrl-C ends it well before viser has waited for connections that never say anything."""
+    command = [sys.executable, "-m", "ccm_opt", "view", str(SWAN), "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        told = re.search(r"http://([\d.]+):(\d+)/\S+", process.stderr.readline())
+        assert told is not None
+        with socket.create_connection((told[1], int(told[2]))) as client:
+            client.sendall(b"GET /")
+            process.send_signal(signal.SIGINT)
+            assert process.wait(4.0) == 0
 
 
 def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:

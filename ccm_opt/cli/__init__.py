@@ -18,15 +18,15 @@ def main() -> None:
     try:
         _run()
     except KeyboardInterrupt:
-        from ccm_opt.cli.cancelling import leave_cancelled, report_cancelled  # noqa: PLC0415 - see above
+        from ccm_opt.cli.cancelling import leave_at_once, report_cancelled  # noqa: PLC0415 - see above
 
         report_cancelled()
-        leave_cancelled()
+        leave_at_once()
     except SystemExit as end:
-        from ccm_opt.cli.cancelling import CANCELLED, ignore_interrupts, leave_cancelled  # noqa: PLC0415 - see above
+        from ccm_opt.cli.cancelling import CANCELLED, ignore_interrupts, leave_at_once  # noqa: PLC0415 - see above
 
         if end.code == CANCELLED:
-            leave_cancelled()
+            leave_at_once()
         # All is done, and only Python's own end is left, in which Ctrl-C would be met by nobody.
         ignore_interrupts()
         sys.exit(end.code)

@@ -84,7 +84,7 @@ def interrupts_end_at_once() -> None:
 
 def _leave(_signal: int, _frame: FrameType | None) -> NoReturn:
     report_cancelled()
-    leave_cancelled()
+    leave_at_once()
 
 
 def interrupts_insist() -> None:
@@ -194,8 +194,8 @@ def ignore_interrupts() -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def leave_cancelled() -> NoReturn:
-    """End the process at once with exit code 130.
+def leave_at_once(code: int = CANCELLED) -> NoReturn:
+    """End the process at once with an exit code.
 
     At Python's own end, a Ctrl-C that struck while some text was run as code, as dataclasses do when modules are
     loaded, would count as unhandled however it was handled, and the process would end by the signal itself.
@@ -203,7 +203,7 @@ def leave_cancelled() -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
             stream.flush()
-    os._exit(CANCELLED)
+    os._exit(code)
 
 
 def report_cancelled() -> int:

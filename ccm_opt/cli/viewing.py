@@ -5,7 +5,7 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ccm_opt.cli.cancelling import interrupt_met
+from ccm_opt.cli.cancelling import interrupt_met, leave_at_once
 from ccm_opt.cli.outcome import SOLVED, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.outside_files import outside_allowed
@@ -38,16 +38,16 @@ def view_item(item: Path, port: int, *, browser: bool) -> int:
 
 def _view(item: Path, port: int, *, browser: bool) -> int:
     app = viewer_of(item, port)
-    if not output().quiet:
-        sys.stderr.write(f"{app.frames.problem.name}: {app.address} shows it; Ctrl-C ends it\n")
-    if browser:
-        webbrowser.open(app.address)
     try:
+        if not output().quiet:
+            sys.stderr.write(f"{app.frames.problem.name}: {app.address} shows it; Ctrl-C ends it\n")
+        if browser:
+            webbrowser.open(app.address)
         app.run()
     except KeyboardInterrupt:
-        # The only way to end it, and so no failure.
+        # The only way to end it, and so no failure; whatever still waits for a page that does not answer is left.
         interrupt_met()
-        return SOLVED
+        leave_at_once(SOLVED)
     return SOLVED
 
 
@@ -55,17 +55,18 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
     """The page of a plan.
 
     Raises:
-        ProblemError: there is no such plan or problem, or the viewer is not installed.
+        ProblemError: there is no such plan or problem, the port is taken, or the viewer is not installed.
         NoPlanFound: the problem has no plan.
     """
     try:
-        from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
+        from ccm_opt.cli.view.app import ViewerApp, claim_port  # noqa: PLC0415 - loads viser
         from ccm_opt.cli.view.kinds import frames_of  # noqa: PLC0415
     except ModuleNotFoundError as missing:
         raise ProblemError(
-            f"the viewer needs the package {missing.name}; install it with: pip install 'ccm-opt[viewer]'"
+            f"the viewer needs the package {missing.name}; install it with: pip install viser"
         ) from missing
 
+    door = claim_port(port)
     folder = item.is_dir()
     problem = load_any_problem(item) if folder else load_problem(item, allow_outside=outside_allowed())
     with stage_display(problem.name) as clock:
@@ -74,16 +75,16 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
         clock.finish()
     if folder:
         motion = load_motion(item, problem.arm)
-        return ViewerApp(frames_of(problem, motion.trajectory, motion.joints), live, port)
+        return ViewerApp(frames_of(problem, motion.trajectory, motion.joints), live, door)
     if live is None:
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads toppra
 
         either: Any = problem
         with stage_display(problem.name) as clock:
             solution: AnySolution = solve(either, progress=clock)
-        return ViewerApp(frames_of(problem, solution.trajectory, solution.joints), None, port, solution.checks)
+        return ViewerApp(frames_of(problem, solution.trajectory, solution.joints), None, door, solution.checks)
     plan = live.plan
-    return ViewerApp(frames_of(problem, plan.trajectory, plan.joints), live, port, plan.checks)
+    return ViewerApp(frames_of(problem, plan.trajectory, plan.joints), live, door, plan.checks)
 
 
 def _live_plan(problem: AnyProblem) -> "LivePlan | LivePlanInSpace | None":

@@ -38,7 +38,9 @@ class DaskWorkers:
         try:
             distributed: Any = import_module("distributed")  # an extra, and slow to load
         except ImportError as error:
-            raise ProblemError("--dask needs the extra 'cluster': pip install ccm-opt[cluster]") from error
+            raise ProblemError(
+                "--dask needs Dask's package distributed; install it with: pip install distributed"
+            ) from error
 
         # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them. It asks
         # how many whenever it connects, which it does again where a machine stood still for a while.

@@ -73,7 +73,9 @@ def view_command(
         typer.Argument(help="Problem file, or folder that solve wrote.", metavar="FILE|FOLDER", show_default=False),
     ],
     *,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page, on this machine alone.")] = 8080,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page, on this machine alone; 0: any.")
+    ] = 8080,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page.")] = False,
 ) -> int:
     """Show a motion in space in the browser; drag its goal or a wall, and it is planned again."""

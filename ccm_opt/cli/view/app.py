@@ -1,6 +1,13 @@
 """The page in the browser: the scene, its switches, and what happens when somebody drags or plays."""
 
+import dataclasses
+import http
 import io
+import logging
+import os
+import re
+import secrets
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -9,20 +16,89 @@ from dataclasses import dataclass, field
 from functools import partial
 from math import floor
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import viser
+import websockets.asyncio.server
+from websockets import Headers
+from websockets.http11 import Request, Response
 
 from ccm_opt.cli.view.kinds import AnyFrames, AnyLivePlan, frames_of, handles_of, scene_of
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer
+from ccm_opt.errors import ProblemError
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.ground.rounding import TINY
 from ccm_opt.solution import Check
 
 LOOPBACK = "127.0.0.1"
 """Only this machine sees the page: whoever can reach it can make it plan."""
+HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?", re.ASCII)
+"""Names under which a browser on this machine asks for the page; any other is a rebound name of somebody's site."""
+PATIENCE = 0.2
+"""How long pages are waited for when the viewer ends [s]: Ctrl-C ends it within a second."""
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
+
+
+def claim_port(port: int) -> socket.socket:
+    """Open the socket of the page, on this machine alone.
+
+    Args:
+        port: its number; 0 for any that is free.
+
+    Raises:
+        ProblemError: the port is taken, or not allowed.
+    """
+    try:
+        return socket.create_server((LOOPBACK, port))
+    except OSError as error:
+        raise ProblemError(
+            f"port {port} of this machine cannot be used ({os.strerror(error.errno or 0)}): perhaps another "
+            "`ccm-opt view` runs; give another with --port, or any that is free with --port 0"
+        ) from error
+
+
+def refusal(request: Request, token: str) -> str | None:
+    """Return why a request is refused, or None for one of this viewer's own page.
+
+    A name that resolves to this machine gives somebody's site away in `Host`, a page of another origin in `Origin`,
+    which browsers send with every WebSocket; neither knows the token in the path, on which the page finds its socket.
+    """
+    hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+    if len(hosts) != 1 or not HOST.fullmatch(hosts[0]):
+        return "another host"
+    if origins != [f"http://{hosts[0]}"] and (origins or "Upgrade" in request.headers):
+        return "another origin"
+    path = request.path.partition("?")[0].strip("/")
+    return None if secrets.compare_digest(path.encode(errors="replace"), token.encode()) else "no such page"
+
+
+def _serve_guarded(
+    serve: Callable[..., Any],
+    door: socket.socket,
+    token: str,
+    handler: Any,
+    _host: str,
+    _port: int,
+    *,
+    process_request: Callable[[Any, Request], Response | None],
+    **options: Any,
+) -> Any:
+    """Serve on an open socket what `process_request` answers, to requests that are not refused."""
+
+    def answer(connection: Any, request: Request) -> Response | None:
+        reason = refusal(request, token)
+        if reason is not None:
+            return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", Headers(), f"{reason}\n".encode())
+        response = process_request(connection, dataclasses.replace(request, path="/"))
+        if response is not None:
+            response.headers["Referrer-Policy"] = "no-referrer"  # links on the page must not tell the token
+        return response
+
+    # What is no request is refused as well, and is nobody's business on the terminal.
+    logging.getLogger("websockets.server").addFilter(lambda record: "opening handshake" not in record.msg)
+    return serve(handler, sock=door, process_request=answer, **options)
 
 
 @dataclass
@@ -47,7 +123,7 @@ class ViewerApp:
     Attributes:
         frames: the motion to begin with.
         live: the plan that follows drags; None where nothing can be dragged.
-        port: of the page, on this machine alone.
+        door: the socket that `claim_port` opened.
         checks: of the motion to begin with; none where they are not known.
         settings: of what is shown.
         scene: that of the plane or that of space, which have the same methods.
@@ -55,9 +131,10 @@ class ViewerApp:
 
     frames: AnyFrames
     live: AnyLivePlan | None
-    port: int
+    door: socket.socket
     checks: tuple[Check, ...] = ()
     settings: ViewSettings = VIEW
+    token: str = field(init=False, default_factory=lambda: secrets.token_urlsafe(32))
     server: viser.ViserServer = field(init=False)
     scene: Any = field(init=False)
     player: Player = field(init=False, default_factory=Player)
@@ -68,8 +145,16 @@ class ViewerApp:
     _lock: threading.RLock = field(init=False, default_factory=threading.RLock)
 
     def __post_init__(self) -> None:
-        with redirect_stdout(io.StringIO()):  # where it would introduce itself
-            self.server = viser.ViserServer(host=LOOPBACK, port=self.port, label="ccm-opt view", verbose=False)
+        # viser offers no hook for requests, so that it is given a server that has one; silently: it introduces itself.
+        serve = partial(_serve_guarded, websockets.asyncio.server.serve, self.door, self.token)
+        with mock.patch.object(websockets.asyncio.server, "serve", serve), redirect_stdout(io.StringIO()):
+            port = self.door.getsockname()[1]
+            self.server = viser.ViserServer(host=LOOPBACK, port=port, label="ccm-opt view", verbose=False)
+        if self.server.get_port() != port:  # it did not use what it was given, and so is not guarded either
+            self.server.stop()
+            raise ProblemError(
+                "the viewer cannot guard its page with this version of viser; install another: pip install -U viser"
+            )
         self.scene = scene_of(self.server, self.frames, self.settings)
         self.scene.draw()
         self.server.on_client_connect(self.scene.look)
@@ -81,8 +166,8 @@ class ViewerApp:
 
     @property
     def address(self) -> str:
-        """Of the page."""
-        return f"http://{LOOPBACK}:{self.server.get_port()}"
+        """URL of the page, with the token without which nothing is served."""
+        return f"http://{LOOPBACK}:{self.server.get_port()}/{self.token}"
 
     @property
     def _end(self) -> float:
@@ -107,7 +192,10 @@ class ViewerApp:
         finally:
             if self._handles is not None:
                 self._handles.end()
-            self.server.stop()
+            # A page that does not answer keeps viser waiting for five seconds.
+            stopping = threading.Thread(target=self.server.stop, daemon=True)
+            stopping.start()
+            stopping.join(PATIENCE)
 
     def _advance(self, wall: float) -> None:
         """Play on by some wall time [s]; the end is shown for a while."""

@@ -128,4 +128,6 @@ def ompl_modules() -> tuple[Any, Any, Any]:
     try:
         return import_module("ompl.base"), import_module("ompl.geometric"), import_module("ompl.util")
     except ImportError as error:
-        raise ProblemError(f"the method ompl needs the extra 'ompl': pip install ccm-opt[ompl] ({error})") from error
+        raise ProblemError(
+            f"the method ompl needs the package ompl; install it with: pip install ompl ({error})"
+        ) from error
