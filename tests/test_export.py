@@ -47,7 +47,7 @@ def test_the_record_is_strict_json_with_every_key(written: Path) -> None:
     """``solution.json`` has the keys of the format; NaN and infinity stand as null."""
     record = json.loads((written / "solution.json").read_text(), parse_constant=refuse_constant)
     asked = {"schema", "status", "method", "problem", "versions", "seed"}
-    assert set(record) == asked | {"metrics", "timings", "checks", "not_checked", "simulation"}
+    assert set(record) == asked | {"metrics", "timings", "timed_by", "checks", "not_checked", "simulation"}
     assert (record["schema"], record["status"], record["method"], record["seed"]) == (1, "solved", "nlp", 0)
     assert record["metrics"] == {"duration": 1.0, "tip_error": None}
     assert record["checks"][1] == {

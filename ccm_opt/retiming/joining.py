@@ -77,6 +77,7 @@ def _chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory
         positions=np.concatenate((first.positions, second.positions)),
         velocities=np.concatenate((first.velocities, second.velocities)),
         accelerations=np.concatenate((first.accelerations, second.accelerations)),
+        timed_by=(*first.timed_by, *second.timed_by),
     )
 
 

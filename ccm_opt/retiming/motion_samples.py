@@ -46,9 +46,10 @@ class MotionSamples:
         slower = self.velocity / factor
         return MotionSamples(self.s, self.time * factor, self.place, slower, self.acceleration / factor**2)
 
-    def trajectory(self, coordinates: Coordinates) -> JointTrajectory:
-        """As a trajectory of the arm whose coordinates the columns are."""
-        return JointTrajectory(self.time, self.place, self.velocity, self.acceleration, coordinates)
+    def trajectory(self, coordinates: Coordinates, *timed_by: str) -> JointTrajectory:
+        """Return the trajectory of the arm whose coordinates the columns are, and which was timed by what is named."""
+        motion = (self.time, self.place, self.velocity, self.acceleration)
+        return JointTrajectory(*motion, coordinates, timed_by=timed_by)
 
 
 def mean_rates(values: FloatArray, step: FloatArray) -> FloatArray:

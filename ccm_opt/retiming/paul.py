@@ -71,7 +71,7 @@ def retime_paul(
     for limit in others:
         limit.rows(timed.spline, np.linspace(0.0, 1.0, settings.static_points))  # an error where the arm cannot rest
     if len(vias) < 2:
-        return _sampled(_standing(path.keyframes, step), step).trajectory(columns)
+        return _sampled(_standing(path.keyframes, step), step).trajectory(columns, "rest")
 
     axes = timed.bounds
     least = settings.least_samples * step
@@ -79,7 +79,7 @@ def retime_paul(
     for attempt in range(settings.drive_rounds):
         stretch = _stretch_of_legs(legs, others, step, settings.longest)
         if np.max(stretch) <= 1.0:
-            return _sampled(legs, step).trajectory(columns)
+            return _sampled(legs, step).trajectory(columns, "paul")
         # At first only the legs at fault are lengthened. Legs influence their neighbours, so this need not settle;
         # slowing the whole motion does.
         if 2 * attempt < settings.drive_rounds:

@@ -1,6 +1,6 @@
 """A speed profile along the path: s̈ constant between grid points, so ṡ² is linear there and time is closed-form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +17,12 @@ class SpeedProfile:
     Attributes:
         s: grid points, shape (N + 1,).
         squared: ṡ², shape (N + 1,) [1/s²]; 0 at both ends.
+        timed_by: what found them: ``"toppra"``, or ``"sweeps"`` and why not toppra.
     """
 
     s: FloatArray
     squared: FloatArray
+    timed_by: str = ""
 
     @cached_property
     def acceleration(self) -> FloatArray:
@@ -61,7 +63,7 @@ class SpeedProfile:
 
     def slowed(self, factor: float) -> "SpeedProfile":
         """The same profile with all times longer by a factor."""
-        return SpeedProfile(self.s, self.squared / factor**2)
+        return replace(self, squared=self.squared / factor**2)
 
 
 @dataclass(frozen=True)

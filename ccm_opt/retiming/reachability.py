@@ -1,4 +1,4 @@
-"""TOPP-RA's two sweeps in a form that cannot fail, not even at turning points, where general linear programs do.
+"""TOPP-RA's two sweeps in a form that cannot fail, not even at stops and turning points, where toppra's programs do.
 
 With x and y the squared speeds at both ends of an interval of width Δ, s̈ = (y − x) / 2Δ there, and each row becomes
 β x + γ y ≤ 1 with a right side that is positive before it is scaled, because the arm can be held still. So x = y = 0
@@ -14,7 +14,6 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.retiming.compiled_sweeps import compiled_sweeps
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
@@ -79,43 +78,30 @@ class _Stage:
         return x
 
 
-def reachable_profile(
+def reachable_speeds(
     rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
 ) -> FloatArray:
-    """Squared path speeds of the fastest motion from rest to rest; arguments and result as for ``fastest_profile``."""
+    """Find ṡ² of the fastest motion from rest to rest at the grid points; arguments as for ``fastest_profile``.
+
+    Returns:
+        Shape (N + 1,) [1/s²]; positive inside.
+    """
     beta, gamma = _scaled_rows(rows, slack)
-    return _moving(_sweeps(beta, gamma, cap, settings.newton_steps), cap, settings)
-
-
-def compiled_profile(
-    rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
-) -> FloatArray | None:
-    """The same by compiled C; None where there is no compiling."""
-    beta, gamma = _scaled_rows(rows, slack)
-    squared = compiled_sweeps(beta, gamma, cap, settings.newton_steps)
-    return None if squared is None else _moving(squared, cap, settings)
-
-
-def _sweeps(beta: FloatArray, gamma: FloatArray, cap: FloatArray, newton_steps: int) -> FloatArray:
-    """Squared speeds at the grid points; arguments as for ``compiled_sweeps``."""
     count = len(beta)
     reach = np.zeros(count + 1)
     stages: list[_Stage] = []
     # Backward: the greatest ṡ² at each point from which rest at the end can still be reached.
     for k in range(count - 1, -1, -1):
         stages.append(_Stage.from_rows(beta[k], gamma[k], cap[k], reach[k + 1]))
-        reach[k] = stages[-1].greatest(newton_steps)
+        reach[k] = stages[-1].greatest(settings.newton_steps)
 
     # Forward: from rest as fast as the rows allow, within what can still be braked.
     squared = np.zeros(count + 1)
     for k, stage in enumerate(reversed(stages)):
         high, low, _, _ = stage.room(min(squared[k], stage.most))
         squared[k + 1] = min(max(high, low, 0.0), stage.reach)
-    return squared
 
-
-def _moving(squared: FloatArray, cap: FloatArray, settings: ProfileSettings) -> FloatArray:
-    """The speeds without zeros inside, which would be stops for ever."""
+    # Zeros inside would be stops for ever.
     slowest = settings.slowest * np.min(squared, where=squared > 0.0, initial=np.max(cap))
     squared[1:-1] = np.maximum(squared[1:-1], slowest)
     return squared

@@ -1,9 +1,8 @@
-"""The fastest speed profile within the rows, by TOPP-RA (Pham and Pham 2018).
+"""The fastest speed profile within the rows, by the toppra package (TOPP-RA, Pham and Pham 2018).
 
-Its two sweeps are compiled. Where there is no compiler the toppra package makes them. Its linear programs have absolute
-tolerances and fail on paths that stop and on rare crooked ones, where the path turns back; the sweeps are then made in
-NumPy, in the form that is compiled, which cannot fail. toppra loads matplotlib when imported, so it is imported when
-first used.
+Its linear programs have absolute tolerances and fail on paths that stop and on rare crooked ones, where the path turns
+back. There, and where toppra is not installed, the sweeps of ``reachability`` find the speeds; the profile says which.
+toppra loads matplotlib when imported, so it is imported when first used.
 """
 
 import logging
@@ -13,16 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.retiming.path_rows import PathRows
-from ccm_opt.retiming.reachability import compiled_profile, reachable_profile
+from ccm_opt.retiming.profile import SpeedProfile
+from ccm_opt.retiming.reachability import reachable_speeds
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
 
 def fastest_profile(
     rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
-) -> FloatArray:
-    """Squared path speeds of the fastest motion from rest to rest.
+) -> SpeedProfile:
+    """Find the fastest motion from rest to rest.
 
     Args:
         rows: limits at the grid points, shape (N + 1, R).
@@ -31,25 +32,40 @@ def fastest_profile(
         settings: of the speed profile.
 
     Returns:
-        ṡ² at the grid points, shape (N + 1,) [1/s²]; positive inside.
+        The profile, its speeds positive inside; ``timed_by`` says what found them.
     """
     capped = np.minimum(cap, settings.speed_cap / _time_unit(rows) ** 2)
-    compiled = compiled_profile(rows, slack, capped, settings)
-    if compiled is not None:
-        return compiled
-    squared = toppra_profile(rows, slack, capped)
-    return reachable_profile(rows, slack, capped, settings) if squared is None else squared
+    try:
+        return SpeedProfile(rows.s, toppra_speeds(rows, slack, capped), "toppra")
+    except RetimingError as failure:
+        squared = reachable_speeds(rows, slack, capped, settings)
+        return SpeedProfile(rows.s, squared, f"sweeps: {failure.diagnosis.reason}")
 
 
-def toppra_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray | None:
-    """The same by toppra's linear programs; None where they fail."""
+def toppra_speeds(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
+    """Find ṡ² at the grid points by toppra's linear programs, shape (N + 1,) [1/s²].
+
+    Raises:
+        RetimingError: they fail, or toppra is not there.
+    """
     unit = _time_unit(rows)
-    solver = _build(rows, slack, cap * unit**2, unit)
-    _, speeds, _, _ = solver.compute_parameterization(0.0, 0.0, return_data=True)
-    # Two neighbouring speeds of zero would mean a stop for ever, so they count as a failure, like NaN.
-    if speeds is None or np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
-        return None
+    solver = _solver(rows, slack, cap * unit**2, unit)
+    _, speeds, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
+    if speeds is None:
+        # toppra sweeps from the end and leaves off at the first point from which it finds no way on.
+        raise _failed(rows, int(np.flatnonzero(np.isnan(controllable).any(axis=1))[-1]))
+    # Two neighbouring speeds of zero would mean a stop for ever.
+    bad = np.isnan(speeds[1:]) | (speeds[1:] + speeds[:-1] <= 0.0)
+    if np.any(bad):
+        raise _failed(rows, int(np.argmax(bad)))
     return np.asarray((speeds / unit) ** 2)
+
+
+def _failed(rows: PathRows, point: int) -> RetimingError:
+    gain = np.max(np.abs(rows.a), axis=1)
+    # Measured on random paths: where toppra fails beside a stop or a turning point it is 1e-4 of the greatest at most.
+    slow = ", where it all but stops" if gain[point] < 1e-3 * np.max(gain) else ""
+    return RetimingError(Diagnosis(f"toppra fails at {rows.s[point]:.1%} of the path{slow}", "retiming"))
 
 
 def _time_unit(rows: PathRows) -> float:
@@ -57,14 +73,17 @@ def _time_unit(rows: PathRows) -> float:
     return max(float(np.mean(rows.slowness)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
 
 
-def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
-    """The solver on rows a s̈ + b ṡ² + c within ±1, time in units of ``unit``."""
-    with warnings.catch_warnings():
-        # Python warns of its texts where it has to be translated first, which is an error where warnings are.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.simplefilter("ignore", SyntaxWarning)
-        import toppra.algorithm  # noqa: PLC0415 - it is slow to import
-        import toppra.constraint  # noqa: PLC0415 - likewise
+def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
+    """Build toppra's solver on rows a s̈ + b ṡ² + c within ±slack, time in units of ``unit``."""
+    try:
+        with warnings.catch_warnings():
+            # Python warns of its texts where it has to be translated first, which is an error where warnings are.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            warnings.simplefilter("ignore", SyntaxWarning)
+            import toppra.algorithm  # noqa: PLC0415 - it is slow to import
+            import toppra.constraint  # noqa: PLC0415 - likewise
+    except (ImportError, ValueError) as error:  # it has wheels for Linux alone; matplotlib refuses a strange MPLBACKEND
+        raise RetimingError(Diagnosis(f"toppra cannot be loaded ({error})", "retiming")) from error
 
     # Its failures are expected here and have a fall-back, so they are kept out of the log.
     logging.getLogger("toppra").setLevel(logging.CRITICAL)

@@ -41,7 +41,7 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
 
     for number in range(settings.rounds):
         tangent = rows.with_friction(speed, settings.friction_share)
-        profile = SpeedProfile(rows.s, fastest_profile(tangent, bounds.slack(tangent), bounds.cap, settings))
+        profile = fastest_profile(tangent, bounds.slack(tangent), bounds.cap, settings)
         check = check_profile(profile, dense, substeps, settings.dense_share)
         stretched.append(profile.slowed(check.stretch))
         settled = rows.d is None or abs(profile.duration - duration) <= settings.settled * duration

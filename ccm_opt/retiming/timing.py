@@ -61,7 +61,8 @@ def retime(
 
     Returns:
         Samples, the first and last at rest at the path's ends; angles, velocities and accelerations are those of one
-        motion, to rounding, and neither they nor their finite differences pass a limit.
+        motion, to rounding, and neither they nor their finite differences pass a limit. ``timed_by`` says what found
+        the speeds.
 
     Raises:
         RetimingError: a drive cannot even hold the arm still at some point of the path.
@@ -75,12 +76,12 @@ def retime(
     # A path that goes nowhere has no grid; its rows are still asked whether the arm can be held there.
     if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < settings.standing:
         timing.rows(np.linspace(0.0, 1.0, 2))
-        return _standing(path.spline, largest).trajectory(columns)
+        return _standing(path.spline, largest).trajectory(columns, "rest")
 
     fastest = timing.fastest()
     profile = timing.smooth(fastest) if timed.bounds.smooth else fastest
     chords = None if link_length is None else Chords.beside(path, link_length, settings.sampling)
-    return timing.sampled(profile, largest, chords).trajectory(columns)
+    return timing.sampled(profile, largest, chords).trajectory(columns, fastest.timed_by)
 
 
 def needed_stretch(samples: MotionSamples, limits: Sequence[MotionLimit]) -> float:

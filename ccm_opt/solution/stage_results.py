@@ -81,6 +81,8 @@ class JointTrajectory:
         accelerations: shape (T, c) [rad/s², m/s²].
         coordinates: what the columns are; when left out, each is the bend of a joint.
         stops: numbers of the samples at which the arm rests at its goals on the way, in order.
+        timed_by: what found the speeds of each stretch from rest to rest: ``"toppra"``, ``"sweeps"`` with the reason,
+            ``"paul"``, or ``"rest"`` where nothing moves; empty when it is not known, as of a motion that is read back.
     """
 
     time: FloatArray
@@ -89,6 +91,7 @@ class JointTrajectory:
     accelerations: FloatArray
     coordinates: Coordinates = _ALL_BENDS
     stops: tuple[int, ...] = ()
+    timed_by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.coordinates is _ALL_BENDS:

@@ -34,6 +34,7 @@ def solution_json(solution: AnySolution) -> str:
     record |= {
         "metrics": dict(solution.metrics),
         "timings": dict(solution.timings),
+        "timed_by": list(solution.trajectory.timed_by),
         "checks": [_check_data(check) for check in solution.checks],
         "not_checked": list(solution.not_checked),
         "simulation": asdict(solution.simulation.verdict),
