@@ -76,6 +76,11 @@ class BrokenPlanner:
         raise ZeroDivisionError(f"no plan for {problem.name}")
 
 
+def leave() -> None:
+    """End the process instead of making a planner."""
+    raise SystemExit(0)
+
+
 NOT_A_PLANNER = 3
 
 

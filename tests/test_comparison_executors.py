@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -194,13 +195,12 @@ def test_the_client_of_a_cluster_keeps_nothing_of_what_is_over(tmp_path: Path) -
         wait_for_workers(address, 1)
         tracemalloc.start()
         try:
-            before = 0
+            kept = []
             for count, _ in enumerate(completed(DaskWorkers(address), double, range(1500)), start=1):
-                if count == 400:
-                    before = kept_memory()
-                if count == 1400:
-                    # Each task has some kilobytes of messages on its way.
-                    assert kept_memory() - before < 400e3
+                if count % 20 == 0:
+                    kept.append(kept_memory())
+            # Each task has some kilobytes of messages on its way; how many are just so depends on the machine.
+            assert min(kept[65:70]) - min(kept[15:20]) < 400e3
         finally:
             tracemalloc.stop()
 
@@ -232,12 +232,22 @@ def test_a_cluster_that_is_not_there_is_reported() -> None:
     """No answer from the address gives one clear sentence."""
     pytest.importorskip("distributed")
     impatient = ExecutorSettings(cluster_timeout=0.5)
-    with pytest.raises(ProblemError, match="no Dask scheduler answers"):
+    with pytest.raises(ProblemError, match=r"no Dask scheduler answers"):
         list(completed(DaskWorkers(no_scheduler(), impatient), double, [1]))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_never_answers_is_reported() -> None:
+    """An address that accepts and says nothing gives the same sentence as one where nobody listens."""
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(ProblemError, match=r"no Dask scheduler answers.*: nothing was heard within 1 s"):
+            list(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=1.0)), double, [1]))
 
 
 def test_the_extra_is_named_when_dask_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the distributed package the message says what to install."""
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ProblemError, match=r"ccm-opt\[cluster\]"):
+    with pytest.raises(ProblemError, match="pip install distributed"):
         list(completed(DaskWorkers(no_scheduler()), double, [1]))

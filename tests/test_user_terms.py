@@ -2,6 +2,7 @@
 
 import json
 import math
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,10 +20,11 @@ from ccm_opt.cli.term_references import TermReferences
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.user_terms import building
 from ccm_opt.user_terms.compiled_terms import compile_terms
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.references import load_terms
-from ccm_opt.user_terms.terms import Constraint, Cost, Interval
+from ccm_opt.user_terms.terms import Constraint, Cost, Expression, Interval
 
 from .conftest import PROBLEMS
 from .scenes import make_arm, random_headings
@@ -93,12 +95,38 @@ WRONG = [
     (Constraint("w", lambda q: q.tip[0], lower=math.nan), "NaN"),
     (Constraint("w", lambda _: ca.MX.sym("x"), lower=0.0), "SX expression"),
     (Constraint("w", lambda _: "tip", lower=0.0), "SX expression"),
-    (Constraint("w", lambda q: q.nothing, lower=0.0), "fails when it is built"),
+    (Constraint("w", lambda q: q.nothing, lower=0.0), "fails: AttributeError"),
     (Constraint("w", lambda q: q.point_at(9.0), lower=0.0), "arc length"),
     (Constraint("w", lambda _: ca.SX(0, 1), lower=0.0), "empty"),
     (Constraint("w", lambda q: q.inside(shapely.Polygon([(0, 0), (2, 0), (1, 0.1), (2, 2)])), lower=0.0), "convex"),
     (Cost("w", lambda q: q.tip), "expected a scalar"),
 ]
+
+
+def leaves(_: object) -> None:
+    """End the process."""
+    raise SystemExit(0)
+
+
+def interrupts(_: object) -> None:
+    """Raise what Ctrl-C does."""
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("function", [leaves, interrupts])
+def test_a_term_that_would_end_the_process_is_refused_by_name(function: Expression) -> None:
+    """Exits and interrupts that a user's function raises itself are defects of it like any other."""
+    with pytest.raises(ProblemError, match=r"'w' fails: (SystemExit|KeyboardInterrupt)"):
+        compile_terms(ARM, [Constraint("w", function, lower=0.0)], [])
+
+
+def test_a_term_that_never_returns_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is given the stated time, and left behind."""
+    monkeypatch.setattr(building, "TIME_TO_BUILD", 0.2)
+    stop = threading.Event()
+    with pytest.raises(ProblemError, match=r"'w' has not returned after 0\.2 s"):
+        compile_terms(ARM, [Constraint("w", lambda _: stop.wait(), lower=0.0)], [])
+    stop.set()
 
 
 @pytest.mark.parametrize(("term", "message"), WRONG)
@@ -206,7 +234,7 @@ def test_references_name_terms_in_files(tmp_path: Path) -> None:
         (f"{file}:bare", "decorate"),
         (f"{file}:missing", "has no 'missing'"),
         ("nowhere", "module:function"),
-        ("no.such.module:x", "cannot be loaded"),
+        ("no.such.module:x", "loading .* fails: ModuleNotFoundError"),
         (f"{file}:low", "expected a Cost"),
     ):
         with pytest.raises(ProblemError, match=message):

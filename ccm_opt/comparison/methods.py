@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any, cast
@@ -11,6 +12,8 @@ from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.solution import JointPath
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.user_terms.references import TIME_TO_LOAD
+from ccm_opt.user_terms.terms import answer_of
 
 
 @dataclass(frozen=True)
@@ -128,17 +131,17 @@ def check_methods(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _loaded(name: str) -> Planner:
+def _made(name: str) -> Any:
+    """Return the object that a name stands for; a class, or a function that makes a planner, is called."""
     module, _, attribute = name.partition(":")
-    try:
-        value: Any = import_module(module)
-        for part in attribute.split("."):
-            value = getattr(value, part)
-    except (ImportError, AttributeError) as error:
-        raise ProblemError(f"the planner {name} cannot be loaded: {error}; expected module:attribute") from error
-    # A class, or a function that makes a planner, is called first; a planner may be callable itself.
-    if isinstance(value, type) or (callable(value) and not hasattr(value, "plan")):
-        value = value()
+    value: Any = import_module(module)
+    for part in attribute.split("."):
+        value = getattr(value, part)
+    return value() if isinstance(value, type) or (callable(value) and not hasattr(value, "plan")) else value
+
+
+def _loaded(name: str) -> Planner:
+    value = answer_of(partial(_made, name), f"loading the planner module:attribute {name}", TIME_TO_LOAD)
     if not callable(getattr(value, "plan", None)):
         raise ProblemError(f"{name} is a {type(value).__name__} without a method 'plan'; expected a planner")
     return cast("Planner", value)

@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any, TypeVar
 
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.background import in_background
 from ccm_opt.ground.executor_settings import EXECUTORS, ExecutorSettings
 
 MESSAGES_KEPT = "distributed.admin.low-level-log-length"
@@ -42,10 +44,10 @@ class DaskWorkers:
                 "--dask needs Dask's package distributed; install it with: pip install distributed"
             ) from error
 
-        # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them. It asks
-        # how many whenever it connects, which it does again where a machine stood still for a while.
-        fewer = import_module("dask").config.set({MESSAGES_KEPT: self.settings.messages_kept})
-        with _unheard("distributed", "distributed.client", "tornado.application"), fewer:
+        # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them; on a
+        # busy machine one message holds many. It asks how many whenever it connects, as after a machine stood still.
+        none_kept = import_module("dask").config.set({MESSAGES_KEPT: 0})
+        with _unheard("distributed", "distributed.client", "tornado.application"), none_kept:
             client = self._client_of(distributed)
             try:
                 yield self._executor_of(client)
@@ -60,21 +62,26 @@ class DaskWorkers:
         Raises:
             ProblemError: when there is no scheduler, or the client's thread is given no time to run in.
         """
+        limit = self.settings.cluster_timeout
+        connect = partial(distributed.Client, self.address, timeout=limit, set_as_default=False)
         for _ in range(2):
             # Dask has no words for a thread of its own that did not start within ten seconds.
             with suppress(AssertionError):
                 try:
-                    return distributed.Client(self.address, timeout=self.settings.cluster_timeout, set_as_default=False)
+                    # Dask's own limit ends with the connection: it waits for ever for the first word.
+                    return in_background(connect).result(limit)
                 except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
-                    raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
+                    reason = str(error) or f"nothing was heard within {limit:g} s"
+                    raise ProblemError(f"no Dask scheduler answers at {self.address}: {reason}") from error
         raise ProblemError("this machine is too busy for a client of Dask to start")
 
     def _executor_of(self, client: Any) -> tuple[Executor, int]:
+        limit = self.settings.cluster_timeout
         try:
-            client.wait_for_workers(1, timeout=self.settings.cluster_timeout)
+            in_background(partial(client.wait_for_workers, 1, timeout=limit)).result(limit)
+            threads = sum(in_background(client.nthreads).result(limit).values())
         except (OSError, TimeoutError) as error:
             raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
-        threads = sum(client.nthreads().values())
         return ClusterExecutor(client), max(self.settings.least_on_cluster, self.settings.tasks_per_thread * threads)
 
     @property

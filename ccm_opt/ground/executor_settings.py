@@ -15,7 +15,6 @@ class ExecutorSettings:
         return_timeout: time for which a cluster that was lost may take to come back [s].
         most_losses: how often in a row a cluster may be lost without a single result between.
         look_every: time between two looks whether a cluster is still there, while nothing comes back [s].
-        messages_kept: messages to and from a cluster that Dask's client keeps.
         farewell: time that a cluster is given to be left in good order [s].
     """
 
@@ -26,7 +25,6 @@ class ExecutorSettings:
     return_timeout: float = 300.0
     most_losses: int = 5
     look_every: float = 0.5
-    messages_kept: int = 10
     farewell: float = 2.0
 
 

@@ -6,12 +6,14 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from ccm_opt.errors import CcmError, ProblemError
+from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.user_terms.arm_quantities import ArmQuantities
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.user_terms.terms import Constraint, Cost, answer_of
 
+TIME_TO_BUILD = 10.0
+"""That an expression may take [s]; those of arms of 100 links take milliseconds."""
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 """Operations whose result is true or false."""
 
@@ -23,14 +25,7 @@ def _is_comparison(entry: Any) -> bool:
 
 def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
     """The expression as a column, checked."""
-    try:
-        made = term.expression(quantities)
-    except CcmError as error:
-        raise ProblemError(f"{kind} '{term.name}': {error}") from error
-    except Exception as error:
-        # A user's function may raise anything; whatever it is, the message has to name the term.
-        raise ProblemError(f"{kind} '{term.name}' fails when it is built: {type(error).__name__}: {error}") from error
-
+    made = answer_of(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
     try:
         column = ca.vec(ca.SX(made))
     except (NotImplementedError, RuntimeError, TypeError) as error:

@@ -2,14 +2,17 @@
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module, util
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.user_terms.terms import Constraint, Cost, answer_of
 
+TIME_TO_LOAD = 60.0
+"""That a user's module may take [s]: it may load large libraries on a busy machine."""
 Term = TypeVar("Term", Constraint, Cost)
 
 
@@ -51,11 +54,8 @@ def _word(kind: type[Constraint] | type[Cost]) -> str:
 
 
 def _module(reference: str, place: str) -> ModuleType:
-    try:
-        return _from_file(Path(place)) if place.endswith(".py") else _from_path(place)
-    # A user's module may raise anything while it is loaded; the message names the reference.
-    except Exception as error:
-        raise ProblemError(f"'{reference}' cannot be loaded: {type(error).__name__}: {error}") from error
+    load = partial(_from_file, Path(place)) if place.endswith(".py") else partial(_from_path, place)
+    return answer_of(load, f"loading '{reference}'", TIME_TO_LOAD)
 
 
 def _from_path(name: str) -> ModuleType:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.errors import CcmError, ProblemError
 from ccm_opt.ground.arguments import is_number
 from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.background import ANSWER, in_background
 from ccm_opt.ground.expected import expect, expect_that
 
 if TYPE_CHECKING:
@@ -161,6 +162,28 @@ def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion
         return Cost(name or _name_of(expression), expression, weight, where)
 
     return decorate
+
+
+def answer_of(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
+    """Call what a user wrote, which may raise anything, or never return, and return its result.
+
+    Args:
+        call: the user's function.
+        what: it is, for messages.
+        limit: time that it may take [s].
+
+    Raises:
+        ProblemError: it raised something, or has not returned in time.
+    """
+    answer = in_background(call)
+    try:
+        error = answer.exception(limit)
+    except TimeoutError:
+        raise ProblemError(f"{what} has not returned after {limit:g} s; does it wait for something?") from None
+    if error is not None:
+        told = str(error) if isinstance(error, CcmError) else f"{type(error).__name__}: {error}"
+        raise ProblemError(f"{what} fails: {told}") from error
+    return answer.result()
 
 
 def _is_bound(bound: object) -> bool:
