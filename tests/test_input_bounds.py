@@ -91,7 +91,9 @@ def test_large_files_and_devices_without_an_end_are_refused(tmp_path: Path) -> N
 @pytest.fixture
 def inner(tmp_path: Path) -> Path:
     """A folder beside a drawing."""
-    (tmp_path / "scene.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"><circle cx="5" cy="5" r=".1"/></svg>')
+    (tmp_path / "scene.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><circle cx=".5" cy=".5" r=".1"/></svg>'
+    )
     (tmp_path / "inner").mkdir()
     return tmp_path / "inner"
 

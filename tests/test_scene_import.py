@@ -1,9 +1,11 @@
 """Obstacles from drawings: what is read and refused, how curves are contained, how a problem file uses a drawing."""
 
 import io
+import itertools
 import json
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -22,7 +24,9 @@ from ccm_opt.files.problem_file.written_scene import toml_with_obstacles
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.files.scene_import.drawing import import_scene as import_drawing
+from ccm_opt.files.scene_import.found_shapes import Line, Region
 from ccm_opt.files.scene_import.import_settings import ImportOptions
+from ccm_opt.files.scene_import.obstacles import divided
 from ccm_opt.freespace.obstacle import Obstacle
 
 from .conftest import SMALL_PROBLEM
@@ -140,13 +144,15 @@ def test_a_bulge_is_the_arc_through_its_sagitta(bulge: float) -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(control=st.lists(POINT, min_size=4, max_size=9))
-def test_a_flattened_spline_stays_within_the_distance(control: list[tuple[float, float]]) -> None:
-    """Points of a clamped cubic B-spline are within the distance of the polyline."""
-    points, inner = np.array(control), np.linspace(0.0, 1.0, len(control) - 2)
+@given(control=st.lists(st.tuples(COORDINATE, COORDINATE, st.floats(0.3, 3.0)), min_size=4, max_size=9))
+def test_a_flattened_spline_stays_within_the_distance(control: list[tuple[float, float, float]]) -> None:
+    """Points of a clamped cubic B-spline, a rational one, are within the distance of the polyline."""
+    points, weights = np.array(control)[:, :2], np.array(control)[:, 2]
+    inner = np.linspace(0.0, 1.0, len(control) - 2)
     knots = np.concatenate(([0.0] * 3, inner, [1.0] * 3))
-    flat = flatten_spline(knots, points, 3, 1e-2)
-    curve = BSpline(knots, points, 3)(np.linspace(0.0, 1.0, 300))
+    flat = flatten_spline(knots, points, weights, 3, 1e-2)
+    t = np.linspace(0.0, 1.0, 300)
+    curve = BSpline(knots, weights[:, None] * points, 3)(t) / BSpline(knots, weights, 3)(t)[:, None]
     assert furthest(curve, shapely.LineString(flat)) <= 1e-2 * (1 + 1e-9)
 
 
@@ -271,14 +277,13 @@ def test_a_small_loop_is_repaired_and_a_bow_tie_refused_with_its_place(write: Wr
         ),
         ("a.svg", svg('<rect id="far" width="1e40" height="3"/>').encode(), "'far' cannot be an obstacle: .*1e.40"),
         ("a.svg", svg('<circle id="huge" r="1e15" transform="skewX(3)"/>').encode(), "'huge': a curve needs"),
-        ("a.svg", svg('<path id="dot" d="M1 2L1 2"/>').encode(), r"'dot' .* all its points are \(1, -2\)"),
+        ("a.svg", svg('<path id="dot" d="M1 2L1 2"/>').encode(), "left out: 'dot': it has no extent"),
         ("a.dxf", b"hello", "has no end"),
         ("a.dxf", b"\x00\x01 EOF", "not readable as DXF"),
-        ("a.wkt", b"POINT (1 2)", "is a Point, which cannot be an obstacle"),
+        ("a.wkt", b"POINT (1 2)", "left out: Point 'geometry 1': points have no extent"),
         ("a.wkt", b"POLYGON EMPTY", "is empty"),
         ("a.wkt", b"POLYGON ((0 0, 1 0", "cannot be read as well-known text"),
         ("a.wkt", b"POLYGON ((0 0, 1 0, nan 1, 0 0))", "not a finite number"),
-        ("a.wkt", b"POLYGON ((0 0, 1 0, 2 0, 0 0))", "encloses no area"),
         ("a.wkt", b"CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0))", "cannot be read as well-known text"),
         ("a.wkt", b"\xff\xfe", "not a text file in UTF-8"),
         ("a.json", b"{", "not JSON"),
@@ -366,13 +371,58 @@ def test_dxf_entities_that_cannot_be_read_are_refused_by_name(write: Writer) -> 
 
     def draw(_document: object, space: object) -> None:
         space.add_circle((0, 0), 1, dxfattribs={"extrusion": (1, 0, 0), "layer": "standing"})
-        space.add_mline([(0, 0), (1, 0)], dxfattribs={"layer": "double"})
-        space.add_rational_spline([(0, 0), (1, 1), (2, 0), (3, 1)], [1, 2, 1, 1], dxfattribs={"layer": "conic"})
+        space.add_rational_spline([(0, 0), (1, 1), (2, 0), (3, 1)], [1, -2, 1, 1], dxfattribs={"layer": "conic"})
+        space.add_3dface([(0, 0), (1, 0), (1, 1)])
+        space.add_mesh()
+        space.add_polyface()
+        space.add_polymesh()
 
     with pytest.raises(ProblemError) as caught:
         import_scene(write("a.dxf", dxf(draw)), ImportOptions())
-    for words in ("CIRCLE 'standing'", "not drawn in the x-y plane", "MLINE 'double'", "SPLINE 'conic'", "rational"):
+    for words in (
+        *("CIRCLE 'standing'", "not drawn in the x-y plane", "SPLINE 'conic'", "weight", "3DFACE: a face in space"),
+        *("MESH: a mesh in space", "POLYFACE: a mesh in space", "POLYMESH: a mesh in space"),
+    ):
         assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["3DSOLID", "BODY", "REGION", "SURFACE", "ACAD_PROXY_ENTITY", "NEWS"])
+def test_dxf_entities_in_space_and_unknown_ones_are_refused_by_type(write: Writer, kind: str) -> None:
+    """What cannot be read is named by its type, and never passed over."""
+    entity = f"0\n{kind}\n5\nA1\n100\nAcDbEntity\n8\n0\n100\nAcDbModelerGeometry\n70\n1\n"
+    text = dxf(lambda _, space: space.add_circle((0, 0), 1)).replace("  0\nCIRCLE", entity + "  0\nCIRCLE")
+    with pytest.raises(ProblemError, match=kind):
+        import_scene(write("a.dxf", text), ImportOptions())
+
+
+def test_dxf_annotations_may_be_broken_and_lines_without_length_are_told(write: Writer) -> None:
+    """A dimension without its block, points and zero-length lines become no obstacles, each with its reason."""
+
+    def draw(_document: object, space: object) -> None:
+        space.add_circle((0, 0), 1)
+        space.add_mline([(5, 0), (9, 0)])
+        space.add_line((3, 3), (3, 3))
+        space.add_leader([(0, 0), (1, 1)])
+        space.new_entity("DIMENSION", {"text": "40"})
+
+    found = import_drawing(write("a.dxf", dxf(draw)), ImportOptions())
+    assert [obstacle.core.geom_type for obstacle in found.obstacles] == ["Point", "LineString", "LineString"]
+    told = {item.what.split(" ")[0]: item.reason for item in found.drawing.left_out}
+    assert told["LINE"] == "it has no length"
+    assert {"LEADER", "DIMENSION"} <= set(told)
+
+
+@pytest.mark.parametrize("form", ["asc", "bin"])
+def test_dxf_is_read_as_text_and_as_binary(tmp_path: Path, form: str) -> None:
+    """Both forms of the format hold the same obstacles, and the unit that the header names."""
+    import ezdxf
+
+    document = ezdxf.new(units=4)
+    document.modelspace().add_circle((1, 2), 3)
+    document.saveas(tmp_path / "a.dxf", fmt=form)
+    found = import_drawing(tmp_path / "a.dxf", ImportOptions())
+    assert found.drawing.box == (-2.0, -1.0, 4.0, 5.0)
+    assert found.drawing.unit == "mm"
 
 
 @settings(max_examples=40, deadline=None)
@@ -390,6 +440,75 @@ def test_lines_of_a_polygon_join_to_it_in_any_order_and_direction(data: st.DataO
     (chain,) = joined_pieces([Piece(side) for side in sides[1:]], 1e-9)
     assert not chain.closed
     assert len(chain.points) == corners
+
+
+@settings(max_examples=30, deadline=None)
+@given(data=st.data(), corners=st.integers(3, 7))
+def test_lines_drawn_twice_whole_or_in_parts_count_once(data: st.DataObject, corners: int) -> None:
+    """The sides of a polygon, drawn again in halves and in any order, join to the polygon all the same."""
+    turn = 2.0 * np.pi * np.arange(corners + 1) / corners
+    points = 50.0 + np.column_stack((np.cos(turn), np.sin(turn)))
+    halves = np.stack((points[:-1], 0.5 * (points[:-1] + points[1:]), points[1:]), axis=1)
+    again = [side[cut] for side in halves for cut in data.draw(st.sampled_from([[[2, 0]], [[0, 1], [1, 2]]]))]
+    sides = data.draw(st.permutations([*halves[:, [0, 2]], *again]))
+    (ring,) = joined_pieces([Piece(side) for side in sides], 1e-6)
+    assert ring.closed
+    assert shapely.Polygon(ring.points).area == pytest.approx(shapely.Polygon(points[:-1]).area)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    nested=st.lists(st.integers(0, 1), min_size=1, max_size=5),
+    repeated=st.booleans(),
+    closed=st.sampled_from(["solid", "walls", "room"]),
+)
+def test_outlines_within_outlines_are_holes_by_turns(nested: list[int], repeated: bool, closed: str) -> None:
+    """Boxes and circles in each other, maybe drawn twice, are solid by turns; lines; or fill a room by turns."""
+    sizes = 10.0 - np.arange(len(nested))
+
+    def draw(_document: object, space: object) -> None:
+        for size, is_round in zip(sizes, nested, strict=True):
+            for k in range(1 + repeated):
+                if is_round:
+                    space.add_circle((3, 4), 0.5 * size)
+                else:
+                    corners = [(3 + x * size, 4 + y * size) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+                    space.add_lwpolyline(corners[k:] + corners[:k], close=True)
+
+    inside = [
+        shapely.Point(3, 4).buffer(0.5 * s, 64) if r else shapely.box(3 - s, 4 - s, 3 + s, 4 + s)
+        for s, r in zip(sizes, nested, strict=True)
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.dxf"
+        path.write_text(dxf(draw))
+        assume(all(one.contains_properly(other) for one, other in itertools.pairwise(inside)))
+        found = import_drawing(path, ImportOptions(curve_tolerance=1e-3, closed=closed))
+    area = sum(shapely.area(obstacle.outline()) for obstacle in found.obstacles)
+    if closed == "walls":
+        assert all(isinstance(obstacle.core, shapely.LineString) for obstacle in found.obstacles)
+        assert len(found.obstacles) == len(nested) * (1 + repeated)
+        return
+    solids = inside
+    if closed == "room":
+        assert found.room is not None
+        assert found.room.area == pytest.approx(inside[0].area, rel=1e-2)
+        solids = inside[1:]
+    expected = sum((-1) ** k * solid.area for k, solid in enumerate(solids))
+    assert area == pytest.approx(expected, rel=1e-2, abs=1e-2)
+
+
+@given(place=st.tuples(COORDINATE, COORDINATE), size=st.sampled_from([1e-13, 1e-9, 1e-3, 1.0]))
+def test_outlines_without_area_are_walls_or_told(place: tuple[float, float], size: float) -> None:
+    """A polygon whose corners lie in a line is a wall along it; one whose corners are one place is told."""
+    ring = np.array(place) + size * np.array([[0.0, 0.0], [0.5, 0.25], [1.0, 0.5]])
+    found = divided(Region("thin", (ring,)), 1e9)
+    if np.all(ring == ring[0]):
+        assert found == []
+    else:
+        (wall,) = found
+        assert isinstance(wall, Line)
+        assert shapely.LineString(wall.points).distance(shapely.Point(ring[2])) == 0.0
 
 
 def test_chains_end_where_three_lines_meet() -> None:
@@ -517,7 +636,9 @@ from ccm_opt.files.problem_file import parse_problem
 parse_problem({SMALL_PROBLEM!r})
 assert "ezdxf" not in sys.modules
 from ccm_opt.files.scene_import.drawing import import_scene
+from ccm_opt.files.scene_import.found_shapes import Line, Region
 from ccm_opt.files.scene_import.import_settings import ImportOptions
+from ccm_opt.files.scene_import.obstacles import divided
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert "ezdxf" not in sys.modules
 """

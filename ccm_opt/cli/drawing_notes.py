@@ -1,7 +1,9 @@
 """What people are told of a problem's drawing: how many obstacles it gave, how large, where, and what is missing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+
+import shapely
 
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import warn
@@ -14,10 +16,17 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def tell_of_drawing(problem: Problem) -> None:
-    """Print what became of a problem's drawing, where it has one, and warn of one that does not fit the arm."""
-    drawing = problem.drawing
-    if drawing is None:
-        return
+    """Print what became of a problem's drawing, and warn of what does not fit the arm or lies outside the room."""
+    if problem.drawing is not None:
+        _tell_of(problem.drawing, problem)
+    boundary = problem.workspace.boundary
+    warn_of_outside(
+        problem.name,
+        [each.name for each in problem.workspace.obstacles if shapely.distance(each.core, boundary) > each.rounding],
+    )
+
+
+def _tell_of(drawing: ImportedDrawing, problem: Problem) -> None:
     if output().as_json:
         output().note({"drawing": asdict(drawing)})
     if output().tables:
@@ -28,6 +37,14 @@ def tell_of_drawing(problem: Problem) -> None:
         odd = drawing.odd_size(problem.arm.length)
     if odd is not None:
         warn(f"{problem.name}: {odd}")
+
+
+def warn_of_outside(problem: str, obstacles: Sequence[str]) -> None:
+    """Warn of obstacles that lie wholly outside the room: the arm cannot come near them."""
+    shown = ", ".join(f"'{name}'" for name in obstacles[: DISPLAY.most_left_out])
+    rest = len(obstacles) - len(obstacles[: DISPLAY.most_left_out])
+    if obstacles:
+        warn(f"{problem}: wholly outside the room: {shown}" + (f", and {rest} more" if rest else ""))
 
 
 def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
@@ -43,6 +60,10 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
     size = f"{xmax - xmin:.4g} {TIMES} {ymax - ymin:.4g}"
     count = "1 obstacle" if drawing.obstacles == 1 else f"{drawing.obstacles} obstacles"
     yield f"{drawing.file}: {count}, {size} {units.name}, {corners} {units.name}"
+    if not shapely.covers(problem.workspace.boundary, shapely.box(*drawing.box)):
+        yield "  parts of it lie outside the room"
+    if drawing.unit not in {"", units.name}:
+        yield f"  it names {drawing.unit} as its unit, the problem file {units.name}; workspace.scale alone counts"
     shown = None if output().verbose else DISPLAY.most_left_out
     if drawing.layers:
         listed = ", ".join(f"{name} ({number})" for name, number in drawing.layers[:shown])

@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 
-from ccm_opt.cli.drawing_notes import TIMES
+import numpy as np
+
+from ccm_opt.cli.drawing_notes import TIMES, warn_of_outside
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console
@@ -14,7 +16,16 @@ from ccm_opt.space.scene.surfaces import box_about
 
 
 def tell_of_meshes(problem: SpaceProblem) -> None:
-    """Print what became of a problem's meshes, and warn of those that do not fit the arm."""
+    """Print what became of a problem's meshes, and warn of those that do not fit the arm, and of what is outside."""
+    bounds = problem.workspace.bounds
+    if bounds is not None:
+        boxes = [
+            (each.name, box_about(each.body.triangles), each.body.rounding) for each in problem.workspace.obstacles
+        ]
+        warn_of_outside(
+            problem.name,
+            [name for name, (low, high), r in boxes if np.any((low - r > bounds[1]) | (high + r < bounds[0]))],
+        )
     meshes = [(each.name, each.body) for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
     if not meshes:
         return
@@ -47,6 +58,10 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
     yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {inside}"
     for words in body.mended:
         yield f"  mended: {words}"
+
+    room = problem.workspace.bounds
+    if room is not None and np.any((low * METRES[unit] < room[0]) | (high * METRES[unit] > room[1])):
+        yield "  parts of it lie outside the room"
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:

@@ -58,9 +58,9 @@ def route_workspace(problem: Problem, ends: Ends, settings: CurvePlannerSettings
     goal = ends.goal.position if ends.goal_headings is None else arm.joint_positions(ends.goal_headings)[-1]
     # A disc about each obstacle: the sum of the distances of its points is that of its middle, less at most twice the
     # disc's radius.
-    circles = shapely.minimum_bounding_circle(_cores(workspace))
-    middles = shapely.get_coordinates(shapely.centroid(circles))
-    radii = shapely.minimum_bounding_radius(_cores(workspace)) + _roundings(workspace)
+    boxes = shapely.bounds(_cores(workspace))
+    middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+    radii = 0.5 * np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1) + _roundings(workspace)
     nearest = _sum_of_distances(middles, arm.base, goal) - 2.0 * (radii + 2.0 * (arm.radius + workspace.clearance))
     within: BoolArray = nearest <= (1.0 + settings.neighbourhood) * arm.length + ends.goal.room[0]
     kept = tuple(obstacle for obstacle, matters in zip(workspace.obstacles, within, strict=True) if matters)

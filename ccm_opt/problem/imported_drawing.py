@@ -33,6 +33,7 @@ class ImportedDrawing:
         layers: names of layers, or of the outermost named groups, with the number of obstacles on each; empty where
             the drawing has none.
         left_out: everything that became no obstacle, in the order of the drawing.
+        unit: of length that the drawing names, which counts for nothing beside the scale; empty where it names none.
     """
 
     file: str
@@ -40,6 +41,7 @@ class ImportedDrawing:
     box: tuple[float, float, float, float]
     layers: tuple[tuple[str, int], ...] = ()
     left_out: tuple[LeftOut, ...] = ()
+    unit: str = ""
 
     @property
     def extent(self) -> float:

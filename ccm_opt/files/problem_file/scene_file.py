@@ -52,10 +52,25 @@ def with_scene(
         imported = None if place is None else _imported(scene, place, metres, listed, issues)
         if imported is not None:
             rest["obstacles"] = [*listed, *(obstacle_table(obstacle) for obstacle in imported.obstacles)]
+            if imported.room is not None:
+                _set_room(rest, imported.room, issues)
             xmin, ymin, xmax, ymax = imported.drawing.box
             box = (xmin * metres, ymin * metres, xmax * metres, ymax * metres)
             drawing = replace(imported.drawing, box=box)
     return {**data, "workspace": rest}, drawing
+
+
+def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issues) -> None:
+    """Make an outline of the drawing the boundary; bounds may be left, if they hold it."""
+    bounds = workspace.pop("bounds", None)
+    try:
+        holds = bounds is None or shapely.box(*bounds).covers(room)  # type: ignore[misc]  # what it is is seen here
+    except (TypeError, ValueError):
+        holds = False
+    if "boundary" in workspace or not holds:
+        given = "boundary" if "boundary" in workspace else "bounds"
+        issues.add(("workspace", "closed"), f'"room" makes an outline of the drawing the room; leave {given} out')
+    workspace["boundary"] = _points(room.exterior)[:-1]
 
 
 def _place_of(scene: SceneTable, folder: Path | None, issues: Issues, *, allow_outside: bool) -> Path | None:
@@ -77,7 +92,9 @@ def _imported(
     tolerance = scene.curve_tolerance
     if tolerance is None:
         tolerance = ImportOptions.curve_tolerance / metres  # the default is in metres
-    options = ImportOptions(scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness)
+    options = ImportOptions(
+        scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness, scene.closed
+    )
     try:
         return import_scene(place, options, _names(listed))
     except ProblemError as error:

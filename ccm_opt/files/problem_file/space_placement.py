@@ -6,6 +6,7 @@ import numpy as np
 
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath
+from ccm_opt.files.problem_file.placement import PlacedFile
 from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.schema import (
     SpaceArmTable,
@@ -20,6 +21,7 @@ from ccm_opt.problem.imported_drawing import ODD_RATIO
 from ccm_opt.space.scene.bodies import MeshBody
 from ccm_opt.space.scene.insides import depth_inside
 from ccm_opt.space.scene.scene import ROOM_NAME, SpaceWorkspace
+from ccm_opt.space.scene.surfaces import box_about
 
 BODY_KEYS = ("mesh", "box", "sphere", "cylinder", "capsule")
 
@@ -60,6 +62,21 @@ def check_space_base(
         issues.add(
             ("arm", "base"), f"the base at {place} is {_length(depth, units)} outside the {ROOM_NAME}; move it in"
         )
+
+
+def refuse_meshes_outside(
+    workspace: SpaceWorkspaceTable, meshes: Mapping[int, MeshBody], units: str, issues: Issues
+) -> None:
+    """Refuse meshes that lie wholly outside the room: nobody means to plan without them."""
+    if workspace.bounds is None:
+        return
+    room = np.array(workspace.bounds)
+    for number, body in meshes.items():
+        box = box_about(body.vertices)
+        if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
+            scale = body.scale / METRES[units]
+            placed = PlacedFile(body.file, box, body.placement.position, scale, "scale", "pose.position")
+            issues.add(("workspace", "obstacles", number, "mesh"), placed.told_outside(room, units))
 
 
 def depth_outside_room(workspace: SpaceWorkspace, point: FloatArray) -> float:

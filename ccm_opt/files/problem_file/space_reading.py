@@ -27,7 +27,12 @@ from ccm_opt.files.problem_file.schema import (
 )
 from ccm_opt.files.problem_file.space_agreement import check_space_poses, check_up
 from ccm_opt.files.problem_file.space_build import SpaceTables, build_space_problem
-from ccm_opt.files.problem_file.space_placement import check_bars, check_space_base, hint_at_mesh_scale
+from ccm_opt.files.problem_file.space_placement import (
+    check_bars,
+    check_space_base,
+    hint_at_mesh_scale,
+    refuse_meshes_outside,
+)
 from ccm_opt.files.problem_file.space_rules import check_space_alternatives
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.space.problem import SpaceProblem
@@ -143,6 +148,9 @@ def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tupl
 
 def _check_between(draft: _SpaceDraft, issues: Issues) -> None:
     """The checks that need two tables, for those tables that are there."""
+    units = draft.root.units if draft.root is not None else "m"
+    if draft.workspace is not None:
+        refuse_meshes_outside(draft.workspace, draft.meshes, units, issues)
     if draft.arm is None:
         return
     before = len(issues.found)
@@ -159,7 +167,6 @@ def _check_between(draft: _SpaceDraft, issues: Issues) -> None:
     poses += [(("goal", k) if len(goals) > 1 else ("goal",), goal) for k, goal in enumerate(goals)]
     check_space_poses(draft.arm, poses, issues, arm_is_whole=arm_is_whole)
     if arm_is_whole and draft.start is not None and draft.workspace is not None:
-        units = draft.root.units if draft.root is not None else "m"
         check_space_base(draft.workspace, draft.obstacles, draft.meshes, draft.arm, draft.start, units, issues)
 
 

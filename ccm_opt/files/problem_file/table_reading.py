@@ -5,6 +5,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
+import numpy as np
+import shapely
 from pydantic import BaseModel
 
 from ccm_opt.errors import ProblemError
@@ -19,7 +21,7 @@ from ccm_opt.files.problem_file.build import (
 )
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath, lookup
-from ccm_opt.files.problem_file.placement import check_base
+from ccm_opt.files.problem_file.placement import PlacedFile, check_base
 from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.rules import check_alternatives, goal_paths
 from ccm_opt.files.problem_file.scene_file import with_scene
@@ -85,7 +87,8 @@ def check_data(
     check_alternatives(whole, issues)
     draft = _validate(whole, issues)
     with words_in(_unit_of(whole)):
-        _check_between(draft, issues)
+        _check_between(draft, issues, drawing)
+        _check_drawing(drawing, draft, data, issues)
         tables = _complete(draft)
         if tables is None or issues.found:
             _hint_at_scale(drawing, draft, issues)
@@ -161,7 +164,28 @@ def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tupl
     return tuple(found)
 
 
-def _check_between(draft: _Draft, issues: Issues) -> None:
+def _check_drawing(drawing: ImportedDrawing | None, draft: _Draft, data: Mapping[str, object], issues: Issues) -> None:
+    """Refuse a drawing that lies wholly outside the room: nobody means to plan without it."""
+    if drawing is None or draft.workspace is None or not (draft.workspace.bounds or draft.workspace.boundary):
+        return
+    room = build_workspace(draft.workspace, ()).boundary
+    if shapely.intersects(room, shapely.box(*drawing.box)):
+        return
+    unit = _unit_of(data)
+    origin = METRES[unit] * np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
+    scale = lookup(data, ("workspace", "scale")) or 1.0
+    placed = PlacedFile(
+        drawing.file,
+        np.reshape(drawing.box, (2, 2)),
+        origin,
+        float(scale),  # type: ignore[arg-type]  # it was validated with the drawing
+        "workspace.scale",
+        "workspace.offset",
+    )
+    issues.add(("workspace", "file"), placed.told_outside(np.reshape(room.bounds, (2, 2)), unit))
+
+
+def _check_between(draft: _Draft, issues: Issues, drawing: ImportedDrawing | None = None) -> None:
     """The checks that need two tables, for those tables that are there."""
     if draft.arm is None:
         return
@@ -173,7 +197,7 @@ def _check_between(draft: _Draft, issues: Issues) -> None:
         check_pose(draft.arm, pose, path, issues)
         _check_foldable(draft.arm, pose, path, issues)
         _check_feed(draft.arm, pose, path, issues)
-    _check_places(draft, issues)
+    _check_places(draft, issues, drawing)
 
 
 def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
@@ -216,7 +240,7 @@ def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, 
             issues.add((*path, "shape"), str(error))
 
 
-def _check_places(draft: _Draft, issues: Issues) -> None:
+def _check_places(draft: _Draft, issues: Issues, drawing: ImportedDrawing | None) -> None:
     """The base stands where it may, as far as there are a room, an arm and a start to tell."""
     if draft.arm is None or draft.workspace is None or draft.start is None:
         return
@@ -227,7 +251,7 @@ def _check_places(draft: _Draft, issues: Issues) -> None:
         workspace = build_workspace(draft.workspace, whole)
         arm = build_arm(draft.arm)
         base = arm.base + feed_of(draft.start, arm) * arm.feed_direction
-        check_base(workspace, base.tolist(), issues)
+        check_base(workspace, base.tolist(), issues, drawing)
 
 
 def _lists_fit(arm: ArmTable) -> bool:

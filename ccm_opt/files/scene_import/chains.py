@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -36,40 +37,54 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
     """Join open pieces where exactly two ends meet; where more meet, chains end.
 
     Args:
-        pieces: open pieces.
+        pieces: open pieces, each of some length; what is drawn twice, whole or in parts, counts once.
         gap: ends no farther apart than this meet; a short leg then bridges them.
 
     Returns:
         Chains in the order of their first pieces; a loop is a closed piece.
+
+    Raises:
+        ProblemError: ends lie so densely that it cannot be told which of them meet.
     """
+    pieces = _drawn_once(pieces, gap)
     if not pieces:
         return []
-    # Piece k has the ends 2k and 2k + 1, so that end ^ 1 is the other end of the same piece.
-    places = _clusters(np.array([piece.points[[0, -1]] for piece in pieces]).reshape(-1, 2), gap)
-    ends: dict[int, list[int]] = {}
-    for end, place in enumerate(places):
-        ends.setdefault(int(place), []).append(end)
-    partner: dict[int, int] = {}
-    for meeting in ends.values():
-        if len(meeting) == 2:
-            one, other = meeting
-            partner[one] = other
-            partner[other] = one
-
-    chains: dict[int, Piece] = {}
-    left = set(range(len(pieces)))
-    free = [end for end in range(2 * len(pieces)) if end not in partner]
-    # Chains start at their free ends; what is left after that are loops, which may start anywhere.
-    for start in [*free, *range(0, 2 * len(pieces), 2)]:
-        if start // 2 in left:
-            steps, closed = _walk(start, partner)
-            left -= {end // 2 for end in steps}
-            chains[min(steps) // 2] = _chain([pieces[end // 2] for end in steps], steps, closed)
-    return [chains[key] for key in sorted(chains)]
+    # Ends that meet are led to one of them, so that GEOS sees them meet.
+    ends = _meeting(np.array([piece.points[[0, -1]] for piece in pieces]).reshape(-1, 2), gap).reshape(-1, 2, 2)
+    led = [np.vstack((a, piece.points, b)) for piece, (a, b) in zip(pieces, ends, strict=True)]
+    chains = shapely.get_parts(shapely.line_merge(shapely.multilinestrings([shapely.LineString(one) for one in led])))
+    middles = shapely.points([0.5 * (piece.points[0] + piece.points[1]) for piece in pieces])
+    ours, of_chain = shapely.STRtree(chains).query(middles, predicate="dwithin", distance=gap)
+    members = [ours[of_chain == k] for k in range(len(chains))]
+    order = sorted(range(len(chains)), key=lambda k: int(members[k].min()))
+    return [_chain(chains[k], [pieces[number] for number in np.sort(members[k])]) for k in order]
 
 
-def _clusters(points: FloatArray, gap: float) -> np.ndarray:
-    """A number for each point, the same for points that are joined by steps of at most ``gap``."""
+def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
+    points = shapely.get_coordinates(shapely.remove_repeated_points(line))
+    closed = bool(shapely.is_closed(line))
+    curved = any(piece.curved for piece in members)
+    half_width = max(piece.half_width for piece in members)
+    return Piece(points[:-1] if closed else points, closed, curved, half_width, members[0].name)
+
+
+def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
+    """The pieces that lie on no longer ones, and of equal ones the first."""
+    lines = np.array([shapely.LineString(piece.points) for piece in pieces])
+    tree = shapely.STRtree(lines)
+    middles = shapely.line_interpolate_point(lines, 0.5, normalized=True)
+    ours, others = tree.query(middles, predicate="dwithin", distance=gap)
+    lengths = shapely.length(lines)
+    # A piece may lie on one that is longer by rounding alone, but of two that lie on each other one stays.
+    before = (lengths[others] > lengths[ours] + gap) | ((abs(lengths[others] - lengths[ours]) <= gap) & (others < ours))
+    ours, others = ours[before], others[before]
+    on = shapely.covers(shapely.buffer(lines[others], gap), lines[ours])
+    lost = set(ours[on].tolist())
+    return [piece for k, piece in enumerate(pieces) if k not in lost]
+
+
+def _meeting(points: FloatArray, gap: float) -> FloatArray:
+    """The points, but those joined by steps of at most ``gap`` all at the first of them; shape as given."""
     # Equal points are one place, however many there are; pairs are sought among different ones only.
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     tree = cKDTree(places)
@@ -78,31 +93,6 @@ def _clusters(points: FloatArray, gap: float) -> np.ndarray:
     pairs = tree.query_pairs(gap, output_type="ndarray")
     # Pairs of near points are the edges of a graph; its connected components are the places that meet.
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
-    return np.asarray(connected_components(graph, directed=False)[1])[place_of.reshape(-1)]
-
-
-def _walk(start: int, partner: dict[int, int]) -> tuple[list[int], bool]:
-    """The ends at which a chain from the end ``start`` enters its pieces, and whether it comes back to it."""
-    steps = [start]
-    # Through the piece to its other end, and over to the end that meets it.
-    end = start ^ 1
-    while end in partner and partner[end] != start:
-        steps.append(partner[end])
-        end = partner[end] ^ 1
-    return steps, end in partner
-
-
-def _chain(pieces: Sequence[Piece], entries: Sequence[int], closed: bool) -> Piece:
-    """Pieces in the order of a chain as one; points that meet are kept once."""
-    runs = []
-    for piece, entry in zip(pieces, entries, strict=True):
-        entered_at_its_end = entry % 2 == 1
-        runs.append(piece.points[::-1] if entered_at_its_end else piece.points)
-    points = np.concatenate(runs)
-    # Pieces that meet exactly would leave a leg of no length between them.
-    different = np.concatenate(([True], np.any(np.diff(points, axis=0) != 0.0, axis=1)))
-    points = points[different]
-    if closed and len(points) > 1 and np.all(points[0] == points[-1]):
-        points = points[:-1]
-    first = pieces[int(np.argmin(entries))]
-    return Piece(points, closed, any(p.curved for p in pieces), max(p.half_width for p in pieces), first.name)
+    group = connected_components(graph, directed=False)[1]
+    first = np.unique(group, return_index=True)[1]
+    return np.asarray(places[first[group]][place_of.reshape(-1)])

@@ -126,14 +126,19 @@ def _steps(second_derivative: float, distance: float) -> int:
     return max(math.ceil(needed), 1)
 
 
-def flatten_spline(knots: FloatArray, control: FloatArray, degree: int, distance: float) -> FloatArray:
-    """A B-spline curve as a polyline.
+def flatten_spline(
+    knots: FloatArray, control: FloatArray, weights: FloatArray, degree: int, distance: float
+) -> FloatArray:
+    """A B-spline curve, which may be rational, as a polyline.
 
-    Its second derivative is a B-spline too, and no larger than the largest of that one's control points.
+    Derivatives of B-splines are such too, and no larger than the largest of their control points. A rational curve is a
+    quotient p = n / w, so that p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS
+    Book, equation 4.8).
 
     Args:
         knots: shape (k + degree + 1,), not decreasing.
         control: control points, shape (k, 2).
+        weights: of the control points, positive, shape (k,).
         degree: at least 1.
         distance: greatest distance between curve and polyline.
 
@@ -141,17 +146,34 @@ def flatten_spline(knots: FloatArray, control: FloatArray, degree: int, distance
         Points on the curve, both ends included, shape (m, 2).
 
     Raises:
-        ProblemError: the curve would need more than ``MAX_STEPS`` chords.
+        ProblemError: the curve would need more than ``MAX_STEPS`` chords, or a weight is not positive.
     """
     from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to load and seldom needed
 
-    spline = BSpline(knots, control, degree)
-    bend = np.linalg.norm(spline.derivative(2).c, axis=1).max(initial=0.0) if degree > 1 else 0.0
+    if not np.all(weights > 0.0):
+        raise ProblemError("it is a spline with a weight that is not positive; explode it into a polyline or arcs")
+    weights = weights / weights.max()
+    middle = control.mean(axis=0)
+    # Columns: n about the middle of the control points, and w.
+    spline = BSpline(knots, np.column_stack((weights[:, None] * (control - middle), weights)), degree)
+
+    def greatest(order: int) -> tuple[float, float]:
+        """Bounds of a derivative of n and of w."""
+        if order > degree:
+            return 0.0, 0.0
+        found = np.atleast_2d(spline.derivative(order).c)
+        return float(np.linalg.norm(found[:, :2], axis=1).max()), float(np.abs(found[:, 2]).max())
+
+    reach = float(np.linalg.norm(control - middle, axis=1).max())
+    (n_slope, w_slope), (n_bend, w_bend) = greatest(1), greatest(2)
+    least = float(weights.min())
+    slope = (n_slope + w_slope * reach) / least
+    bend = (n_bend + 2.0 * w_slope * slope + w_bend * reach) / least
     spans = np.unique(knots[degree : len(knots) - degree])
     # Over a span of width w the parameter from 0 to 1 makes the second derivative w² times as large.
-    counts = [_steps(float(bend) * width**2, distance) for width in np.diff(spans)]
+    counts = [_steps(bend * width**2, distance) for width in np.diff(spans)]
     if sum(counts) > MAX_STEPS:
         raise ProblemError(f"a curve needs {sum(counts)} chords; check the scale, or allow a larger curve_tolerance")
     edges = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(spans[:-1], spans[1:], counts, strict=True)]
-    points: FloatArray = spline(np.append(np.concatenate(edges), spans[-1]))
-    return points
+    values = spline(np.append(np.concatenate(edges), spans[-1]))
+    return np.asarray(middle + values[:, :2] / values[:, 2:])

@@ -12,10 +12,11 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.formats import READERS
 from ccm_opt.files.scene_import.found_shapes import Disc, DrawingContent, Line, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportOptions, ImportSettings
-from ccm_opt.files.scene_import.obstacles import obstacles_of, with_unique_names
+from ccm_opt.files.scene_import.obstacles import divided, obstacles_of, with_unique_names
+from ccm_opt.files.scene_import.outlines import as_walls, room_of, with_holes
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.problem import ImportedDrawing
+from ccm_opt.problem import ImportedDrawing, LeftOut
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,12 @@ class ImportedScene:
     Attributes:
         obstacles: in the order of the drawing, their names unique; in the unit that the scale leads to.
         drawing: how many, how large and where they are, in the same unit, and what was left out.
+        room: the outline that is the room, where one is to be.
     """
 
     obstacles: tuple[Obstacle, ...]
     drawing: ImportedDrawing
+    room: shapely.Polygon | None = None
 
 
 def import_scene(
@@ -38,7 +41,7 @@ def import_scene(
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
-        options: placement and tolerances.
+        options: placement, tolerances, and what closed outlines are.
         taken: names that other obstacles have already.
         settings: tolerances and bounds of the import.
 
@@ -47,42 +50,70 @@ def import_scene(
             used; those are listed by name.
     """
     content = _content(path, settings)
-    # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = _found(path, content, options, settings)
-        obstacles = _collected(path, found.shapes, options, settings)
-    _refuse_too_many_vertices(path, obstacles, options, settings)
-    named = with_unique_names(obstacles, taken)
-    return ImportedScene(named, _summary(path, named, found))
-
-
-def _found(path: Path, content: bytes, options: ImportOptions, settings: ImportSettings) -> DrawingContent:
-    """What the reader of the format finds, at least one shape."""
     # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
-    flattening = settings.flattening_share * options.curve_tolerance
-    reader = READERS[path.suffix.lower()]
+    distance = settings.flattening_share * options.curve_tolerance
+    growth = settings.growth_share * options.curve_tolerance
+    room = None
     try:
-        found = reader(content, flattening / options.scale, settings)
+        # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = _placed(
+                READERS[path.suffix.lower()](content, distance / options.scale, settings), options, settings
+            )
+            shapes: Sequence[Shape] = found.shapes
+            if options.closed == "room":
+                room, shapes = room_of(shapes, growth, distance, settings)
+            walls = options.closed == "walls"
+            shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance, settings)
+            obstacles = _collected(shapes, growth, options, settings)
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
-    if not found.shapes:
-        left_out = settings.listed([f"{item.what}: {item.reason}" for item in found.left_out])
+    _refuse_too_many_vertices(path, obstacles, options, settings)
+    named = with_unique_names(obstacles, taken)
+    return ImportedScene(named, _summary(path, named, room, found), room)
+
+
+def _placed(found: DrawingContent, options: ImportOptions, settings: ImportSettings) -> DrawingContent:
+    """The same in the coordinates of the result, what has no extent left out; at least one shape.
+
+    Raises:
+        ProblemError: nothing is left, or a shape has coordinates that cannot be used.
+    """
+    shapes: list[Shape] = []
+    left_out = list(found.left_out)
+    refusals: list[str] = []
+    for shape in found.shapes:
+        try:
+            parts = divided(_moved(shape, options), settings.largest_coordinate)
+        except ProblemError as error:
+            refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
+            continue
+        if not parts:
+            left_out.append(LeftOut(f"'{shape.name}'", "it has no extent"))
+        shapes += parts
+    if refusals:
+        raise ProblemError(settings.listed(refusals))
+    if not shapes:
+        listed = settings.listed([f"{item.what}: {item.reason}" for item in left_out])
         raise ProblemError(
-            f"{path.name} holds no shape that could be an obstacle; "
-            + (f"left out: {left_out}" if left_out else "draw outlines, circles or lines")
+            "it holds no shape that could be an obstacle; "
+            + (f"left out: {listed}" if listed else "draw outlines, circles or lines")
         )
-    return found
+    return replace(found, shapes=tuple(shapes), left_out=tuple(left_out))
 
 
-def _summary(path: Path, obstacles: Sequence[Obstacle], found: DrawingContent) -> ImportedDrawing:
+def _summary(
+    path: Path, obstacles: Sequence[Obstacle], room: shapely.Polygon | None, found: DrawingContent
+) -> ImportedDrawing:
     """What people are told of a drawing that was read."""
-    boxes = np.array([shapely.bounds(obstacle.core) for obstacle in obstacles])
-    growth = np.array([obstacle.rounding for obstacle in obstacles])[:, None]
-    least = (boxes[:, :2] - growth).min(axis=0)
-    greatest = (boxes[:, 2:] + growth).max(axis=0)
-    box = (float(least[0]), float(least[1]), float(greatest[0]), float(greatest[1]))
+    boxes = [shapely.bounds(obstacle.core) + obstacle.rounding * np.array([-1, -1, 1, 1]) for obstacle in obstacles]
+    if room is not None:
+        boxes.append(shapely.bounds(room))
+    xmin, ymin, xmax, ymax = shapely.total_bounds(shapely.box(*np.transpose(boxes))).tolist()
     layers = Counter(shape.layer for shape in found.shapes if shape.layer)
-    return ImportedDrawing(path.name, len(obstacles), box, tuple(layers.items()), found.left_out)
+    return ImportedDrawing(
+        path.name, len(obstacles), (xmin, ymin, xmax, ymax), tuple(layers.items()), found.left_out, found.unit
+    )
 
 
 def _refuse_too_many_vertices(
@@ -121,22 +152,23 @@ def _content(path: Path, settings: ImportSettings) -> bytes:
     return content
 
 
-def _collected(path: Path, shapes: Sequence[Shape], options: ImportOptions, settings: ImportSettings) -> list[Obstacle]:
+def _collected(
+    shapes: Sequence[Shape], growth: float, options: ImportOptions, settings: ImportSettings
+) -> list[Obstacle]:
     """The obstacles of all shapes; what cannot be one is refused in one error that lists them by name."""
-    growth = settings.growth_share * options.curve_tolerance
     obstacles: list[Obstacle] = []
     refusals: list[str] = []
     for shape in shapes:
         try:
-            obstacles += obstacles_of(_placed(shape, options), growth, options.wall_thickness, settings)
+            obstacles += obstacles_of(shape, growth, options.wall_thickness, settings)
         except ProblemError as error:
             refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
     if refusals:
-        raise ProblemError(f"{path.name}: {settings.listed(refusals)}")
+        raise ProblemError(settings.listed(refusals))
     return obstacles
 
 
-def _placed(shape: Shape, options: ImportOptions) -> Shape:
+def _moved(shape: Shape, options: ImportOptions) -> Shape:
     """A shape in the coordinates of the result."""
     scale = options.scale
     if isinstance(shape, Disc):

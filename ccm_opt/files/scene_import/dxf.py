@@ -1,23 +1,24 @@
 """Reads DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
 
 Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
-ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported;
-whatever else cannot be read is refused by name, for a missing obstacle would be worse than a refused file.
+ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported, broken
+ones too; whatever else cannot be read is refused by name, for a missing obstacle would be worse than a refused file.
 """
 
 import io
 import logging
-from collections.abc import Iterator
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
-from ccm_opt.files.scene_import.dxf_entities import PIECES, Entity, corner_points, hatch_rings, piece_of
+from ccm_opt.files.scene_import.dxf_entities import PIECES, Entity, corner_points, hatch_rings
 from ccm_opt.files.scene_import.found_shapes import Disc, DrawingContent, Line, Region, Shape
 from ccm_opt.files.scene_import.import_settings import ImportSettings
 from ccm_opt.problem import LeftOut
@@ -31,7 +32,9 @@ IGNORED = frozenset(
         "ARC_DIMENSION",
         "ATTDEF",
         "ATTRIB",
+        "DGNUNDERLAY",
         "DIMENSION",
+        "DWFUNDERLAY",
         "IMAGE",
         "LARGE_RADIAL_DIMENSION",
         "LEADER",
@@ -40,8 +43,10 @@ IGNORED = frozenset(
         "MTEXT",
         "MULTILEADER",
         "OLE2FRAME",
+        "PDFUNDERLAY",
         "POINT",
         "RAY",
+        "SHAPE",
         "TEXT",
         "TOLERANCE",
         "VIEWPORT",
@@ -57,6 +62,27 @@ _IGNORED_BECAUSE = {
     "TEXT": "texts are no obstacles",
     "XLINE": "construction lines are no obstacles",
 }
+_IN_SPACE = {
+    "3DFACE": "a face in space",
+    "3DSOLID": "a solid in space",
+    "BODY": "a body in space",
+    "EXTRUDEDSURFACE": "a surface in space",
+    "LOFTEDSURFACE": "a surface in space",
+    "MESH": "a mesh in space",
+    "PLANESURFACE": "a surface in space",
+    "POLYFACE": "a mesh in space",
+    "POLYMESH": "a mesh in space",
+    "REGION": "an area kept as a body in space",
+    "REVOLVEDSURFACE": "a surface in space",
+    "SURFACE": "a surface in space",
+    "SWEPTSURFACE": "a surface in space",
+}
+"""What is no part of a drawing in the plane, by its type; meshes among the POLYLINEs have names of their own."""
+_PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VERTEX"))
+"""What is no entity by itself."""
+_KIND = re.compile(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(\d*[A-Z][A-Z0-9_]*)[ \t]*\r?$")
+"""The type of an entity in the text of a file: what follows the group code 0."""
+_BINARY = b"AutoCAD Binary DXF"
 _DEEPEST = 32
 """Blocks nested deeper than this are taken for blocks that hold themselves."""
 _GAP = 1e-6
@@ -80,6 +106,7 @@ class _Findings:
     open_pieces: dict[str, list[Piece]] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
+    in_space: Counter[str] = field(default_factory=Counter)
     points: int = 0
 
     def leave_out(self, item: _Placed, reason: str) -> None:
@@ -101,17 +128,17 @@ def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> Drawi
         ProblemError: the content is no DXF, holds entities that cannot be read, which are listed by name, or inserts
             more than the bounds allow.
     """
-    drawing = _parsed(content, settings)
+    found = _Findings()
+    drawing = _parsed(content, found, settings)
     try:
-        return _read(drawing, distance, settings)
+        return _read(drawing, distance, found, settings)
     except ProblemError:
         raise
     except Exception as error:  # the parser lets entities pass that it cannot make sense of later
         raise ProblemError(f"the DXF file is damaged: {error} Save it again from a CAD program.") from error
 
 
-def _read(drawing: "Drawing", distance: float, settings: ImportSettings) -> DrawingContent:
-    found = _Findings()
+def _read(drawing: "Drawing", distance: float, found: _Findings, settings: ImportSettings) -> DrawingContent:
     for item in _entities(drawing, found, settings):
         try:
             _add(item, distance, found)
@@ -119,12 +146,24 @@ def _read(drawing: "Drawing", distance: float, settings: ImportSettings) -> Draw
             found.refusals.append(f"{_title(item)} cannot be an obstacle: {error}")
         if found.points > settings.most_points:
             raise ProblemError(f"its shapes have more than {settings.most_points} points; simplify the drawing")
+    found.refusals += [
+        f"{kind}: {_IN_SPACE[kind]} ({number} of them); draw its outline in the plane, or export a mesh (STL) and plan "
+        "with space = 3"
+        for kind, number in found.in_space.items()
+    ]
     if found.refusals:
         raise ProblemError(settings.listed(found.refusals))
     found.left_out += _sheets(drawing)
     for layer, pieces in found.open_pieces.items():
         found.shapes += _chained(pieces, layer, distance, settings)
-    return DrawingContent(tuple(found.shapes), tuple(found.left_out))
+    return DrawingContent(tuple(found.shapes), tuple(found.left_out), _unit(drawing))
+
+
+def _unit(drawing: "Drawing") -> str:
+    """The unit that the header names, for example ``mm``; empty where it names none."""
+    from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
+
+    return decode(drawing.units) or "" if drawing.units else ""
 
 
 def _sheets(drawing: "Drawing") -> list[LeftOut]:
@@ -141,9 +180,11 @@ def _sheets(drawing: "Drawing") -> list[LeftOut]:
     ]
 
 
-def _parsed(content: bytes, settings: ImportSettings) -> "Drawing":
+def _parsed(content: bytes, found: _Findings, settings: ImportSettings) -> "Drawing":
     from ezdxf import recover  # noqa: PLC0415 - loaded only when a DXF file is read
     from ezdxf.audit import AuditError  # noqa: PLC0415 - likewise
+    from ezdxf.document import Drawing  # noqa: PLC0415 - likewise
+    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415 - likewise
 
     # The parser would mend a file that was cut short in silence, and obstacles would be missing.
     if b"EOF" not in content[-64:]:
@@ -154,7 +195,11 @@ def _parsed(content: bytes, settings: ImportSettings) -> "Drawing":
         )
     with _told_by("ezdxf") as told:
         try:
-            drawing, auditor = recover.read(io.BytesIO(content))
+            if content.startswith(_BINARY):
+                drawing = Drawing.load(binary_tags_loader(content))
+                auditor = drawing.audit()
+            else:
+                drawing, auditor = recover.read(io.BytesIO(content))
         except Exception as error:  # whatever the parser stumbles over
             raise ProblemError(f"not readable as DXF: {error}") from error
     # The parser only logs that it skips parts of a damaged file, and obstacles may be among them.
@@ -164,8 +209,26 @@ def _parsed(content: bytes, settings: ImportSettings) -> "Drawing":
     # An undefined block counts as mended when its references are deleted; here that is a lost obstacle.
     lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
     for defect in [*auditor.errors, *lost]:
-        raise ProblemError(f"the DXF file is damaged: {defect.message} Save it again from a CAD program.")
+        named = re.search(r"\b([A-Z][A-Z0-9_]+)\(#", defect.message)
+        kind = defect.entity.dxftype() if defect.entity is not None else named[1] if named else ""
+        if kind not in IGNORED:
+            raise ProblemError(f"the DXF file is damaged: {defect.message} Save it again from a CAD program.")
+        found.left_out.append(LeftOut(kind, f"annotations are no obstacles, and it is broken: {defect.message}"))
+    empty = [fix.message for fix in auditor.fixes if fix.code == AuditError.INVALID_VERTEX_COUNT]
+    found.left_out += [LeftOut("polyline", f"it is empty: {message}") for message in empty]
+    _refuse_lost(drawing, content, empty)
     return drawing
+
+
+def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> None:
+    """Hold the entities that the parser kept against those that the text of the file holds."""
+    sections = re.split(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*SECTION[ \t]*\r?$", content)
+    drawn = b"".join(part for part in sections if part.split(maxsplit=2)[1:2] in ([b"ENTITIES"], [b"BLOCKS"]))
+    held = Counter(kind.decode() for kind in _KIND.findall(drawn))
+    held.subtract(entity.dxftype() for block in drawing.blocks for entity in block)
+    for kind, number in held.items():
+        if kind not in IGNORED | _PARTS and number > sum(f"{kind}(#" in message for message in empty):
+            raise ProblemError(f"{number} of the entities of type {kind} cannot be read; explode them, or save again")
 
 
 @contextmanager
@@ -205,6 +268,9 @@ def _entities(drawing: "Drawing", found: _Findings, settings: ImportSettings) ->
         if item.entity.dxftype() == "INSERT":
             pending.extend(reversed(_parts(inserted, found, settings)))
             count += max(item.entity.mcount, 1)
+        elif item.entity.dxftype() == "MLINE":
+            lines = [replace(item, entity=part) for part in item.entity.virtual_entities()]
+            pending.extend(_Inserted(line, inserted.depth + 1) for line in reversed(lines))
         count += 1
         if count > settings.most_elements:
             raise ProblemError(
@@ -212,7 +278,7 @@ def _entities(drawing: "Drawing", found: _Findings, settings: ImportSettings) ->
                 "inserted; simplify the drawing"
             )
         layer = item.layer.lower()
-        if item.entity.dxftype() == "INSERT":
+        if item.entity.dxftype() in {"INSERT", "MLINE"}:
             continue
         if layer == "defpoints":
             found.leave_out(item, "CAD programs never print the layer defpoints")
@@ -238,8 +304,12 @@ def _parts(inserted: _Inserted, found: _Findings, settings: ImportSettings) -> l
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
         raise ProblemError(f"block '{block}' holds blocks more than {_DEEPEST} deep; explode it")
+    definition = entity.block()
+    if definition is not None and definition.block.is_xref:
+        found.refusals.append(f"INSERT '{block}' draws another file; bind that file to the drawing")
+        return []
     # Copies are counted before they are made: two numbers in a file may ask for a thousand million.
-    held = len(entity.block()) if entity.block() is not None else 0
+    held = 0 if definition is None else len(definition)
     if entity.mcount * max(held, 1) > settings.most_elements:
         raise ProblemError(
             f"block '{block}' is inserted {entity.mcount} times with {held} entities, at most "
@@ -273,6 +343,11 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
     if kind in IGNORED:
         found.leave_out(item, _IGNORED_BECAUSE.get(kind, "annotations and pictures are no obstacles"))
         return
+    if kind == "POLYLINE" and (entity.is_poly_face_mesh or entity.is_polygon_mesh):
+        kind = "POLYFACE" if entity.is_poly_face_mesh else "POLYMESH"
+    if kind in _IN_SPACE:
+        found.in_space[kind] += 1
+        return
     _turn_upright(entity)
 
     layer = item.layer
@@ -281,12 +356,15 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
         shape: Shape = Disc(item.name, np.array((center.x, center.y)), float(entity.dxf.radius), layer)
     elif kind in {"HATCH", "MPOLYGON"}:
         rings, curved = hatch_rings(entity, distance)
-        shape = Region(item.name, rings, "evenodd", curved, layer=layer)
-    elif kind in {"SOLID", "TRACE", "3DFACE"}:
-        shape = Region(item.name, (corner_points(entity),), layer=layer)
+        shape = Region(item.name, rings, "evenodd", curved, layer=layer, drawn="area")
+    elif kind in {"SOLID", "TRACE"}:
+        shape = Region(item.name, (corner_points(entity),), layer=layer, drawn="area")
     elif kind in PIECES:
-        piece = replace(piece_of(entity, distance), name=item.name)
+        piece = replace(PIECES[kind](entity, distance), name=item.name)
         found.points += len(piece.points)
+        if np.all(piece.points == piece.points[0]):
+            found.leave_out(item, "it has no length")
+            return
         if not piece.closed:
             found.open_pieces.setdefault(layer, []).append(piece)
             return
@@ -320,9 +398,8 @@ def _chained(pieces: list[Piece], layer: str, distance: float, settings: ImportS
 
 
 def _shape(piece: Piece, layer: str) -> Shape:
-    """A closed piece as a region, unless it only runs to and fro; an open one as a line."""
-    if piece.closed and shapely.MultiPoint(piece.points).convex_hull.area > 0.0:
-        return Region(piece.name, (piece.points,), "nonzero", piece.curved, piece.half_width, layer)
+    if piece.closed:
+        return Region(piece.name, (piece.points,), "nonzero", piece.curved, piece.half_width, layer, "outline")
     return Line(piece.name, piece.points, piece.curved, piece.half_width, layer)
 
 

@@ -24,19 +24,6 @@ _FULL_TURN = 1e-9
 """Arcs that miss a full turn by less than this are full [rad]."""
 
 
-def piece_of(entity: Entity, distance: float) -> Piece:
-    """The piece that an entity draws.
-
-    Args:
-        entity: of one of the types in ``PIECES``.
-        distance: allowed between a curve and its polyline.
-
-    Raises:
-        ProblemError: the entity cannot be drawn in the plane.
-    """
-    return PIECES[entity.dxftype()](entity, distance)
-
-
 def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...], bool]:
     """The closed boundaries of a HATCH or MPOLYGON, and whether they have curves."""
     pieces = [_boundary(path, distance) for path in entity.paths]
@@ -44,7 +31,7 @@ def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...]
 
 
 def corner_points(entity: Entity) -> FloatArray:
-    """Corners of a SOLID, TRACE or 3DFACE in order round it, shape (3 or 4, 2)."""
+    """Corners of a SOLID or TRACE in order round it, shape (3 or 4, 2)."""
     # A triangle repeats its last corner.
     points = np.array([(p.x, p.y) for p in entity.wcs_vertices()], dtype=np.float64)
     repeated = np.all(points == np.roll(points, 1, axis=0), axis=1)
@@ -96,8 +83,6 @@ def _lwpolyline(entity: Entity, distance: float) -> Piece:
 
 
 def _polyline(entity: Entity, distance: float) -> Piece:
-    if not (entity.is_2d_polyline or entity.is_3d_polyline):
-        raise ProblemError("it is a mesh; expected a polyline")
     drawn = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.flags & _FRAME_VERTEX]
     points = np.array([(v.location.x, v.location.y) for v in drawn], dtype=np.float64).reshape(-1, 2)
     bulges = np.array([v.get("bulge", 0.0) for v in drawn], dtype=np.float64)
@@ -132,11 +117,9 @@ def _spline(entity: Entity, distance: float) -> Piece:
 
 
 def _flat_spline(tool: "BSpline", distance: float) -> Piece:
-    # The bound on chords holds for polynomials only, not for their quotients.
-    if len(set(tool.weights())) > 1:
-        raise ProblemError("it is a rational spline; explode it into a polyline or arcs")
     control = np.array([(p.x, p.y) for p in tool.control_points], dtype=np.float64)
-    points = flatten_spline(np.array(tool.knots(), dtype=np.float64), control, tool.degree, distance)
+    weights = np.array(tool.weights() or np.ones(len(control)), dtype=np.float64)
+    points = flatten_spline(np.array(tool.knots(), dtype=np.float64), control, weights, tool.degree, distance)
     extent = np.ptp(points, axis=0).max()
     closed = len(points) > 3 and bool(np.hypot(*(points[0] - points[-1])) <= _CLOSED * extent)
     return Piece(points[:-1] if closed else points, closed, curved=True)
@@ -182,6 +165,7 @@ PIECES: Mapping[str, Callable[[Entity, float], Piece]] = {
     "LINE": _line,
     "ARC": _arc,
     "ELLIPSE": _ellipse,
+    "HELIX": _spline,
     "LWPOLYLINE": _lwpolyline,
     "POLYLINE": _polyline,
     "SPLINE": _spline,

@@ -5,37 +5,36 @@ import shapely
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import Line, Region, Shape
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import LeftOut
 
 
-def shapes_of(geometry: shapely.Geometry, name: str) -> list[Shape]:
+def shapes_of(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) -> list[Shape]:
     """The shapes of a geometry, collections taken apart; a line string is a line even when it is closed.
 
-    The caller bounds how deep collections are nested: GEOS follows them by calls within calls.
-
     Args:
-        geometry: polygons, lines, and collections of such.
+        geometry: of any kind and nesting.
         name: of every shape.
+        left_out: receives what has no extent, and heights.
 
     Raises:
-        ProblemError: the geometry is empty, or of a kind without area or length.
+        ProblemError: a coordinate is not a finite number.
     """
-    if shapely.is_empty(geometry):
-        raise ProblemError(f"'{name}' is empty; expected a geometry with coordinates")
     if not np.isfinite(shapely.get_coordinates(geometry)).all():
         raise ProblemError(f"'{name}' has a coordinate that is not a finite number")
-    if isinstance(geometry, shapely.Polygon):
-        return [Region(name, tuple(_ring(ring) for ring in (geometry.exterior, *geometry.interiors)))]
-    if isinstance(geometry, shapely.LineString):
-        return [Line(name, shapely.get_coordinates(geometry))]
-    if hasattr(geometry, "geoms"):
-        return [shape for part in geometry.geoms for shape in shapes_of(part, name)]
-    raise ProblemError(
-        f"'{name}' is a {type(geometry).__name__}, which cannot be an obstacle; expected Polygon, LineString, or "
-        "collections of them"
-    )
-
-
-def _ring(ring: shapely.LinearRing) -> FloatArray:
-    points: FloatArray = shapely.get_coordinates(ring)[:-1]
-    return points
+    if shapely.has_z(geometry):
+        left_out.append(LeftOut(f"heights of '{name}'", "a drawing is seen from above"))
+    shapes: list[Shape] = []
+    parts = [geometry]
+    for part in parts:  # grows while it is read
+        kind = type(part).__name__
+        if shapely.is_empty(part):
+            left_out.append(LeftOut(f"{kind} '{name}'", "it is empty"))
+        elif hasattr(part, "geoms"):
+            parts.extend(part.geoms)
+        elif isinstance(part, shapely.Polygon):
+            shapes.append(Region(name, tuple(shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(part))))
+        elif isinstance(part, shapely.Point):
+            left_out.append(LeftOut(f"{kind} '{name}'", "points have no extent"))
+        else:
+            shapes.append(Line(name, shapely.get_coordinates(part)))
+    return shapes

@@ -11,6 +11,10 @@ from ccm_opt.problem import LeftOut
 FillRule = Literal["polygon", "evenodd", "nonzero"]
 """How rings within rings count, see ``Region``."""
 
+Drawn = Literal["outline", "painted", "area"]
+"""How an outline is drawn: as a line alone, so that outlines within it are holes; filled; or as an area, by a hatch for
+example, which is solid whatever outlines stand for."""
+
 
 @dataclass(frozen=True)
 class Disc:
@@ -21,12 +25,14 @@ class Disc:
         center: shape (2,).
         radius: positive.
         layer: on which it is drawn; empty where the drawing has none.
+        drawn: see ``Drawn``.
     """
 
     name: str
     center: FloatArray
     radius: float
     layer: str = ""
+    drawn: Drawn = "outline"
 
     @property
     def size(self) -> int:
@@ -46,6 +52,7 @@ class Region:
         curved: whether some ring is a flattened curve.
         half_width: by which the drawn line is wider than the ring on each side.
         layer: as for a disc.
+        drawn: as for a disc.
     """
 
     name: str
@@ -54,6 +61,7 @@ class Region:
     curved: bool = False
     half_width: float = 0.0
     layer: str = ""
+    drawn: Drawn = "painted"
 
     @property
     def size(self) -> int:
@@ -95,10 +103,12 @@ class DrawingContent:
     Attributes:
         shapes: in the order of the drawing.
         left_out: what became no shape, with the reasons.
+        unit: of length that the file names, for example ``mm``; empty where it names none.
     """
 
     shapes: tuple[Shape, ...]
     left_out: tuple[LeftOut, ...] = ()
+    unit: str = ""
 
 
 Reader: TypeAlias = Callable[[bytes, float, ImportSettings], DrawingContent]

@@ -45,30 +45,29 @@ def read_geojson(content: bytes, distance: float, settings: ImportSettings) -> D
         raise ProblemError(f"this is not JSON: {error}") from None
     if not isinstance(data, Mapping):
         raise ProblemError(f"expected a GeoJSON object in braces, got {type(data).__name__}")
-    if data.get("type") != "FeatureCollection":
-        return DrawingContent(tuple(_feature_shapes(data, 1, settings)))
-    features = data.get("features")
+    features = data.get("features") if data.get("type") == "FeatureCollection" else [data]
     if not isinstance(features, list):
         raise ProblemError("a FeatureCollection needs a list of 'features'")
-    numbered = list(enumerate(features, start=1))
-    shapes = [shape for k, feature in numbered for shape in _feature_shapes(feature, k, settings)]
-    left_out = [
-        LeftOut(f"feature '{_name(feature, k)}'", "it has no geometry")
-        for k, feature in numbered
-        if feature.get("type") == "Feature" and feature.get("geometry") is None
-    ]
+    left_out: list[LeftOut] = []
+    if "crs" in data:
+        left_out.append(LeftOut("crs", "coordinates are those of a plane, as they are written"))
+    shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out, settings)]
     return DrawingContent(tuple(shapes), tuple(left_out))
 
 
-def _feature_shapes(data: object, place: int, settings: ImportSettings) -> list[Shape]:
+def _shapes(data: object, place: int, left_out: list[LeftOut], settings: ImportSettings) -> list[Shape]:
     """The shapes of a feature or of a bare geometry; a feature without geometry has none."""
     if not isinstance(data, Mapping):
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
-    if data.get("type") != "Feature":
-        return shapes_of(_geometry(data, f"feature {place}", settings), f"feature {place}")
-    name = _name(data, place)
-    geometry = data.get("geometry")
-    return [] if geometry is None else shapes_of(_geometry(geometry, name, settings), name)
+    name = f"feature {place}"
+    geometry: object = data
+    if data.get("type") == "Feature":
+        name = _name(data, place)
+        geometry = data.get("geometry")
+    if geometry is None:
+        left_out.append(LeftOut(f"feature '{name}'", "it has no geometry"))
+        return []
+    return shapes_of(_geometry(geometry, name, settings), name, left_out)
 
 
 def _name(feature: Mapping[str, object], place: int) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -13,12 +14,14 @@ class ImportOptions:
         offset: place in the result of the drawing's origin, shape (2,).
         curve_tolerance: how far outside a curve its polygon may lie, in the unit of the result; it never lies inside.
         wall_thickness: of open lines, in the unit of the result.
+        closed: what closed outlines are: solids with holes, lines, or, the largest of them, the room.
     """
 
     scale: float = 1.0
     offset: tuple[float, float] = (0.0, 0.0)
     curve_tolerance: float = 2.5e-4
     wall_thickness: float = 0.0
+    closed: Literal["solid", "walls", "room"] = "solid"
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,9 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.mitred import mitred
 
+_FLAT = 1e-12
+"""Outlines thinner than this share of their length and coordinates are lines. Derived: some 5000 roundings."""
+
 
 def obstacles_of(
     shape: Shape, growth: float, wall_thickness: float, settings: ImportSettings = IMPORT
@@ -34,19 +37,50 @@ def obstacles_of(
     Raises:
         ProblemError: the shape cannot be an obstacle.
     """
-    _check_coordinates(shape, settings.largest_coordinate)
     if isinstance(shape, Disc):
         return [Obstacle(shape.name, shapely.Point(shape.center), shape.radius)]
     if isinstance(shape, Line):
-        return [_wall(shape, growth, wall_thickness)]
-    if min(len(ring) for ring in shape.rings) < 3:
-        raise ProblemError("the outline encloses no area; expected at least three corners")
+        rounding = max(shape.half_width, 0.5 * wall_thickness) + (growth if shape.curved else 0.0)
+        return [Obstacle(shape.name, shapely.LineString(shape.points), rounding)]
     # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
     grow = shape.half_width + (growth if shape.curved else 0.0)
     polygons = filled(shape.rings, shape.rule, settings)
     if grow > 0.0:
         polygons = _grown(shapely.MultiPolygon(polygons), grow, settings.corner_reach)
     return [Obstacle(shape.name, polygon) for polygon in polygons]
+
+
+def divided(shape: Shape, largest: float) -> list[Shape]:
+    """A placed shape, its rings without area as lines of their own; none where it has no extent.
+
+    Args:
+        shape: in the coordinates of the result.
+        largest: coordinate that is allowed.
+
+    Raises:
+        ProblemError: it has numbers that cannot be used.
+    """
+    _check_coordinates(shape, largest)
+    if isinstance(shape, Disc):
+        return [shape] if shape.radius > 0.0 else []
+    if isinstance(shape, Line):
+        return [shape] if np.any(shape.points != shape.points[0]) else []
+    flat = [_is_flat(ring) for ring in shape.rings]
+    if shape.rule == "polygon" and flat[0]:
+        flat = [True] * len(flat)
+    full = tuple(ring for ring, is_line in zip(shape.rings, flat, strict=True) if not is_line)
+    lines = [
+        Line(shape.name, np.vstack((ring, ring[:1])), shape.curved, shape.half_width, shape.layer)
+        for ring, is_line in zip(shape.rings, flat, strict=True)
+        if is_line and np.any(ring != ring[0])
+    ]
+    return [*([replace(shape, rings=full)] if full else []), *lines]
+
+
+def _is_flat(ring: FloatArray) -> bool:
+    """Whether a ring is so thin that rounding decides what is inside."""
+    hull = shapely.MultiPoint(ring).convex_hull
+    return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
 
 
 def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
@@ -72,14 +106,6 @@ def _grown(polygons: shapely.MultiPolygon, growth: float, corner_reach: float) -
     return polygons_of(shapely.intersection(mitred(polygons, growth), polygons.buffer(corner_reach * growth)))
 
 
-def _wall(line: Line, growth: float, thickness: float) -> Obstacle:
-    if np.all(line.points == line.points[0]):
-        x, y = line.points[0]
-        raise ProblemError(f"the line has no length: all its points are ({x:.6g}, {y:.6g}); remove it")
-    rounding = max(line.half_width, 0.5 * thickness) + (growth if line.curved else 0.0)
-    return Obstacle(line.name, shapely.LineString(line.points), rounding)
-
-
 def _check_coordinates(shape: Shape, largest: float) -> None:
     if isinstance(shape, Region) and not shape.rings:
         raise ProblemError("it has no outline")
@@ -88,7 +114,7 @@ def _check_coordinates(shape: Shape, largest: float) -> None:
         raise ProblemError("it has a coordinate that is not a finite number")
     if worst > largest:
         raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {largest:g}; check the scale")
-    if isinstance(shape, Disc) and not shape.radius > 0.0:
+    if isinstance(shape, Disc) and shape.radius < 0.0:
         raise ProblemError(f"it is a circle of radius {shape.radius:g}; expected a positive radius")
 
 

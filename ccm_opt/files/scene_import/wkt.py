@@ -1,6 +1,7 @@
 """Reads drawings in well-known text: one geometry, or several one after the other."""
 
 import re
+from typing import TYPE_CHECKING
 
 import shapely
 from shapely.errors import GEOSException
@@ -9,6 +10,9 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.features import shapes_of
 from ccm_opt.files.scene_import.found_shapes import DrawingContent, Shape
 from ccm_opt.files.scene_import.import_settings import ImportSettings
+
+if TYPE_CHECKING:
+    from ccm_opt.problem import LeftOut
 
 
 def read_wkt(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
@@ -31,11 +35,12 @@ def read_wkt(content: bytes, distance: float, settings: ImportSettings) -> Drawi
     except UnicodeDecodeError:
         raise ProblemError("this is not a text file in UTF-8; expected WKT") from None
     shapes: list[Shape] = []
+    left_out: list[LeftOut] = []
     for k, piece in enumerate(_pieces(text), start=1):
         if _depth(piece) > settings.deepest:
             raise ProblemError(f"geometry {k}: its brackets are nested more than {settings.deepest} deep; divide it")
-        shapes += shapes_of(_geometry(piece), f"geometry {k}")
-    return DrawingContent(tuple(shapes))
+        shapes += shapes_of(_geometry(piece), f"geometry {k}", left_out)
+    return DrawingContent(tuple(shapes), tuple(left_out))
 
 
 def _pieces(text: str) -> list[str]:

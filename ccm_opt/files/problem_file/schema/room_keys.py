@@ -1,6 +1,6 @@
 """Keys of the room, its obstacles and its drawing."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import shapely
 from pydantic import Field, ValidationInfo, field_validator
@@ -76,14 +76,18 @@ class SceneTable(Table):
     curve_tolerance: PositiveLength | None = None
     """How far outside a curve of the drawing its polygon may lie. Default: 0.25 mm."""
     wall_thickness: NonNegativeLength = 0.0
-    """Of open lines of the drawing."""
+    """Of open lines of the drawing, and of all outlines with `closed = "walls"`."""
+    closed: Literal["solid", "walls", "room"] = "solid"
+    """What closed outlines of the drawing are: solids, with those drawn as lines within others as holes; lines of
+    `wall_thickness`; or solids in the largest of them, which is the boundary of the room."""
 
 
 class WorkspaceTable(SceneTable):
     """The room, without its obstacles: those are validated one by one."""
 
     bounds: Box | None = None
-    """`[xmin, ymin, xmax, ymax]` of the room. It or `boundary` is required; either is a wall like any obstacle."""
+    """`[xmin, ymin, xmax, ymax]` of the room. It, `boundary` or `closed = "room"` is required; each is a wall like any
+    obstacle."""
     boundary: Ring | None = None
     """Corners of the room, one simple polygon."""
     clearance: NonNegativeLength = 0.0
