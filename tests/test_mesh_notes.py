@@ -28,7 +28,7 @@ def test_what_is_told_of_a_mesh(tmp_path: Path) -> None:
     """Triangles, size, place, whether it is closed and what was mended, in the file's unit."""
     faces = np.concatenate((BOX_FACES, BOX_FACES[:1]))
     file = written(tmp_path, binary_stl(faces=faces), extra="scale = 500")
-    file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("-2.0", "-2e3"))
+    file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("2.0", "2e3"))
     problem, body = read(file)
     assert list(mesh_lines("part", body, problem)) == [
         "part: part.stl, 13 triangles, 500 × 500 × 500 mm, from (0, 0, 0) to (500, 500, 500) mm, closed",  # noqa: RUF001

@@ -58,7 +58,6 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
     yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {inside}"
     for words in body.mended:
         yield f"  mended: {words}"
-
     room = problem.workspace.bounds
     if room is not None and np.any((low * METRES[unit] < room[0]) | (high * METRES[unit] > room[1])):
         yield "  parts of it lie outside the room"
