@@ -12,7 +12,6 @@ import numpy as np
 
 from ccm_opt.files.export.folder import model_texts
 from ccm_opt.files.export.mesh_agreement import mesh_defects
-from ccm_opt.files.export.number_rows import rows_agree
 from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.plain_file import read_plain
@@ -130,9 +129,6 @@ def _table_defects(
     if head.rstrip("\r").split(",") != ["time", *columns]:
         yield "its columns are not those of the arm's joints"
         return
-    words = ["", *repeat(",", len(columns)), "\n"]
-    if rows_agree(body, words, [time[:, None], *tables.values()], TEXT_TOLERANCE):
-        return
     rows = [row.partition(",") for row in body.splitlines()]
     if len(rows) != len(time):
         yield f"it has {len(rows)} rows for {len(time)} samples"
@@ -149,8 +145,6 @@ def _message_defects(
     tables: Mapping[str, FloatArray],
 ) -> Iterator[str]:
     """What of ``trajectory.yaml`` is otherwise than the arrays."""
-    if _is_message_as_written(text, time, names, tables):
-        return
     lines = [line.rstrip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     joints = [column.rpartition("_")[0] for column in next(iter(names.values()))]
     field, _, value = lines[0].partition(": ") if lines else ("", "", "")
@@ -193,24 +187,6 @@ def _point(lines: Sequence[str]) -> Mapping[str, str] | None:
             return None
         point[field] = ",".join(match.groups())
     return point if point.keys() == {"time_from_start", *ROS_FIELDS} else None
-
-
-def _is_message_as_written(
-    text: str, time: FloatArray, names: Mapping[str, tuple[str, ...]], tables: Mapping[str, FloatArray]
-) -> bool:
-    """Whether a message is line by line as ``solve`` writes it, its numbers those of the arrays."""
-    joints = [column.rpartition("_")[0] for column in next(iter(names.values()))]
-    head = f"joint_names: {json.dumps(joints)}\npoints:\n"
-    if not text.startswith(head):
-        return False
-    words = ["- time_from_start: {sec: ", ", nanosec: ", "}"]
-    for field in ROS_FIELDS:
-        words[-1] += f"\n  {field}: ["
-        words += [*repeat(",", len(joints) - 1), "]"]
-    words[-1] += "\n"
-    seconds, nanoseconds = np.divmod(np.rint(time * 1e9), 1e9)
-    wanted = [seconds[:, None], nanoseconds[:, None], *tables.values()]
-    return rows_agree(text[len(head) :], words, wanted, TEXT_TOLERANCE)
 
 
 def _side_by_side(tables: Mapping[str, FloatArray]) -> FloatArray:
