@@ -54,15 +54,24 @@ def test_a_feed_axis_starts_at_its_least_position_and_its_guide_ends_at_its_grea
     assert given.start.feed == 0.05
 
 
-def test_lengths_of_the_feed_are_in_the_unit_of_the_file_and_its_speed_in_metres() -> None:
-    """As with all other quantities: lengths scale, rates are in SI units."""
-    inches = FED.replace('name = "small"', 'name = "small"\nunits = "in"')
+def test_lengths_and_rates_are_in_the_unit_of_the_file() -> None:
+    """Whatever has a length in it scales, and is written back as it was read; forces are in SI units."""
+    further = "feed_jerk = 2.0\nfeed_force = 9.0\ntip_velocity = 0.3\npoints = [{ at = 0.2, acceleration = 0.7 }]"
+    inches = FED.replace("feed_velocity", f"{further}\nfeed_velocity")
+    inches = inches.replace('name = "small"', 'name = "small"\nunits = "in"')
     for length in ("link_length = 0.1", "position = [0.3, 0.1]"):
         assert length in inches
     problem = parse_problem(inches)
     assert problem.arm.feed is not None
     assert problem.arm.feed.high == pytest.approx(0.15 * 0.0254)
-    assert problem.limits.feed_velocity == 0.1
+    limits = problem.limits
+    tip, point = limits.points
+    scaled = (limits.feed_velocity, limits.feed_acceleration, limits.feed_jerk, tip.velocity, point.acceleration)
+    assert scaled == pytest.approx(0.0254 * np.array([0.1, 0.5, 2.0, 0.3, 0.7]))
+    assert limits.feed_force == 9.0
+    written = problem_data(problem)["limits"]
+    assert (written["feed_velocity"], written["feed_jerk"], written["tip_velocity"]) == (0.1, 2.0, 0.3)
+    assert written["points"] == [{"at": 0.2, "acceleration": 0.7}]
 
 
 def test_goals_in_sequence_are_stops_and_the_last_goal() -> None:

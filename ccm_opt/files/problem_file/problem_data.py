@@ -162,12 +162,14 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
     for key in ("jerk", "torque"):
         if getattr(limits, key) is not None:
             table[key] = _list(getattr(limits, key))
-    for key in ("feed_velocity", "feed_acceleration", "feed_jerk", "feed_force"):
+    for key in ("feed_velocity", "feed_acceleration", "feed_jerk"):
         if getattr(limits, key) is not None:
-            table[key] = float(getattr(limits, key))
+            table[key] = in_unit(getattr(limits, key), unit)
+    if limits.feed_force is not None:
+        table["feed_force"] = float(limits.feed_force)
     points = []
     for point in limits.points:
-        bounds = {key: float(getattr(point, key)) for key in ("velocity", "acceleration")}
+        bounds = {key: in_unit(getattr(point, key), unit) for key in ("velocity", "acceleration")}
         given = {key: value for key, value in bounds.items() if np.isfinite(value)}
         if point.at is None:
             table |= {f"tip_{key}": value for key, value in given.items()}

@@ -129,6 +129,11 @@ PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0, description="length a
 NonNegativeLength: TypeAlias = Annotated[
     float, Field(ge=0.0, description="length, 0 or more"), AfterValidator(_to_metres)
 ]
+PositiveSpeed: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s, above 0"), AfterValidator(_to_metres)]
+PositiveAcceleration: TypeAlias = Annotated[
+    float, Field(gt=0.0, description="length/s², above 0"), AfterValidator(_to_metres)
+]
+PositiveJerk: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s³, above 0"), AfterValidator(_to_metres)]
 Curvature: TypeAlias = Annotated[float, Field(description="1/length"), AfterValidator(_to_inverse_metres)]
 Degrees: TypeAlias = Annotated[float, Field(description="degrees"), AfterValidator(math.radians)]
 PositiveDegrees: TypeAlias = Annotated[

@@ -3,7 +3,14 @@
 from pydantic import Field
 
 from ccm_opt.files.problem_file.schema.table import Table
-from ccm_opt.files.problem_file.typed_quantities import NonNegativeLength, Positive, PositiveEach
+from ccm_opt.files.problem_file.typed_quantities import (
+    NonNegativeLength,
+    Positive,
+    PositiveAcceleration,
+    PositiveEach,
+    PositiveJerk,
+    PositiveSpeed,
+)
 
 
 class PointLimitTable(Table):
@@ -11,10 +18,10 @@ class PointLimitTable(Table):
 
     at: NonNegativeLength
     """Arc length of the point from the base, along the links."""
-    velocity: Positive | None = None
-    """Of the point [m/s]. Default: none."""
-    acceleration: Positive | None = None
-    """Of the point [m/s²]. Default: none."""
+    velocity: PositiveSpeed | None = None
+    """Of the point. Default: none."""
+    acceleration: PositiveAcceleration | None = None
+    """Of the point. Default: none."""
 
 
 class LimitsTable(Table):
@@ -28,17 +35,17 @@ class LimitsTable(Table):
     """Of the joints [rad/s³]; for smooth motions. Default: accelerations may jump."""
     torque: PositiveEach | None = None
     """Of the joints [N m]. Default: not limited."""
-    feed_velocity: Positive | None = None
-    """Of the feed axis [m/s]; required where there is one."""
-    feed_acceleration: Positive | None = None
-    """Of the feed axis [m/s²]; required where there is one."""
-    feed_jerk: Positive | None = None
-    """Of the feed axis [m/s³]. Default: its acceleration may jump."""
+    feed_velocity: PositiveSpeed | None = None
+    """Of the feed axis; required where there is one."""
+    feed_acceleration: PositiveAcceleration | None = None
+    """Of the feed axis; required where there is one."""
+    feed_jerk: PositiveJerk | None = None
+    """Of the feed axis. Default: its acceleration may jump."""
     feed_force: Positive | None = None
     """Of the feed axis [N]. Default: not limited."""
-    tip_velocity: Positive | None = None
-    """Of the tip in the plane, in any direction [m/s]. Default: not limited."""
-    tip_acceleration: Positive | None = None
-    """Of the tip in the plane, in any direction [m/s²]. Default: not limited."""
+    tip_velocity: PositiveSpeed | None = None
+    """Of the tip in the plane, in any direction. Default: not limited."""
+    tip_acceleration: PositiveAcceleration | None = None
+    """Of the tip in the plane, in any direction. Default: not limited."""
     points: list[PointLimitTable] = Field(default=[])
     """`[{ at = s, velocity = …, acceleration = … }, …]`: the same of other points of the arm."""
