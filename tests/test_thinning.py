@@ -1,12 +1,10 @@
-"""Curves are thinned by C, which keeps the very samples that Python keeps."""
+"""Curves of the page are thinned to no more samples than are asked for."""
 
 import numpy as np
-import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.files.report.thinning import keep_by_c, keep_by_python, kept_samples
-from ccm_opt.ground.c_compiler import has_compiler
+from ccm_opt.files.report.thinning import kept_samples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -20,27 +18,6 @@ def curves(rng: np.random.Generator, samples: int, width: int) -> tuple[np.ndarr
     return time, columns * scales
 
 
-@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
-@settings(max_examples=200)
-@given(
-    seed=seeds,
-    samples=st.integers(1, 200),
-    width=st.integers(1, 9),
-    tolerance=st.sampled_from([0.0, 1e-3, 0.3]),
-    most=st.integers(0, 250),
-)
-def test_c_keeps_what_python_keeps(seed: int, samples: int, width: int, tolerance: float, most: int) -> None:
-    """Whatever the curves are and however many samples may be kept, to the last one."""
-    rng = np.random.default_rng(seed)
-    time, columns = curves(rng, samples, width)
-    marked = rng.uniform(size=samples) < 0.05
-    marked[[0, -1]] = True
-    by_c = marked.copy()
-    assert keep_by_c(by_c, time, columns, tolerance, most)
-    keep_by_python(marked, time, columns, tolerance, most)
-    np.testing.assert_array_equal(by_c, marked)
-
-
 @given(seed=seeds, samples=st.integers(2, 100))
 def test_no_more_samples_are_kept_than_are_asked_for(seed: int, samples: int) -> None:
     """Beside the ends, the extremes of each curve, and those that are asked for in any case."""
@@ -50,7 +27,7 @@ def test_no_more_samples_are_kept_than_are_asked_for(seed: int, samples: int) ->
     assert {0, samples // 2, samples - 1} <= set(kept.tolist())
 
 
-def test_numbers_that_are_none_are_left_to_python() -> None:
+def test_curves_with_gaps_are_thinned() -> None:
     """A curve with a gap in it has its other samples thinned as ever."""
     time = np.arange(9.0)
     columns = np.stack((time**2, np.where(time == 4.0, np.inf, time)), axis=1)

@@ -1,38 +1,19 @@
 """Which samples of curves are kept so that straight lines between them stay near all others, extremes among them."""
 
-import ctypes
 import heapq
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.compiled_source import compiled_source
-
-_POINTER = ctypes.c_void_p
-_LONG = ctypes.c_int64
-_GAP = np.dtype([("away", np.float64), ("farthest", np.int64), ("begin", np.int64), ("end", np.int64)])
-"""``Gap`` of thinning.c."""
-
-
-class _ThinningStruct(ctypes.Structure):
-    """``Thinning`` of thinning.c."""
-
-    _fields_ = (
-        *((name, _POINTER) for name in ("time", "columns")),
-        *((name, _LONG) for name in ("samples", "width")),
-        ("tolerance", ctypes.c_double),
-        ("most", _LONG),
-        *((name, _POINTER) for name in ("kept", "queue", "rise")),
-    )
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 
 def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
-    """Numbers of the samples that are kept, increasing.
+    """Choose the samples that are kept, by their numbers, increasing.
 
     Sample by sample, the one that is farthest from the lines between those kept so far is added (Ramer 1972, Douglas
-    and Peucker 1973, here for all columns at once and the worst first).
+    and Peucker 1973, here for all columns at once and the worst first). Unlike the least and greatest of even stretches
+    of time this bounds the error, by which the page draws the arm, and keeps a tenth of the samples.
 
     Args:
         time: shape (T,), increasing.
@@ -41,56 +22,20 @@ def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: 
         most: samples that are kept besides those that are always kept.
         always: samples that are kept in any case: first and last, least and greatest of every column are kept too.
     """
-    kept = np.zeros(len(time), dtype=np.bool_)
-    kept[[0, len(time) - 1, *np.argmin(columns, axis=0), *np.argmax(columns, axis=0), *always]] = True
-    most += int(np.count_nonzero(kept))
-    by_c = np.all(np.isfinite(columns)) and keep_by_c(kept, time, columns, tolerance, most)
-    if not by_c:
-        keep_by_python(kept, time, columns, tolerance, most)
-    return np.flatnonzero(kept)
-
-
-def keep_by_c(kept: BoolArray, time: FloatArray, columns: FloatArray, tolerance: float, most: int) -> bool:
-    """As ``keep_by_python``, by compiled code; whether there is any."""
-    library = compiled_source(Path(__file__).with_name("thinning.c"), ("thin_samples",))
-    if library is None:
-        return False
-    times = np.ascontiguousarray(time, dtype=np.float64)
-    values = np.ascontiguousarray(columns, dtype=np.float64)
-    queue = np.empty(len(times), dtype=_GAP)
-    rise = np.empty(values.shape[1])
-    # C is given bare addresses: all of these live until it is done.
-    job = _ThinningStruct(
-        times.ctypes.data, values.ctypes.data, *values.shape, tolerance, most,
-        *(array.ctypes.data for array in (kept, queue, rise)),
-    )  # fmt: skip
-    library.thin_samples(ctypes.byref(job))
-    return True
-
-
-def keep_by_python(kept: BoolArray, time: FloatArray, columns: FloatArray, tolerance: float, most: int) -> None:
-    """Mark the samples that are kept beside those that are marked, the first and the last among them.
-
-    Args:
-        kept: shape (T,), changed.
-        time: shape (T,), increasing.
-        columns: shape (T, C).
-        tolerance: largest distance of a sample from the lines that is left, unless ``most`` comes first.
-        most: samples that are kept in all.
-    """
-    marked = np.flatnonzero(kept).tolist()
-    queue = [worst for pair in pairwise(marked) if (worst := _farthest(time, columns, *pair))]
+    kept = {0, len(time) - 1, *np.argmin(columns, axis=0).tolist(), *np.argmax(columns, axis=0).tolist()}
+    kept |= set(always.tolist())
+    most += len(kept)
+    queue = [worst for pair in pairwise(sorted(kept)) if (worst := _farthest(time, columns, *pair))]
     heapq.heapify(queue)
-    found = len(marked)
-    while queue and found < most:
+    while queue and len(kept) < most:
         error, middle, begin, end = heapq.heappop(queue)
         if -error <= tolerance:
             break
-        kept[middle] = True
-        found += 1
+        kept.add(middle)
         for pair in ((begin, middle), (middle, end)):
             if worst := _farthest(time, columns, *pair):
                 heapq.heappush(queue, worst)
+    return np.array(sorted(kept), dtype=np.intp)
 
 
 def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
