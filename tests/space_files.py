@@ -50,24 +50,53 @@ def binary_stl(vertices: FloatArray = CUBE, faces: IntArray = BOX_FACES) -> byte
     return bytes(80) + len(faces).to_bytes(4, "little") + records.tobytes()
 
 
-def three_mf(model: str | bytes) -> bytes:
-    """A 3MF file with a model."""
+RELATIONS = "http://schemas.openxmlformats.org/package/2006/relationships"
+MODEL_TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+CONTENT_TYPES = """<?xml version="1.0"?>
+<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
+<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>
+<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>"""
+
+
+def linked(*targets: str) -> str:
+    """Relationships to models."""
+    links = "".join(f'<Relationship Target="{each}" Id="r{k}" Type="{MODEL_TYPE}"/>' for k, each in enumerate(targets))
+    return f'<?xml version="1.0"?><Relationships xmlns="{RELATIONS}">{links}</Relationships>'
+
+
+def three_mf(model: str | bytes, **others: str | bytes) -> bytes:
+    """A 3MF file with a root model, and with other parts."""
+    parts = {
+        "[Content_Types].xml": CONTENT_TYPES,
+        "_rels/.rels": linked("/3D/3dmodel.model"),
+        **others,
+        "3D/3dmodel.model": model,
+    }
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("3D/3dmodel.model", model)
+        for name, part in parts.items():
+            archive.writestr(name, part)
     return packed.getvalue()
+
+
+def model_3mf(resources: str, build: str, attributes: str = 'unit="millimeter"') -> str:
+    """A model of 3MF."""
+    space = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+    return f'<model {attributes} xmlns="{space}"><resources>{resources}</resources><build>{build}</build></model>'
+
+
+def object_3mf(number: int = 1, size: float = 1.0, more: str = "", attributes: str = "") -> str:
+    """A cube as an object of 3MF, with more in its mesh."""
+    vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in size * CUBE)
+    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX_FACES)
+    mesh = f"<mesh><vertices>{vertices}</vertices><triangles>{triangles}</triangles>{more}</mesh>"
+    return f'<object id="{number}" {attributes}>{mesh}</object>'
 
 
 def cube_3mf(*, transform: str = "") -> bytes:
     """The unit cube as 3MF, built of a component."""
-    vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in CUBE)
-    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX_FACES)
-    return three_mf(
-        '<model unit="millimeter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
-        f'<object id="1"><mesh><vertices>{vertices}</vertices><triangles>{triangles}</triangles></mesh></object>'
-        '<object id="2"><components><component objectid="1"/></components></object>'
-        f'</resources><build><item objectid="2" {transform}/></build></model>'
-    )
+    both = object_3mf() + '<object id="2"><components><component objectid="1"/></components></object>'
+    return three_mf(model_3mf(both, f'<item objectid="2" {transform}/>', 'unit="meter"'))
 
 
 def written(folder: Path, mesh: bytes, name: str = "part.stl", extra: str = "") -> Path:

@@ -1,6 +1,5 @@
 """Meshes: every format gives the same surface, broken files get one clear error, and what is mended is told."""
 
-import io
 import tracemalloc
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from ccm_opt.files.scene_import.mesh_mending import _distinct_faces, mended_mesh
 from ccm_opt.files.scene_import.mesh_settings import MeshSettings
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
 from ccm_opt.space.scene.bodies import BOX_FACES
-from tests.space_files import CUBE, binary_stl, cube_3mf, three_mf, written
+from tests.space_files import CUBE, binary_stl, cube_3mf, model_3mf, object_3mf, three_mf, written
 
 OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in BOX_FACES)
 
@@ -72,17 +71,19 @@ FLAT_STL = binary_stl(np.zeros((8, 3)))
 INFINITE = cube_3mf(transform='transform="0 1 0 0 0 inf 1 0 0 5 6 7"')
 OVERFLOWING = cube_3mf(transform='transform="1e308 1e308 0 0 0 1 1e308 0 0 1 6 7"')
 """Moved by numbers that are finite, to where none is."""
-UNKNOWN = three_mf('<model><resources/><build><item objectid="7"/></build></model>')
+UNKNOWN = three_mf(model_3mf("", '<item objectid="7"/>'))
 ENTITIES = three_mf(
     '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaaaaaaaaaaaa">'
     + "".join(f'<!ENTITY {chr(98 + k)} "{10 * f"&{chr(97 + k)};"}">' for k in range(9))
     + "]><model>&j;</model>"
 )
-NESTED = [
-    f'<object id="{k}"><components>{2 * f"<component objectid=_{k + 1}_/>"}</components></object>'.replace("_", '"')
-    for k in range(40)
-]
-DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item objectid="0"/></build></model>')
+
+
+def nested(uses: int) -> bytes:
+    """A cube that forty objects, one above the other, use so many times each."""
+    used = [uses * f'<component objectid="{k}"/>' for k in range(1, 40)]
+    inner = [f'<object id="{k}"><components>{each}</components></object>' for k, each in enumerate(used, 2)]
+    return three_mf(model_3mf(object_3mf() + "".join(inner), '<item objectid="40"/>'))
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,11 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
     [
         ("part.stl", b"", "part.stl is empty"),
         ("part.stl", binary_stl()[:300], "header says 12 triangles, but it ends after 4"),
-        ("part.stl", b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1", "ends after 0 triangles without 'endsolid'"),
+        (
+            "part.stl",
+            b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1",
+            "follows 0 triangles, expected a facet of three vertices, or 'endsolid'",
+        ),
         ("part.stl", b"just some words", "not readable as STL"),
         ("part.stl", b"v 0.0 0.0 0.0\n" * 10, "a text of another kind"),
         ("part.stl", b"\x89PNG" + bytes(range(256)), "or is it of another format?"),
@@ -107,14 +112,15 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 9\nend_header\n", "not readable as PLY"),
         ("part.glb", b"glTF" + bytes(40), "not readable as GLB"),
         ("part.3mf", b"PK\3\4 and then nothing", "not readable as 3MF"),
-        ("part.3mf", UNKNOWN, "refers to something that is not there"),
-        ("part.3mf", ENTITIES, "not readable as 3MF"),
-        ("part.3mf", INFINITE, "vertices are no numbers or infinite"),
+        ("part.3mf", UNKNOWN, "names an object that is not there"),
+        ("part.3mf", ENTITIES, "has a document type, which the format forbids"),
+        ("part.3mf", INFINITE, "not readable as 3MF"),
         ("part.3mf", OVERFLOWING, "vertices are no numbers or infinite"),
-        ("part.3mf", DEEP, "nested more than 20 deep"),
+        ("part.3mf", nested(1), "nested more than 20 deep"),
+        ("part.3mf", nested(2), "put together from more than 10000 parts"),
         ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
     ],
-    ids=range(25),
+    ids=range(26),
 )
 def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: bytes, words: str) -> None:
     """A mesh that cannot be used is one defect of the file, under the key of the mesh and with its line."""
@@ -267,15 +273,3 @@ def test_reading_many_triangles(tmp_path: Path) -> None:
     (tmp_path / "torus.stl").write_bytes(binary_stl(torus, faces))
     mended = mended_mesh(read_mesh_file(tmp_path / "torus.stl").mesh)
     assert (len(mended.mesh.faces), mended.closed, mended.mended) == (len(faces), True, ())
-
-
-def test_own_reader_of_stl_agrees_with_trimesh() -> None:
-    """Binary STL files are read as trimesh reads them."""
-    import trimesh
-
-    content = binary_stl(np.random.default_rng(1).normal(size=(8, 3)))
-    from ccm_opt.files.scene_import.binary_stl import read_binary_stl
-
-    own = read_binary_stl(content, MeshSettings())
-    other = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
-    assert np.array_equal(own.vertices[own.faces], other.vertices[other.faces])

@@ -56,6 +56,8 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
     corners = f"from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
     inside = "closed" if body.closed else "not closed: its surface alone counts"
     yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {inside}"
+    for words in body.notes:
+        yield f"  {words}"
     for words in body.mended:
         yield f"  mended: {words}"
     room = problem.workspace.bounds
@@ -75,4 +77,5 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
         "box": box.tolist(),
         "closed": body.closed,
         "mended": list(body.mended),
+        "notes": list(body.notes),
     }

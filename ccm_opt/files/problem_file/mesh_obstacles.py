@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file.beside_file import place_beside
 from ccm_opt.files.problem_file.issues import Issues
@@ -12,12 +14,17 @@ from ccm_opt.files.problem_file.keypath import KeyPath
 from ccm_opt.files.problem_file.schema import SpaceObstacleTable
 from ccm_opt.files.problem_file.space_build import build_placement
 from ccm_opt.files.problem_file.typed_quantities import MAX_LENGTH
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import METRES
 from ccm_opt.space.scene.bodies import MeshBody
 
 if TYPE_CHECKING:
     from ccm_opt.files.scene_import.mesh_file import MeshFile
     from ccm_opt.files.scene_import.mesh_mending import MendedMesh
+    from ccm_opt.files.scene_import.raw_mesh import RawMesh
 
+_SAME = 1e-9
+"""Share by which two scales may differ and are the same but for rounding."""
 EXPECTED = "a mesh, for example 'casing.stl'"
 
 
@@ -85,10 +92,10 @@ class MeshObstacles:
         self, table: SpaceObstacleTable, file: str, path: KeyPath, read: "MeshFile", mended: "MendedMesh"
     ) -> MeshBody | None:
         """The mesh in metres, where it stands; None where it lies beyond all measure."""
-        scale = self.metres * (1.0 if table.scale is None else table.scale)
+        scale, notes = self._scale(table, file, read.mesh)
         mesh = mended.mesh
         placement = build_placement(table.pose)
-        vertices = placement.points(scale * mesh.vertices)
+        vertices = placement.points(scale * (turned_up(mesh.vertices) if table.up == "y" else mesh.vertices))
         if abs(vertices).max() > MAX_LENGTH:
             self.issues.add((*path, "mesh"), f"it reaches beyond {MAX_LENGTH:g} m; is its scale right?")
             return None
@@ -100,10 +107,32 @@ class MeshObstacles:
             closed=mended.closed,
             scale=scale,
             placement=placement,
+            up=table.up or "z",
             content=read.content,
             triangles_read=len(read.mesh.faces),
             mended=mended.mended,
+            notes=notes,
         )
+
+    def _scale(self, table: SpaceObstacleTable, file: str, mesh: "RawMesh") -> tuple[float, tuple[str, ...]]:
+        """Metres in one unit of a mesh, and what people should know of its unit, its axes and its other contents."""
+        notes = [f"passed over {what}" for what in mesh.passed_over]
+        unit = next((name for name, metres in METRES.items() if metres == self.metres), "m")
+        scale = self.metres * (1.0 if table.scale is None else table.scale)
+        if mesh.metres is not None:
+            own = f"its own unit is {mesh.metres / self.metres:.6g} {unit}"
+            if table.scale is None:
+                scale = mesh.metres
+                notes += [own] if scale != self.metres else []
+            elif abs(scale - mesh.metres) > _SAME * mesh.metres:
+                notes.append(f"{own}, but scale = {table.scale:g} makes it {table.scale:g} {unit}")
+        elif Path(file).suffix.lower() == ".glb" and table.scale is None and self.metres != 1.0:
+            notes.append(
+                f"the unit of GLB is the metre, but one is taken as 1 {unit}; scale = {1.0 / self.metres:g} if it is"
+            )
+        if Path(file).suffix.lower() == ".glb" and table.up is None:
+            notes.append('in GLB y is up, but it is taken as it stands; up = "y" turns its y to z, up = "z" does not')
+        return scale, tuple(notes)
 
     def _refuse_too_many(self, found: Mapping[int, MeshBody]) -> None:
         """All meshes together have no more triangles than one may have."""
@@ -116,3 +145,8 @@ class MeshObstacles:
                 f"the meshes have {total} triangles together, at most {MESHES.most_triangles} can be used; "
                 "export them coarser",
             )
+
+
+def turned_up(places: FloatArray) -> FloatArray:
+    """Turn places whose y is up, shape (n, 3), about x so that their z is."""
+    return np.stack((places[:, 0], -places[:, 2], places[:, 1]), axis=1)

@@ -72,6 +72,9 @@ def _body(body: Body, file: str, unit: LengthUnit) -> Table:
             # Made in Python: written in metres, where it stands.
             return {"mesh": file, "scale": 1.0 / METRES[unit]}
         table: Table = {"mesh": file, "scale": body.scale / METRES[unit], "sha256": body.digest}
+        # Of GLB it is said that y is up where the key is not there.
+        if body.up == "y" or body.file.lower().endswith(".glb"):
+            table["up"] = body.up
         return table | _placement(body.placement, unit)
     if isinstance(body, BoxBody):
         return {"box": [_lengths(body.low, unit), _lengths(body.high, unit)]} | _placement(body.placement, unit)

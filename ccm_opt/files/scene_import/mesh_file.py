@@ -8,27 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.binary_stl import read_binary_stl
 from ccm_opt.files.scene_import.glb import read_glb
 from ccm_opt.files.scene_import.mesh_settings import MESHES, MeshSettings
 from ccm_opt.files.scene_import.obj import read_obj
 from ccm_opt.files.scene_import.ply import read_ply
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
-from ccm_opt.files.scene_import.text_stl import is_text_stl, read_text_stl
+from ccm_opt.files.scene_import.stl import read_stl
 from ccm_opt.files.scene_import.three_mf import read_3mf
 
-
-def _read_stl(content: bytes, settings: MeshSettings) -> RawMesh:
-    if is_text_stl(content):
-        return read_text_stl(content, settings)
-    return read_binary_stl(content, settings)
-
-
 MESH_READERS: Mapping[str, Callable[[bytes, MeshSettings], RawMesh]] = {
-    ".stl": _read_stl,
+    ".stl": read_stl,
     ".obj": read_obj,
     ".ply": read_ply,
-    ".glb": lambda content, _: read_glb(content),
+    ".glb": read_glb,
     ".3mf": read_3mf,
 }
 """Reader by the suffix of the file, in small letters."""

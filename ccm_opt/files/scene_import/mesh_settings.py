@@ -13,7 +13,8 @@ class MeshSettings:
             gigabytes of memory.
         most_unpacked: bytes of the model inside a 3MF file, which is packed. Taste: as many triangles as text.
         deepest: components of components in a 3MF file. Taste: programs nest two or three deep.
-        most_parts: parts that a 3MF file is put together from, each counted as often as it is used. Taste.
+        deepest_nodes: nodes below nodes in a GLB file. Taste: robots nest a few dozen deep.
+        most_parts: parts that a 3MF or GLB file is put together from, each counted as often as it is used. Taste.
         least_height: triangles lower than this share of the mesh's extent have no area. Derived: some roundings of a
             vertex in double precision.
         most_flat: share of triangles without area from which on a mesh is refused, since its file must be broken.
@@ -25,6 +26,7 @@ class MeshSettings:
     most_triangles: int = 2_000_000
     most_unpacked: int = 512 * 2**20
     deepest: int = 20
+    deepest_nodes: int = 200
     most_parts: int = 10_000
     least_height: float = 1e-13
     most_flat: float = 0.5

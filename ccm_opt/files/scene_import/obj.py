@@ -1,16 +1,34 @@
-"""OBJ: lines of vertices and of faces, with the numbers of their vertices, from 1 or back from the last."""
+"""OBJ: lines of vertices and of faces, with the numbers of their vertices, from 1 or back from the last.
+
+No library at hand reads it right: trimesh counts the vertices of a second object backwards from the last of the file,
+not from those that stand before the face, meshio knows no such numbers at all, and both cut faces that bend inward as
+fans. So the few kinds of lines that carry a surface are read here, and the others that carry anything are told.
+"""
 
 from array import array
+from collections import Counter
 
 import numpy as np
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.mesh_settings import MeshSettings
 from ccm_opt.files.scene_import.polygons import triangles_of
-from ccm_opt.files.scene_import.raw_mesh import RawMesh
+from ccm_opt.files.scene_import.raw_mesh import RawMesh, counted
 
-_NOT_READ = {b"surf": "free-form surfaces", b"call": "another file"}
+_NOT_READ = {
+    b"surf": "free-form surfaces",
+    b"call": "another file",
+    b"csh": "another program",
+    b"bzp": "patches of older versions",
+    b"bsp": "patches of older versions",
+    b"cdp": "patches of older versions",
+    b"cdc": "curves of older versions",
+}
 """What would be missing from the obstacle, by the word in front of its line."""
+_NO_SURFACE = {b"p": "point element", b"l": "line element", b"curv": "curve", b"curv2": "curve"}
+"""What is told and passed over, by the word in front of its line."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+"""In front of texts that some editors write."""
 
 
 def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
@@ -22,6 +40,8 @@ def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
     coordinates = array("d")
     corners = array("q")
     counts = array("q")
+    passed_over: Counter[str] = Counter()
+    content = content.removeprefix(_BYTE_ORDER_MARK)
     # A line goes on behind a backslash at its end.
     lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
     for number, line in enumerate(lines, 1):
@@ -34,6 +54,9 @@ def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
                 face = _corners(words, len(coordinates) // 3)
                 corners.extend(face)
                 counts.append(len(face))
+                passed_over["two-corner face"] += len(face) < 3
+            elif kind in _NO_SURFACE:
+                passed_over[_NO_SURFACE[kind]] += 1
             elif kind in _NOT_READ:
                 raise ValueError(f"names {_NOT_READ[kind]}, which is not read")  # noqa: TRY301 - told with the line
         except (ValueError, OverflowError) as error:
@@ -42,7 +65,8 @@ def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
             raise ProblemError(f"it has more than {settings.most_triangles} triangles, the most that can be used")
     vertices = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
     faces = triangles_of(vertices, np.array(corners, dtype=np.intp), np.array(counts, dtype=np.intp))
-    return RawMesh(vertices, faces)
+    told = tuple(counted(number, what) for what, number in passed_over.items() if number)
+    return RawMesh(vertices, faces, passed_over=told)
 
 
 def _place(words: list[bytes]) -> list[float]:

@@ -1,4 +1,8 @@
-"""PLY: a header that says which elements follow and what each has, as text or as bytes of either order."""
+"""PLY: a header that says which elements follow and what each has, as text or as bytes of either order.
+
+The library that reads all of it, plyfile, has a licence (GPL) that a package under BSD cannot ask of its users; trimesh
+refuses files whose vertices or faces have lists of different lengths, and meshio likewise.
+"""
 
 import re
 import warnings
@@ -11,7 +15,7 @@ import numpy.typing as npt
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.mesh_settings import MeshSettings
 from ccm_opt.files.scene_import.polygons import triangles_of
-from ccm_opt.files.scene_import.raw_mesh import RawMesh
+from ccm_opt.files.scene_import.raw_mesh import RawMesh, counted
 from ccm_opt.ground.arrays import FloatArray, IntArray
 
 _END = re.compile(rb"^end_header[ \t]*(\r\n|\n|\r)", re.MULTILINE)
@@ -94,7 +98,11 @@ def _announced(lines: list[list[str]], order: str) -> list[_Element]:
     for words in lines:
         match words:
             case ["element", name, count] if count.isdecimal():
+                if any(name == known.name for known in elements):
+                    raise ValueError(f"its header announces {name[:30]!r} twice")
                 elements.append(_Element(name, int(count)))
+            case ["property", *_, name] if elements and name in elements[-1].properties:
+                raise ValueError(f"its header gives {name[:30]!r} of {elements[-1].name[:30]!r} twice")
             case ["property", "list", length, kind, name] if elements:
                 elements[-1].properties[name] = (_type(kind, order), _type(length, order))
             case ["property", kind, name] if elements:
@@ -203,8 +211,10 @@ def _length(number: np.float64) -> int:
 
 def _mesh(read: dict[str, _Rows]) -> RawMesh:
     """The faces of what was read."""
-    if "tristrips" in read:
-        raise ValueError("it has strips of triangles, which are not read; export triangles")
+    for kind, rows in read.items():
+        if kind not in {"vertex", "face"} and any(name in rows.lengths for name in _CORNERS):
+            what = "strips of triangles" if kind == "tristrips" else f"faces in elements {kind[:30]!r}"
+            raise ValueError(f"it has {what}, which are not read; export triangles")
     places = read["vertex"].values if "vertex" in read else {}
     missing = [axis for axis in "xyz" if axis not in places]
     if missing:
@@ -214,10 +224,17 @@ def _mesh(read: dict[str, _Rows]) -> RawMesh:
     faces = read.get("face", _Rows({}, {}))
     name = next((name for name in _CORNERS if name in faces.lengths), None)
     if name is None:
+        if faces.values:
+            raise ValueError(f"its faces have no list {_CORNERS[0]!r}")
         return RawMesh(vertices, np.zeros((0, 3), dtype=np.intp))
     corners = faces.values[name]
     with np.errstate(invalid="ignore"):
         whole = corners.astype(np.intp)
     if not np.array_equal(whole, corners):
         raise ValueError("a face has a corner that is no whole number")
-    return RawMesh(vertices, triangles_of(vertices, whole, faces.lengths[name]))
+    counts = faces.lengths[name]
+    few = int(np.count_nonzero(counts < 3))
+    edges = max((len(rows) for rows in read["edge"].values.values()), default=0) if "edge" in read else 0
+    told = ((few, "two-corner face"), (edges, "edge"))
+    passed_over = tuple(counted(number, what) for number, what in told if number)
+    return RawMesh(vertices, triangles_of(vertices, whole, counts), passed_over=passed_over)

@@ -179,9 +179,11 @@ class MeshBody:
         closed: whether it has an inside: every edge is one of an even number of triangles.
         scale: metres in the mesh's unit.
         placement: where it stands in the room, and how it is turned; the vertices are there already.
+        up: the axis of the mesh that points up, ``y`` or ``z``; where it was y, the vertices are turned already.
         content: the bytes of the file, for who copies it; empty where they were not kept.
         triangles_read: how many triangles the file has.
         mended: what was put right, in words.
+        notes: what people should know of the file: its unit, its axes, what it holds besides.
     """
 
     vertices: FloatArray
@@ -191,9 +193,11 @@ class MeshBody:
     closed: bool = False
     scale: float = 1.0
     placement: RigidPlacement = field(default_factory=RigidPlacement)
+    up: str = "z"
     content: bytes = field(default=b"", repr=False)
     triangles_read: int = 0
     mended: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     rounding = 0.0
 
     @classmethod

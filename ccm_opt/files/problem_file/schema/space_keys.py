@@ -57,7 +57,10 @@ class SpaceObstacleTable(Table):
     """A file with triangles: STL, OBJ, PLY, GLB or 3MF ([below](#meshes)). Its path is relative to the problem file, in
     whose folder it lies unless `--allow-outside` is given (in Python `allow_outside=True`)."""
     scale: Positive | None = None
-    """Of a mesh: length of one unit of its file, in the problem file's unit. Default: 1."""
+    """Of a mesh: length of one unit of its file, in the problem file's unit. Default: 1, of 3MF its own unit."""
+    up: Literal["y", "z"] | None = None
+    """Of a mesh: its axis that points up; `"y"` turns it about x, so that its y becomes z. Default: `"z"`, as it
+    stands."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
     """Of a mesh: the hash of its file, which is refused when it is another. Default: any."""
     box: Corners | None = None

@@ -1,0 +1,109 @@
+"""STL: binary, a count and fifty bytes a triangle, or text, a grammar of a few words.
+
+Both libraries that could read it lose triangles: of a file that is cut short numpy-stl gives the first ones and trimesh
+none, without a word; numpy-stl reads no text with a byte-order mark or line ends of other systems, and trimesh stumbles
+over what a solid may be called. So the grammar stands here, and whatever does not follow it is refused with its place.
+"""
+
+import re
+from array import array
+
+import numpy as np
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.mesh_settings import MeshSettings
+from ccm_opt.files.scene_import.raw_mesh import RawMesh
+
+_START = 84
+"""Bytes of a binary file in front of its triangles: 80 of free text, and their number."""
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+"""In front of texts that some editors write."""
+_FLAGS = re.IGNORECASE
+# The name of a solid is free text up to the end of its line; where all is one line, up to its first facet.
+_SOLID = re.compile(rb"\s*solid\b(?:[^\r\n]*?(?=\sfacet\s+normal\s)|[^\r\n]*)", _FLAGS)
+_FACET = re.compile(
+    rb"\s*facet(?:\s+normal(?:\s+\S+){3})?\s+outer\s+loop"
+    + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
+    + rb"\s+endloop(?:\s+endfacet)?(?=\s)",
+    _FLAGS,
+)
+_END = re.compile(rb"\s*endsolid\b(?:[^\r\n]*?(?=\ssolid\s)|[^\r\n]*)", _FLAGS)
+
+
+def read_stl(content: bytes, settings: MeshSettings) -> RawMesh:
+    """Read all solids of an STL file.
+
+    Raises:
+        ProblemError: it does not follow the format to its last byte, or has too many triangles.
+    """
+    text = content.removeprefix(_BYTE_ORDER_MARK).lstrip()
+    # The free text of binary files may begin with ``solid`` too, but their number of triangles has a byte of zero.
+    if text[:5].lower() == b"solid" and b"\0" not in content[:_START]:
+        return _of_text(text, settings)
+    return _of_records(content, settings)
+
+
+def _of_records(content: bytes, settings: MeshSettings) -> RawMesh:
+    if len(content) < _START:
+        raise ProblemError(f"not readable as STL: it has {len(content)} bytes, and its header alone has {_START}")
+    count = int.from_bytes(content[_START - 4 : _START], "little")
+    held = (len(content) - _START) // _TRIANGLE.itemsize
+    if held < count and content[:_START].isascii() and b"\0" not in content[:_START]:
+        raise ProblemError("not readable as STL: it is a text of another kind, without 'solid' and 'facet' in front")
+    if held < count:
+        raise ProblemError(
+            f"not readable as STL: its header says {count} triangles, but it ends after {held}; was it cut short, or "
+            "is it of another format?"
+        )
+    _refuse_more(count, settings)
+    behind = content[_START + count * _TRIANGLE.itemsize :]
+    # Some programs fill their files up with zeros.
+    if len(behind) >= _TRIANGLE.itemsize and behind.strip(b"\0"):
+        raise ProblemError(
+            f"not readable as STL: its header says {count} triangles, but {len(behind)} bytes more follow, as of "
+            f"{held - count} that would be missing"
+        )
+    records = np.frombuffer(content, dtype=_TRIANGLE, count=count, offset=_START)
+    # Some bytes are no number and warn when they are copied; what is no number is refused by name, later.
+    with np.errstate(invalid="ignore"):
+        return RawMesh.of_corners(records["corners"].astype(np.float64))
+
+
+def _of_text(text: bytes, settings: MeshSettings) -> RawMesh:
+    coordinates = array("d")
+    text = text.rstrip()
+    at = 0
+    while at < len(text):
+        solid = _SOLID.match(text, at)
+        if solid is None:
+            raise ProblemError(f"not readable as STL: {_shown(text, at)} follows its solids, expected 'solid'")
+        at = solid.end()
+        while facet := _FACET.match(text, at):
+            at = facet.end()
+            try:
+                coordinates.extend(map(float, facet.groups()))
+            except ValueError:
+                raise ProblemError(
+                    f"not readable as STL: triangle {len(coordinates) // 9 + 1} has "
+                    f"{b' '.join(facet.groups()).decode('latin-1')[:100]!r}, expected numbers"
+                ) from None
+            _refuse_more(len(coordinates) // 9, settings)
+        end = _END.match(text, at)
+        if end is None:
+            raise ProblemError(
+                f"not readable as STL: {_shown(text, at)} follows {len(coordinates) // 9} triangles, expected a facet "
+                "of three vertices, or 'endsolid'; was it cut short?"
+            )
+        at = end.end()
+    return RawMesh.of_corners(np.array(coordinates, dtype=np.float64).reshape(-1, 3, 3))
+
+
+def _refuse_more(count: int, settings: MeshSettings) -> None:
+    if count > settings.most_triangles:
+        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
+
+
+def _shown(text: bytes, at: int) -> str:
+    words = b" ".join(text[at : at + 200].split()).decode("latin-1")[:60]
+    return repr(words) if words else "nothing"
