@@ -18,7 +18,7 @@ from ccm_opt.files.scene_import.polygons import triangles_of
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.scene.bodies import BOX_FACES
-from tests.space_files import CUBE, binary_stl
+from tests.space_files import CUBE, binary_stl, linked, model_3mf, object_3mf, three_mf
 
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 """The faces of the cube whose corners count x in fours, y in twos."""
@@ -117,6 +117,7 @@ def glb(*, matrix: list[float] | None = None, **changes: Any) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
+CAMERA = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
 COMMENTED = (
     obj(QUADS)
     .replace("f ", "g other # group\nusemtl none\nf \\\n", 1)
@@ -132,10 +133,13 @@ COMMENTED = (
         ("part.stl", b"\xef\xbb\xbf" + text_stl().replace(b"\n", b"\r\n")),
         ("part.stl", text_stl().replace(b"\n", b"\r").upper()),
         ("part.stl", text_stl("outer loop <b>\u2028</b> " + 3000 * "n")),
+        *(("part.stl", text_stl(name)) for name in ("", "vertex", "facet", "endsolid", "endloop", "vertex 1 2 3")),
+        ("part.stl", text_stl().replace(b"\n", b" ")),
         ("part.stl", b"solid facet".ljust(80) + binary_stl()[80:]),
         ("part.stl", binary_stl() + bytes(500)),
         ("part.obj", obj(QUADS).encode()),
         ("part.obj", COMMENTED.encode()),
+        ("part.obj", b"\xef\xbb\xbf" + obj(QUADS).encode()),
         ("part.obj", obj(MIXED, first=-8).encode()),
         *(
             (f"{order}.ply", ply(faces, order=order, wide=wide, faces_first=first))
@@ -144,6 +148,8 @@ COMMENTED = (
         ),
         ("part.glb", glb()),
         ("part.glb", glb(matrix=[0, -1, 0, 0, 1, 0, 0, 0, 0, 0, -1, 0, 5, 6, 7, 1])),
+        ("part.glb", glb(nodes=[{"camera": 0, "children": [1]}, {"mesh": 0}], cameras=[CAMERA])),
+        ("part.glb", glb(nodes=[{"camera": 0, "mesh": 0}], cameras=[CAMERA])),
         ("part.glb", glb(extensionsRequired=["KHR_materials_unlit"], meshes={"weights": [0.0]})),
     ],
 )
@@ -160,6 +166,118 @@ def test_vertices_told_backwards_belong_to_what_stands_before_them(tmp_path: Pat
     mesh = mended_mesh(read(tmp_path, "part.obj", both.encode()))
     assert (len(mesh.mesh.faces), mesh.closed, mesh.mended) == (24, True, ())
     assert np.ptp(mesh.mesh.vertices, axis=0) == pytest.approx([4.0, 4.0, 4.0])
+
+
+def test_several_solids_of_one_file(tmp_path: Path) -> None:
+    """All solids of an STL file are read, whatever they are called."""
+    both = text_stl("vertex") + text_stl("solid 2").replace(b"vertex 0", b"vertex 5")
+    assert len(read(tmp_path, "part.stl", both).faces) == 24
+
+
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+LATTICE = (
+    '<b:beamlattice minlength="0.1" radius="3"><b:beams><b:beam v1="0" v2="1"/></b:beams></b:beamlattice>',
+    'xmlns:b="http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"',
+)
+BOOLEAN = (
+    '<object id="2"><o:booleanshape objectid="1"><o:boolean objectid="1"/></o:booleanshape></object>',
+    'xmlns:o="http://schemas.3mf.io/3dmanufacturing/booleanoperations/2023/07"',
+)
+ITEM = '<item objectid="1"/>'
+ELSEWHERE = model_3mf(object_3mf(), f'{ITEM}<item objectid="1" p:path="/3D/part.model"/>', f'xmlns:p="{PRODUCTION}"')
+PART = {"3D/part.model": model_3mf(object_3mf(size=3.0), "")}
+
+
+@pytest.mark.parametrize(
+    ("content", "triangles", "size", "metres"),
+    [
+        (three_mf(model_3mf(object_3mf(), ITEM)), 12, 1.0, 1e-3),
+        (three_mf(model_3mf(object_3mf(), ITEM, 'unit="inch"')), 12, 1.0, 0.0254),
+        (three_mf(model_3mf(object_3mf(), ITEM, "")), 12, 1.0, 1e-3),
+        (three_mf(model_3mf(object_3mf(attributes='type="support"'), ITEM)), 12, 1.0, 1e-3),
+        (three_mf(ELSEWHERE, **PART, **{"3D/_rels/3dmodel.model.rels": linked("/3D/part.model")}), 24, 3.0, 1e-3),
+        (three_mf(model_3mf(object_3mf(size=2.0), ITEM), **{"a.model": PART["3D/part.model"]}), 12, 2.0, 1e-3),
+        (
+            three_mf(
+                PART["3D/part.model"], **{"b.model": model_3mf(object_3mf(), ITEM), "_rels/.rels": linked("/b.model")}
+            ),
+            12,
+            1.0,
+            1e-3,
+        ),
+    ],
+    ids=["plain", "inch", "no unit", "support", "other part", "not linked", "root elsewhere"],
+)
+def test_3mf_is_read_as_the_format_says(
+    tmp_path: Path, content: bytes, triangles: int, size: float, metres: float
+) -> None:
+    """Relationships name the root model, items and components what stands where, and the unit is the file's."""
+    mesh = read(tmp_path, "part.3mf", content)
+    assert (len(mesh.faces), mesh.metres) == (triangles, metres)
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([size] * 3)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (three_mf(model_3mf(object_3mf(more=LATTICE[0]), ITEM, LATTICE[1])), "a beam lattice of 1 beam, which is not"),
+        (three_mf(model_3mf(object_3mf() + BOOLEAN[0], ITEM, BOOLEAN[1])), "a boolean of shapes, which is not read"),
+        (three_mf(model_3mf(object_3mf(), ITEM, 'requiredextensions="q" xmlns:q="http://q"')), "extension 'http://q'"),
+        (
+            three_mf(model_3mf(object_3mf(more='<q:surface xmlns:q="http://q"/>'), ITEM)),
+            "has 'surface' of an extension",
+        ),
+        (three_mf(model_3mf(object_3mf(), ITEM, 'unit="parsec"')), "its unit 'parsec' is not known"),
+        (three_mf(model_3mf(object_3mf(), "")), "it builds nothing"),
+        (three_mf(ELSEWHERE, **PART), "'/3D/part.model', which it names, counts only if the root model is linked"),
+        (three_mf(model_3mf(object_3mf(), ITEM).encode("utf-16")), "UTF-16"),
+        (three_mf(model_3mf(object_3mf().replace('v1="0" v2="2"', 'v1="0" v2="0"'), ITEM)), "one vertex twice"),
+    ],
+    ids=range(9),
+)
+def test_3mf_that_is_not_read_is_refused_by_name(tmp_path: Path, content: bytes, words: str) -> None:
+    """A shape that would be missing, or an item that would be another, is refused with what it is."""
+    with pytest.raises(ProblemError) as refused:
+        read(tmp_path, "part.3mf", content)
+    assert words in str(refused.value)
+
+
+def test_what_is_no_surface_is_told(tmp_path: Path) -> None:
+    """Lines and points of OBJ and objects that a 3MF file does not build are counted."""
+    assert read(tmp_path, "part.obj", f"{obj(QUADS)}l 1 2 3\nl 1 2\np 1\n".encode()).passed_over == (
+        "2 line elements",
+        "1 point element",
+    )
+    both = three_mf(model_3mf(object_3mf() + object_3mf(2), ITEM))
+    assert read(tmp_path, "part.3mf", both).passed_over == ("1 object that the file does not build",)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32), kind=st.sampled_from(("stl", "stl_ascii", "obj", "ply", "ply_ascii", "glb", "3mf")))
+def test_meshes_of_independent_writers_come_back_exactly(
+    seed: int, kind: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Every triangle of a random mesh is read with its corners in order, to the last bit of single precision."""
+    rng = np.random.default_rng(seed)
+    vertices = (rng.normal(size=(rng.integers(3, 40), 3)) * 10.0 ** rng.integers(-6, 6)).astype(np.float32)
+    faces = np.array([rng.choice(len(vertices), 3, replace=False) for _ in range(rng.integers(1, 60))])
+    mesh = trimesh.Trimesh(vertices.astype(np.float64), faces, process=False)
+    if kind == "3mf":
+        places = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in vertices.tolist())
+        corners = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist())
+        inner = f"<mesh><vertices>{places}</vertices><triangles>{corners}</triangles></mesh>"
+        content: str | bytes = three_mf(model_3mf(f'<object id="1">{inner}</object>', ITEM))
+    elif kind == "ply_ascii":  # trimesh writes eight digits of nine
+        numbers = "".join(f"property float {axis}\n" for axis in "xyz")
+        header = f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n{numbers}element face {len(faces)}\n"
+        rows = [f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in vertices.tolist()]
+        rows += [f"3 {a} {b} {c}\n" for a, b, c in faces.tolist()]
+        content = f"{header}property list uchar int vertex_index\nend_header\n{''.join(rows)}"
+    else:
+        content = mesh.export(file_type=kind, **({"digits": 17} if kind == "obj" else {}))
+    name = f"part.{kind.removesuffix('_ascii')}"
+    found = read(tmp_path_factory.mktemp("law"), name, content.encode() if isinstance(content, str) else content)
+    assert np.array_equal(found.vertices[found.faces].astype(np.float32), vertices[faces])
 
 
 SPARSE = {"sparse": {"count": 1}}

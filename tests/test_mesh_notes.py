@@ -5,14 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.mesh_notes import mesh_data, mesh_lines
 from ccm_opt.comparison.suites import shared_folder
+from ccm_opt.files.problem_file.reading import problem_from_mapping
+from ccm_opt.files.problem_file.space_problem_data import space_problem_data
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.bodies import BOX_FACES, MeshBody
-from tests.space_files import CUBE, binary_stl, written
+from tests.space_files import CUBE, binary_stl, model_3mf, object_3mf, three_mf, written
 
 
 def read(file: Path) -> tuple[SpaceProblem, MeshBody]:
@@ -43,6 +47,50 @@ def test_a_mesh_with_a_hole_is_told_to_be_open(tmp_path: Path) -> None:
     """Of a mesh that is not closed the surface alone counts, and that is said."""
     problem, body = read(written(tmp_path, binary_stl(faces=BOX_FACES[1:])))
     assert "not closed: its surface alone counts" in next(iter(mesh_lines("part", body, problem)))
+
+
+def in_millimetres(folder: Path, name: str, content: bytes, extra: str = "") -> tuple[list[str], FloatArray]:
+    """What is told of a mesh in a problem of millimetres besides its first line, and its size in metres."""
+    file = written(folder, content, name, extra)
+    file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("2.0", "2e3"))
+    problem, body = read(file)
+    data = space_problem_data(problem, [name])
+    again = problem_from_mapping(data, folder=folder)
+    assert isinstance(again, SpaceProblem)
+    assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, rtol=1e-12)
+    return list(mesh_lines("part", body, problem))[1:], np.ptp(body.vertices, axis=0)
+
+
+def test_the_unit_of_3mf_is_used_and_told(tmp_path: Path) -> None:
+    """Without a scale a cube of one inch has 25.4 mm; with another scale both are told, with its own nothing."""
+    cube = three_mf(model_3mf(object_3mf(), '<item objectid="1"/>', 'unit="inch"'))
+    told, size = in_millimetres(tmp_path, "part.3mf", cube)
+    assert (told, size.tolist()) == (["  its own unit is 25.4 mm"], pytest.approx([0.0254] * 3))
+    told, size = in_millimetres(tmp_path, "part.3mf", cube, "scale = 1")
+    assert told == ["  its own unit is 25.4 mm, but scale = 1 makes it 1 mm"]
+    assert size == pytest.approx([0.001] * 3)
+    assert in_millimetres(tmp_path, "part.3mf", cube, "scale = 25.4")[0] == []
+
+
+def test_unit_and_axes_of_glb_are_told(tmp_path: Path) -> None:
+    """GLB counts in metres with y up; it is taken as it stands, which is told until keys say what is meant."""
+    bar = bytes(trimesh.Trimesh(CUBE * [0.5, 1.0, 1.5], BOX_FACES, process=False).export(file_type="glb"))
+    told, size = in_millimetres(tmp_path, "part.glb", bar)
+    assert [line.split(",")[0] for line in told] == ["  the unit of GLB is the metre", "  in GLB y is up"]
+    assert size == pytest.approx([5e-4, 1e-3, 1.5e-3])
+    told, size = in_millimetres(tmp_path, "part.glb", bar, 'scale = 1000\nup = "y"')
+    assert (told, size.tolist()) == ([], pytest.approx([0.5, 1.5, 1.0]))
+    assert in_millimetres(tmp_path, "part.glb", bar, 'scale = 1000\nup = "z"')[0] == []
+
+
+@pytest.mark.parametrize("name", ["part.obj", "part.stl"])
+def test_up_turns_y_to_z(tmp_path: Path, name: str) -> None:
+    """Of whichever format, the top of a mesh whose y is up is the top of the obstacle, and no corner is mirrored."""
+    cube = trimesh.Trimesh(CUBE * [1.0, 2.0, 3.0], BOX_FACES, process=False).export(file_type=name[-3:])
+    _, body = read(written(tmp_path, cube.encode() if isinstance(cube, str) else bytes(cube), name, 'up = "y"'))
+    assert body.vertices.min(axis=0) == pytest.approx([0.0, -3.0, 0.0])
+    assert body.vertices.max(axis=0) == pytest.approx([1.0, 0.0, 2.0])
+    assert trimesh.Trimesh(body.vertices, body.faces).volume == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("command", ["solve", "pose", "reach", "describe"])

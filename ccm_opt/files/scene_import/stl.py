@@ -20,15 +20,16 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attrib
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 """In front of texts that some editors write."""
 _FLAGS = re.IGNORECASE
-# The name of a solid is free text up to the end of its line; where all is one line, up to its first facet.
-_SOLID = re.compile(rb"\s*solid\b(?:[^\r\n]*?(?=\sfacet\s+normal\s)|[^\r\n]*)", _FLAGS)
+# The name of a solid is free text up to the end of its line; where all is one line, up to what follows it.
+_SOLID, _END = (re.compile(rb"\s*%s\b[^\r\n]*" % word, _FLAGS) for word in (b"solid", b"endsolid"))
+_SOLID_OF_ONE_LINE = re.compile(rb"\s*solid\b.*?(?=\sfacet\s+normal\s|\sendsolid\b)", _FLAGS)
+_END_OF_ONE_LINE = re.compile(rb"\s*endsolid\b.*?(?=\ssolid\s|\Z)", _FLAGS)
 _FACET = re.compile(
     rb"\s*facet(?:\s+normal(?:\s+\S+){3})?\s+outer\s+loop"
     + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
     + rb"\s+endloop(?:\s+endfacet)?(?=\s)",
     _FLAGS,
 )
-_END = re.compile(rb"\s*endsolid\b(?:[^\r\n]*?(?=\ssolid\s)|[^\r\n]*)", _FLAGS)
 
 
 def read_stl(content: bytes, settings: MeshSettings) -> RawMesh:
@@ -73,9 +74,11 @@ def _of_records(content: bytes, settings: MeshSettings) -> RawMesh:
 def _of_text(text: bytes, settings: MeshSettings) -> RawMesh:
     coordinates = array("d")
     text = text.rstrip()
+    one_line = b"\n" not in text and b"\r" not in text
+    begins, ends = (_SOLID_OF_ONE_LINE, _END_OF_ONE_LINE) if one_line else (_SOLID, _END)
     at = 0
     while at < len(text):
-        solid = _SOLID.match(text, at)
+        solid = begins.match(text, at)
         if solid is None:
             raise ProblemError(f"not readable as STL: {_shown(text, at)} follows its solids, expected 'solid'")
         at = solid.end()
@@ -89,7 +92,7 @@ def _of_text(text: bytes, settings: MeshSettings) -> RawMesh:
                     f"{b' '.join(facet.groups()).decode('latin-1')[:100]!r}, expected numbers"
                 ) from None
             _refuse_more(len(coordinates) // 9, settings)
-        end = _END.match(text, at)
+        end = ends.match(text, at)
         if end is None:
             raise ProblemError(
                 f"not readable as STL: {_shown(text, at)} follows {len(coordinates) // 9} triangles, expected a facet "
