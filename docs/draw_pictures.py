@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from concept_pictures.corridor import CorridorScene, corridor_png
+from concept_pictures.gap import gaps_png
+from concept_pictures.hairpin import HairpinMoment, HairpinScene, hairpin_png
+from concept_pictures.sag import SagScene, sag_png
 
 import ccm_opt
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.files.plotting.corridor_concept import CorridorScene, corridor_png
-from ccm_opt.files.plotting.gap_concept import gaps_png
-from ccm_opt.files.plotting.hairpin_concept import HairpinMoment, HairpinScene, hairpin_png
-from ccm_opt.files.plotting.sag_concept import SagScene, sag_png
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.obstacle import Obstacle

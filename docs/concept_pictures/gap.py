@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.concept_panels import SMALL, look_at, panels, picture
+from concept_pictures.panels import INFLATED, PORTAL, SMALL, look_at, panels, picture
 
 HEIGHT = 2.85
 WIDE = 7.4
@@ -37,10 +37,10 @@ def gaps_figure() -> Figure:
     look_at(axes, (0.0, WALL, WIDE, 2.32))
     axes.add_patch(Rectangle((0.0, WALL), WIDE, -WALL, facecolor=style.WALL, edgecolor="none"))
     axes.plot([0.0, WIDE], [0.0, 0.0], color=style.WALL_EDGE, linewidth=1.2)
-    axes.add_patch(Rectangle((0.0, 0.0), WIDE, CLEARANCE, facecolor=style.INFLATED, edgecolor="none"))
-    axes.plot([0.0, WIDE], [CLEARANCE, CLEARANCE], color=style.PORTAL, linewidth=1.1, linestyle=(0, (4, 2)))
+    axes.add_patch(Rectangle((0.0, 0.0), WIDE, CLEARANCE, facecolor=INFLATED, edgecolor="none"))
+    axes.plot([0.0, WIDE], [CLEARANCE, CLEARANCE], color=PORTAL, linewidth=1.1, linestyle=(0, (4, 2)))
     axes.text(0.08, 0.5 * WALL, "wall", fontsize=style.FONT_SIZE, color=style.BOUNDARY, va="center")
-    axes.text(WIDE - 0.05, CLEARANCE - 0.04, "contact: gap 0", fontsize=SMALL, color=style.PORTAL, ha="right", va="top")
+    axes.text(WIDE - 0.05, CLEARANCE - 0.04, "contact: gap 0", fontsize=SMALL, color=PORTAL, ha="right", va="top")
     axes.text(WIDE - 0.05, 0.5 * WALL, "not to scale", fontsize=SMALL, color=style.BOUNDARY, ha="right", va="center")
     texts = (
         ("clearance", "asked for by the user,\n" + r"key $\tt{workspace.clearance}$"),

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.concept_panels import SMALL, draw_obstacles, look_at, panels, picture, title
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.ground.arrays import FloatArray
+from concept_pictures.panels import FREE_EDGE, SMALL, draw_obstacles, look_at, panels, picture, title
 
 HEIGHT = 2.75
 SAMPLES = 101
@@ -135,7 +135,7 @@ def _draw_proof(axes: Axes, scene: SagScene, stations: tuple[float, ...]) -> Non
         edge = style.TIP_PATH if bad else style.GOAL_MARK
         axes.add_patch(polygon_patch(grown, facecolor=edge, edgecolor="none", alpha=0.10, zorder=2))
         axes.add_patch(polygon_patch(grown, facecolor="none", edgecolor=edge, linewidth=1.3, zorder=2.2))
-        axes.add_patch(polygon_patch(hull, facecolor=style.FREE, edgecolor=style.FREE_EDGE, linewidth=0.9, zorder=2.4))
+        axes.add_patch(polygon_patch(hull, facecolor=style.FREE, edgecolor=FREE_EDGE, linewidth=0.9, zorder=2.4))
         if bad:
             overlap = shapely.intersection(grown, walls)
             for part in shapely.get_parts(overlap):
@@ -156,6 +156,6 @@ def _keys(axes: Axes) -> list[Artist]:
     return [
         *axes.plot([], [], color=style.GOAL_ARM_EDGE, linewidth=1.6, label="link at the ends of a stretch"),
         *axes.plot([], [], color=style.WALL_EDGE, linewidth=0.5, label="link in between"),
-        *axes.fill([], [], facecolor=style.FREE, edgecolor=style.FREE_EDGE, label="hull of its end positions"),
+        *axes.fill([], [], facecolor=style.FREE, edgecolor=FREE_EDGE, label="hull of its end positions"),
         *axes.fill([], [], facecolor="#e8f1ea", edgecolor=style.GOAL_MARK, label=grown),
     ]

@@ -17,6 +17,12 @@ from ccm_opt.ground.arrays import FloatArray
 DOTS_PER_INCH = 200
 WIDTH = 7.4
 """Width of a picture [inch]: the width of a page's text, so that letters keep their size."""
+FREE_EDGE = "#8fb0c2"
+INFLATED = "#f3e6d3"
+"""Room that the arm's axis has to stay out of, beside walls."""
+PORTAL = "#c1440e"
+FOLD_EDGE = "#9a6b00"
+"""Each pair of colours that meets differs in lightness too."""
 SMALL = 7.0
 """Size of what is written into a panel [points]."""
 

@@ -9,7 +9,15 @@ from matplotlib.figure import Figure
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.concept_panels import (
+from ccm_opt.files.plotting.workspace_drawing import polygon_patch
+from ccm_opt.freespace.corridor import Corridor, Route
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from concept_pictures.panels import (
+    FREE_EDGE,
+    INFLATED,
+    PORTAL,
     arrow,
     draw_obstacles,
     legend_below,
@@ -18,11 +26,6 @@ from ccm_opt.files.plotting.concept_panels import (
     picture,
     title,
 )
-from ccm_opt.files.plotting.workspace_drawing import polygon_patch
-from ccm_opt.freespace.corridor import Corridor, Route
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
 
 HEIGHT = 6.0
 BESIDE_ROUTE = 0.05
@@ -80,7 +83,7 @@ def _draw_room(axes: Axes, scene: CorridorScene) -> None:
     """Walls, what the arm's axis cannot reach beside them, base and goal."""
     workspace = scene.free_space.workspace
     look_at(axes, workspace.boundary.bounds)
-    axes.add_patch(polygon_patch(workspace.boundary, facecolor=style.INFLATED, edgecolor="none", zorder=0))
+    axes.add_patch(polygon_patch(workspace.boundary, facecolor=INFLATED, edgecolor="none", zorder=0))
     for part in scene.free_space.polygons.geoms:
         axes.add_patch(polygon_patch(part, facecolor="white", edgecolor="none", zorder=0.1))
     draw_obstacles(axes, workspace)
@@ -94,11 +97,9 @@ def _draw_room(axes: Axes, scene: CorridorScene) -> None:
 def _draw_triangles(axes: Axes, scene: CorridorScene) -> None:
     title(axes, "a", "free space of the axis, in triangles")
     for corners in scene.free_space.triangulation.corners:
-        axes.fill(corners[:, 0], corners[:, 1], facecolor=style.FREE, edgecolor=style.FREE_EDGE, linewidth=0.6)
-    axes.fill([], [], facecolor=style.FREE, edgecolor=style.FREE_EDGE, linewidth=0.6, label="free")
-    axes.fill(
-        [], [], facecolor=style.INFLATED, edgecolor=style.WALL_EDGE, linewidth=0.4, label="nearer than r + clearance"
-    )
+        axes.fill(corners[:, 0], corners[:, 1], facecolor=style.FREE, edgecolor=FREE_EDGE, linewidth=0.6)
+    axes.fill([], [], facecolor=style.FREE, edgecolor=FREE_EDGE, linewidth=0.6, label="free")
+    axes.fill([], [], facecolor=INFLATED, edgecolor=style.WALL_EDGE, linewidth=0.4, label="nearer than r + clearance")
     axes.plot([], [], marker="s", markersize=5, color=style.BOUNDARY, linestyle="none", label="base")
     axes.plot(
         [], [], marker="o", markersize=6, markerfacecolor="white", markeredgecolor=style.GOAL_MARK, linestyle="none",
@@ -134,9 +135,9 @@ def _draw_corridor(axes: Axes, corridor: Corridor) -> None:
             zorder=4,
         )
     for left, right in corridor.portals:
-        axes.plot(*np.stack((left, right)).T, color=style.PORTAL, linewidth=2.0, solid_capstyle="round", zorder=3)
+        axes.plot(*np.stack((left, right)).T, color=PORTAL, linewidth=2.0, solid_capstyle="round", zorder=3)
     axes.fill([], [], facecolor=style.REGION_TINT, edgecolor=style.REGION, linewidth=0.9, label="region")
-    axes.plot([], [], color=style.PORTAL, linewidth=2.0, label="portal")
+    axes.plot([], [], color=PORTAL, linewidth=2.0, label="portal")
     taut = corridor.route.taut
     axes.plot(
         taut[:, 0], taut[:, 1], color=style.BOUNDARY, linestyle=(0, (2, 2)), linewidth=1.0, zorder=2.9, label="route"
@@ -163,7 +164,7 @@ def _draw_configuration(axes: Axes, scene: CorridorScene) -> None:
             polygon_patch(outline, facecolor="none", edgecolor=style.REGION, linewidth=0.5, alpha=0.6, zorder=1.1)
         )
     for portal in scene.corridor.portals:
-        axes.plot(*portal.T, color=style.PORTAL, linewidth=1.0, alpha=0.8, zorder=1.2)
+        axes.plot(*portal.T, color=PORTAL, linewidth=1.0, alpha=0.8, zorder=1.2)
     body = shapely.buffer(shapely.LineString(scene.points), scene.radius)
     axes.add_patch(
         polygon_patch(body, facecolor=style.START, edgecolor=style.START_EDGE, linewidth=0.6, zorder=2, label="arm")

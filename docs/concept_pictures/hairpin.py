@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.concept_panels import draw_obstacles, look_at, panels, picture, title
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.polyline import leg_lengths
+from concept_pictures.panels import FOLD_EDGE, draw_obstacles, look_at, panels, picture, title
 
 HEIGHT = 5.0
 LETTERS = "abcdefgh"
@@ -102,7 +102,7 @@ _BASE: dict[str, Any] = {
 }  # fmt: skip
 _PARTS = (
     ("still on the old shape", style.START, style.START_EDGE),
-    ("hairpin", style.FOLD, style.FOLD_EDGE),
+    ("hairpin", style.FOLD, FOLD_EDGE),
     ("on the track", style.GOAL_ARM, style.GOAL_ARM_EDGE),
 )
 
