@@ -12,7 +12,8 @@
     │   ├── TimeLimitReached    the time limit passed first
     │   ├── RetimingError       the path cannot be timed within the limits
     │   └── SimulationError     the simulated arm left the finite world
-    └── VerificationError       a plan, or a folder, that the verifier refuses        exit code 3
+    ├── VerificationError       a plan, or a folder, that the verifier refuses        exit code 3
+    └── NativeLibraryError      the compiled library is missing or an old one         exit code 2
 
     KeyboardInterrupt
     └── CancelledWithPlan       Ctrl-C once there is a verified plan                  exit code 130
@@ -25,6 +26,10 @@ from typing import Any
 
 class CcmError(Exception):
     """Root of all errors that this package raises on purpose."""
+
+
+class NativeLibraryError(CcmError):
+    """The compiled library is missing or an old one; the message says how to build it."""
 
 
 class ProblemError(CcmError):

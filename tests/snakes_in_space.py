@@ -9,10 +9,10 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.space.motion.space_goal import SpaceTipPose
-from ccm_opt.space.motion.space_link_motion import segment_distances
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.reach_boxes import tip_box
 from ccm_opt.space.scene.bodies import BOX_FACES, box_corners

@@ -44,7 +44,7 @@ def names_in_code(page: Path) -> Iterator[str]:
 def known_paths() -> set[str]:
     """Every file and folder of the project, each with all ends of its path."""
     folders = [ROOT / name for name in ("ccm_opt", "docs", "examples", "problems", "tests")]
-    entries = [entry for folder in folders for entry in (folder, *folder.rglob("*"))] + list(ROOT.glob("*.toml"))
+    entries = [entry for folder in folders for entry in (folder, *folder.rglob("*"))] + list(ROOT.glob("*.*"))
     ends = set()
     for entry in entries:
         parts = entry.relative_to(ROOT).parts

@@ -1,7 +1,5 @@
 """Inverse dynamics, forward dynamics and mass matrix against Pinocchio and MuJoCo; compiled code against the VM."""
 
-import logging
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +10,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime import compiled_library
-from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd, DynamicsKind, InterpretedBackEnd
+from ccm_opt.dynamics.runtime.compiled_function import DynamicsKind
+from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
 from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
@@ -21,26 +19,17 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.ground import compiled_source
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.jacobian import tip_jacobian
 from ccm_opt.jointed.link_chain import Feed
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
+from tests.oracles.interpreted_function import InterpretedFunction
+from tests.oracles.interpreted_loop import InterpretedLoop
 
 GRAVITY = np.array([1.0, 2.0, -9.81])
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
 TOLERANCE = 1e-9
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Compiled code goes to a folder of the test session."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
-        yield
 
 
 def relative_error(got: FloatArray, expected: FloatArray) -> float:
@@ -144,12 +133,9 @@ def test_both_back_ends_give_the_same(kind: DynamicsKind, rotors: bool, axes: Ax
     """Compiled and interpreted functions agree for joints and base, with payload, friction and feed."""
     arm = geared(swan_neck(14, axes, varied=True))
     model = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
-    library = compiled_library.load_library(model.structure)
-    if library is None:
-        pytest.skip("no C compiler")
     states, feed = random_states(42), np.array([0.7, -0.2, 0.0, 3.0])
-    got = DynamicsFunction(kind, model, CompiledBackEnd(library)).with_feed(*states, feed)
-    expected = DynamicsFunction(kind, model, InterpretedBackEnd()).with_feed(*states, feed)
+    got = DynamicsFunction(kind, model).with_feed(*states, feed)
+    expected = InterpretedFunction(kind, model).many(*states, feed)
     assert relative_error(got[0], expected[0]) < TOLERANCE
     assert relative_error(got[1], expected[1]) < TOLERANCE
 
@@ -165,9 +151,6 @@ def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rot
         # PD looks ahead on an arm with heavier rotors, by the code that knows of rotors.
         plant = with_rotor_code(plant)
         believed = with_rotor_code(believed)
-    library = compiled_library.load_library(plant.structure)
-    if library is None:
-        pytest.skip("no C compiler")
     joints = (900.0 * np.ones(12), 60.0 * np.ones(12)) if computed else (np.linspace(0.5, 5.0, 12), np.full(12, 0.02))
     feed = (400.0, 40.0) if computed else (50.0, 5.0)
     limits = {"limit": np.full(12, share), "feed_limit": 20.0 * share}
@@ -178,8 +161,8 @@ def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rot
     reference = random.uniform(-1.0, 1.0, (3, 3, 13))
     noise = random.normal(0.0, 1e-3, (3, 2, 12))
     held = int(random.integers(0, 2))
-    got = CompiledBackEnd(library).loop(plant, believed, parameters).run(state, reference, noise, held)
-    expected = InterpretedBackEnd().loop(plant, believed, parameters).run(state, reference, noise, held)
+    got = CompiledLoop(plant, believed, parameters).run(state, reference, noise, held)
+    expected = InterpretedLoop(plant, believed, parameters).run(state, reference, noise, held)
     assert not np.any(got[1][:held])
     assert np.all(np.abs(got[1][:, :12]) <= share)
     assert relative_error(got[1], expected[1]) < TOLERANCE
@@ -242,21 +225,6 @@ def test_joint_states_of_a_planar_motion() -> None:
     assert np.array_equal(states.angles[:, 1::3], -trajectory.bend_angles)
     assert np.array_equal(states.torques, inverse(states.angles, states.velocities, states.accelerations))
     assert states.names[1] == "ball01_bend"
-
-
-def test_without_a_compiler_the_virtual_machine_gives_the_same(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """The fall-back equals compiled code to rounding, and one log line says that it is in use."""
-    arm, (q, qd, qdd) = swan_neck(12), random_states(36)
-    expected = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
-    monkeypatch.setenv(COMPILER_VARIABLE, "")
-    compiled_source.forget_troubles()
-    with caplog.at_level(logging.WARNING):
-        got = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
-    assert relative_error(got[0], expected[0]) < TOLERANCE
-    assert relative_error(got[1], expected[1]) < TOLERANCE
-    assert [record.message.split(": ")[1] for record in caplog.records] == ["CCM_OPT_CC is empty"]
 
 
 def geared(arm: Arm) -> Arm:

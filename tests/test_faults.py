@@ -1,4 +1,4 @@
-"""Writes, renames, removals, compilers, libraries and solvers fail at a few places, drawn at random.
+"""Writes, renames, removals and solvers fail at a few places, drawn at random.
 
 ``python -m tests.faults solve --every`` lets each of them fail in turn.
 """
@@ -8,26 +8,21 @@ import sys
 
 import pytest
 
-from ccm_opt.ground.c_compiler import has_compiler
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
         ["solve", "--count", "8"],
-        ["solve", "--cold", "--count", "3"],
         ["check", "--count", "3"],
         ["compare", "--count", "2"],
         ["solve", "--space", "--count", "4"],
         ["check", "--space", "--count", "2"],
     ],
-    ids=["solve", "solve, compiling", "check", "compare", "solve in space", "check in space"],
+    ids=["solve", "check", "compare", "solve in space", "check in space"],
 )
 def test_what_fails_underneath_leaves_the_old_result_or_the_new_one(arguments: list[str]) -> None:
     """Whatever fails, there is a whole result, the user's file is still there, and a line says what happened."""
-    if "--cold" in arguments and not has_compiler():
-        pytest.skip("no C compiler")
     command = [sys.executable, "-m", "tests.faults", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert ended.returncode == 0, ended.stdout + ended.stderr

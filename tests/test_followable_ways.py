@@ -11,16 +11,14 @@ from hypothesis import strategies as st
 from ccm_opt.comparison.space_jobs import disturbed_job
 from ccm_opt.comparison.space_sites import SITES, site_problem
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.asked_task import space_task
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.bend_allowances import bend_allowances
-from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searched_in_c
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
+from ccm_opt.space.motion.followable_search import FollowSearch, WayArcs, WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
 from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
@@ -29,6 +27,7 @@ from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 from ccm_opt.space.motion.withdrawal import withdrawn
 from ccm_opt.space.reach_boxes import tip_box
+from tests.oracles.followable_search import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
 
@@ -105,16 +104,13 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     return search, WayEnd(goal, frame @ frame[0] if directed else None), start, frame
 
 
-@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), directed=st.booleans())
 def test_c_and_python_search_alike(seed: int, directed: bool) -> None:
     """Among random boxes both find the same arcs, or both find no way."""
     search, goal, place, frame = random_search(seed, directed)
-    library = searched_in_c()
-    assert library is not None
-    found = compiled_arcs(library, search, goal, place, frame)
-    assert found == InterpretedSearch(search, goal).arcs_from(place, frame)
+    found = search.arcs_from(place, frame, goal)
+    assert found == SearchByPython(search, goal).arcs_from(place, frame)
 
 
 def test_no_way_turns_round_where_there_is_no_room_to() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.collision.contacts import WALL, Contacts
-from ccm_opt.collision.neighbour_pairs import closest_on_segments
+from ccm_opt.collision.segment_pairs import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length

@@ -1,28 +1,20 @@
 """Near pairs in C against numpy, and the index under them against plain comparison."""
 
 import gc
-import logging
 import weakref
 
 import numpy as np
-import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision import compiled_pairs
 from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS
-from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.collision.contacts import Contacts
-from ccm_opt.collision.neighbour_pairs import NeighbourPairs
-from ccm_opt.collision.pair_search import PairQuestion
-from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.collision.pair_search import PairQuestion, PairSearch
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground import compiled_source
 from ccm_opt.ground.box_tree import BoxTree
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 
-from .scenes import ROOM, clutter, make_arm, mixed_walls, random_headings
+from .oracles.neighbour_pairs import NeighbourPairs
+from .scenes import clutter, make_arm, mixed_walls, random_headings
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -52,9 +44,7 @@ def assert_same(one: Contacts, other: Contacts) -> None:
 def test_compiled_pairs_are_those_of_numpy(seed: int, links: int, mount: float, reach: float, bend: float) -> None:
     """Whatever the links, the mount, the reach and the pose, C and numpy report the same pairs and crossings."""
     question = asked(links, mount, reach, mixed_walls())
-    compiled = compiled_pairs.compiled_pairs(question)
-    if compiled is None:
-        pytest.skip("no C compiler")
+    compiled = PairSearch(question)
     by_numpy = NeighbourPairs(question)
     rng = np.random.default_rng(seed)
     for _ in range(3):
@@ -69,9 +59,7 @@ def test_what_c_looks_at_lives_as_long_as_the_search() -> None:
     question = asked(8, 0.0, 0.1, clutter(3, 8).workspace)
     trees = (question.walls.edge_tree, question.walls.vertex_tree)
     arrays = [weakref.ref(array) for tree in trees for array in (tree.items, tree.boxes, tree.offsets)]
-    compiled = compiled_pairs.compiled_pairs(question)
-    if compiled is None:
-        pytest.skip("no C compiler")
+    compiled = PairSearch(question)
     del question, trees
     gc.collect()
     assert all(array() is not None for array in arrays)
@@ -83,29 +71,11 @@ def test_what_c_looks_at_lives_as_long_as_the_search() -> None:
 def test_more_pairs_than_room_are_all_reported() -> None:
     """A reach over the whole room makes more pairs than results have room for at first."""
     question = asked(24, 0.0, 2.0, clutter(3, 60).workspace)
-    compiled = compiled_pairs.compiled_pairs(question)
-    if compiled is None:
-        pytest.skip("no C compiler")
+    compiled = PairSearch(question)
     points = question.arm.joint_positions(random_headings(np.random.default_rng(1), question.arm, 4.0))
     found = compiled.contacts(points)
     assert len(found) > 1000
     assert_same(found, NeighbourPairs(question).contacts(points))
-
-
-def test_without_a_compiler_numpy_finds_contacts(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Where nothing compiles, contacts are found all the same, and one log line says how."""
-    arm = make_arm(12, 0.01)
-    workspace = Workspace(ROOM, (Obstacle("post", shapely.Point(0.5, 0.05), 0.02),))
-    points = arm.joint_positions(np.zeros(12))
-    expected = ContactFinder(arm, workspace.flat_walls, 0.0, 0.0, 0.1).find(points)
-    monkeypatch.setenv(COMPILER_VARIABLE, "")
-    compiled_source.forget_troubles()
-    with caplog.at_level(logging.WARNING):
-        got = ContactFinder(arm, workspace.flat_walls, 0.0, 0.0, 0.1).find(points)
-    assert_same(got, expected)
-    assert [record.message.split(": ")[1] for record in caplog.records] == ["CCM_OPT_CC is empty"]
 
 
 @settings(max_examples=60)

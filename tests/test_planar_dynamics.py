@@ -1,42 +1,25 @@
 """The dynamics of arms that stay in their plane: fewer operations, and the same numbers to the last bit."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_alone, with_rotor_code
 from ccm_opt.dynamics.algorithms.in_plane import free, in_plane
-from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd, DynamicsKind, InterpretedBackEnd
-from ccm_opt.dynamics.runtime.compiled_library import load_library
+from ccm_opt.dynamics.runtime.compiled_function import DynamicsKind
+from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
 from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.jointed.link_chain import Feed
 from tests.dynamics_arms import swan_neck
+from tests.oracles.interpreted_function import InterpretedFunction
 
 LINKS = 7
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Compiled code goes to a folder of the test session."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
-        yield
-
-
-def _back_end(model: ArmModel) -> CompiledBackEnd:
-    library = load_library(model.structure)
-    if library is None:
-        pytest.skip("no C compiler")
-    return CompiledBackEnd(library)
 
 
 def _model(random: np.random.Generator, *, rotors: bool) -> ArmModel:
@@ -69,13 +52,13 @@ def test_planar_code_gives_the_same_bits(seed: int, rotors: bool, kind: Dynamics
     assert planar.structure.planar
     states = [_planar(random, 5) for _ in range(3)]
     feed = random.normal(size=5)
-    wanted = DynamicsFunction(kind, full, _back_end(full)).with_feed(*states, feed)
-    got = DynamicsFunction(kind, planar, _back_end(planar)).with_feed(*states, feed)
+    wanted = DynamicsFunction(kind, full).with_feed(*states, feed)
+    got = DynamicsFunction(kind, planar).with_feed(*states, feed)
     assert np.array_equal(got[0], wanted[0])
     assert np.array_equal(got[1], wanted[1])
     assert np.any(got[0][:, 1::3])
 
-    interpreted = DynamicsFunction(kind, planar, InterpretedBackEnd()).with_feed(*states, feed)
+    interpreted = InterpretedFunction(kind, planar).many(*states, feed)
     assert np.allclose(interpreted[0], wanted[0], rtol=1e-9, atol=1e-9 * np.max(np.abs(wanted[0])))
     assert np.allclose(interpreted[1], wanted[1], rtol=1e-9, atol=1e-9 * np.max(np.abs(wanted[1])))
 
@@ -100,9 +83,9 @@ def test_planar_loop_gives_the_same_bits(seed: int, computed: bool, rotors: bool
     )
     noise = 1e-3 * _planar(random, 9, 2)
     arguments = (state[0], reference, noise, int(random.integers(0, 2)))
-    wanted = _back_end(plant).loop(plant, believed, parameters).run(*arguments)
+    wanted = CompiledLoop(plant, believed, parameters).run(*arguments)
     plant, believed = in_plane_alone(plant), in_plane_alone(believed)
-    got = _back_end(plant).loop(plant, believed, parameters).run(*arguments)
+    got = CompiledLoop(plant, believed, parameters).run(*arguments)
     assert np.array_equal(got[0], wanted[0])
     assert np.array_equal(got[1], wanted[1])
 

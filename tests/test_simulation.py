@@ -1,6 +1,5 @@
 """The simulated closed loop: physics, tracking, stability limits and failures."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,27 +18,18 @@ from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
+from tests.oracles.interpreted_loop import InterpretedLoop
 
 CHUNK = 200
 """Steps between two states that are compared."""
 WEIGHT = np.array([0.0, 0.0, -9.81])
 BENDS = 0.4 * np.sin(np.arange(12.0))
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Compiled code goes to a folder of the test session."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
-        yield
 
 
 def states_of(arm: Arm, trajectory: JointTrajectory, gravity: FloatArray = WEIGHT) -> JointStates:
@@ -120,10 +110,10 @@ def test_pd_follows_and_ends_near_the_goal() -> None:
 
 
 def test_the_virtual_machine_simulates_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a compiler the simulated motion is the same to rounding."""
+    """In CasADi's virtual machine the simulated motion is the same to rounding."""
     arm, trajectory = swan_neck(4), smooth_trajectory(BENDS[:4], duration=0.5)
     expected = run(arm, trajectory, SimulationOptions())
-    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    monkeypatch.setattr(simulation, "CompiledLoop", InterpretedLoop)
     got = run(arm, trajectory, SimulationOptions())
     assert np.allclose(got.angles, expected.angles, atol=1e-10)
     assert np.allclose(got.torques, expected.torques, atol=1e-8)
@@ -513,7 +503,7 @@ def test_thrust_at_its_limit_is_the_same_in_the_virtual_machine(monkeypatch: pyt
     joints = states_of(arm, trajectory)
     limits = replace(loose_limits(arm), feed_force=0.7 * float(np.max(np.abs(joints.base_forces))))
     expected = simulate(arm, trajectory, joints, SimulationOptions(), limits)
-    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    monkeypatch.setattr(simulation, "CompiledLoop", InterpretedLoop)
     got = simulate(arm, trajectory, joints, SimulationOptions(), limits)
     assert expected.saturated
     assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
@@ -537,7 +527,7 @@ def test_the_virtual_machine_runs_the_same_loop(
         controller=controller, proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0, disturbances=disturbances
     )
     expected = run(arm, trajectory, options)
-    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    monkeypatch.setattr(simulation, "CompiledLoop", InterpretedLoop)
     got = run(arm, trajectory, options)
     assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
     assert np.allclose(got.base_positions, expected.base_positions, rtol=0.0, atol=1e-10)

@@ -11,9 +11,8 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import (
     joint_positions,
     link_rotations,
-    positions_of_links,
-    rotations_by_numpy,
 )
+from tests.oracles.chains import positions_of_links, rotations_by_numpy
 from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)

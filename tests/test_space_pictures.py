@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting.space_plan import draw_goals_in_space
 from ccm_opt.files.plotting.space_section import ArmSection, section_along
 from ccm_opt.files.plotting.space_views import SIDES
-from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Limits, Tolerances
 from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
@@ -51,7 +49,6 @@ def test_a_section_sees_round_bodies() -> None:
     assert np.allclose(section.nearest, 0.15, atol=1e-12)
 
 
-@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
 def test_a_section_sees_what_passes_between_its_rays() -> None:
     """A thin bar beside the arm, slanted so that no ray of the four meets it, is as near as it is."""
     length = space_arm(4).length

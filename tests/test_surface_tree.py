@@ -1,6 +1,5 @@
 """Distances in space: C and numpy against a slow oracle and each other, and the laws of planes and witnesses."""
 
-import logging
 from dataclasses import replace
 
 import numpy as np
@@ -8,17 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground import compiled_source
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
-from ccm_opt.space.distances.compiled_surfaces import boxes_by_c, compiled_search
 from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES
-from ccm_opt.space.distances.numpy_surfaces import NumpySearch
-from ccm_opt.space.distances.segment_triangle import nearest_pairs
-from ccm_opt.space.distances.surface_boxes import SurfaceBoxes, boxes_by_numpy, longest_edge_first
+from ccm_opt.space.distances.surface_search import SurfaceBoxes, SurfaceSearch
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 
+from .oracles.numpy_surfaces import NumpySearch
+from .oracles.segment_triangle import nearest_pairs
+from .oracles.surface_boxes import boxes_by_numpy, longest_edge_first
 from .surface_scenes import random_segments, random_triangles, slow_gaps, soup
 
 seeds = st.integers(0, 2**32 - 1)
@@ -26,14 +23,13 @@ reaches = st.sampled_from((0.03, 0.3, 10.0))
 
 
 def trees(scene: SurfaceSoup, leaf: int = 4) -> list[SurfaceTree]:
-    """The scene's trees by each way of building and searching there is on this machine."""
-    built = [boxes_by_c(scene.triangles, scene.rounding, leaf), boxes_by_numpy(scene.triangles, scene.rounding, leaf)]
-    found: list[SurfaceTree] = []
-    for boxes in built:
-        if boxes is not None:
-            searches = (compiled_search(boxes), NumpySearch(boxes))
-            found += [SurfaceTree(scene.owner[boxes.order], search) for search in searches if search is not None]
-    return found
+    """The scene's trees by each way of building and searching."""
+    built = [
+        SurfaceBoxes.of(scene.triangles, scene.rounding, leaf),
+        boxes_by_numpy(scene.triangles, scene.rounding, leaf),
+    ]
+    searches = ((boxes, search(boxes)) for boxes in built for search in (SurfaceSearch, NumpySearch))
+    return [SurfaceTree(scene.owner[boxes.order], search) for boxes, search in searches]
 
 
 @settings(max_examples=60)
@@ -286,9 +282,10 @@ def test_many_degenerate_triangles_are_no_trouble(kind: str) -> None:
 def test_boxes_hold_their_triangles(seed: int, count: int) -> None:
     """Every triangle stands in one leaf, the boxes above it hold it, and it keeps its corners."""
     scene = random_triangles(np.random.default_rng(seed), count)
-    for boxes in (boxes_by_c(scene.triangles, scene.rounding, 4), boxes_by_numpy(scene.triangles, scene.rounding, 4)):
-        if boxes is None:
-            continue
+    for boxes in (
+        SurfaceBoxes.of(scene.triangles, scene.rounding, 4),
+        boxes_by_numpy(scene.triangles, scene.rounding, 4),
+    ):
         assert sorted(faces_below(boxes, 0)) == list(range(count))
         assert sorted(boxes.order.tolist()) == list(range(count))
         np.testing.assert_array_equal(boxes.rounding, scene.rounding[boxes.order])
@@ -312,9 +309,7 @@ def test_clusters_of_many_triangles_make_a_tree(kind: str) -> None:
     if kind == "one place":
         corners[5:] = corners[5]
     scene = soup(corners, rng.uniform(0.0, 0.01, count), np.zeros(count, dtype=np.intp))
-    boxes = boxes_by_c(scene.triangles, scene.rounding, 8)
-    if boxes is None:
-        return
+    boxes = SurfaceBoxes.of(scene.triangles, scene.rounding, 8)
     nodes = boxes.nodes
     leaves = nodes[nodes["count"] > 0]
     order = np.argsort(leaves["first"])
@@ -334,8 +329,7 @@ def test_clusters_of_many_triangles_make_a_tree(kind: str) -> None:
         assert np.all((child["rounding"] <= inner["rounding"]) & (child["edge"] <= inner["edge"]))
     segments = random_segments(rng, 50)
     other = boxes_by_numpy(scene.triangles, scene.rounding, 8)
-    ways = [compiled_search(each) for each in (boxes, other)]
-    gaps = [way.distances(segments, 0.5, 0.0) for way in ways if way is not None]
+    gaps = [SurfaceSearch(each).distances(segments, 0.5, 0.0) for each in (boxes, other)]
     np.testing.assert_allclose(gaps[0], gaps[-1], atol=1e-9)
 
 
@@ -355,20 +349,6 @@ def faces_below(boxes: SurfaceBoxes, number: int) -> list[int]:
     assert np.all((heights >= node["beneath"]) & (heights <= node["above"]))
     assert np.linalg.norm(node["normal"].astype(np.float64)) <= 1.0
     return faces
-
-
-def test_without_a_compiler_numpy_measures(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    """Where nothing compiles the distances are the same, and the log says that it takes longer."""
-    scene = random_triangles(np.random.default_rng(4), 100)
-    segments = random_segments(np.random.default_rng(5), 10)
-    expected = SurfaceTree.of(scene, DEFAULT_DISTANCES).distances(segments, 1.0)
-    monkeypatch.setenv(COMPILER_VARIABLE, "")
-    compiled_source.forget_troubles()
-    with caplog.at_level(logging.WARNING):
-        tree = SurfaceTree.of(scene)
-    np.testing.assert_allclose(tree.distances(segments, 1.0), expected, atol=1e-9)
-    assert "in space some fifty times" in caplog.messages[-1]
-    compiled_source.forget_troubles()
 
 
 def test_coal_measures_the_same() -> None:

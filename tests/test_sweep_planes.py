@@ -1,14 +1,13 @@
 """Half-planes round sweeps in C against numpy."""
 
 import numpy as np
-import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.ground.rounding import SHORTEST
-from ccm_opt.motion.limits.compiled_planes import SweptLinks, compiled_planes
-from ccm_opt.motion.limits.sweep_regions import BEHIND, planes_by_numpy
+from ccm_opt.motion.limits.sweep_regions import free_half_planes
+from tests.oracles.sweep_planes import planes_by_numpy
 from tests.scenes import clutter, mixed_walls
 
 
@@ -25,10 +24,7 @@ def test_compiled_half_planes_are_those_of_numpy(seed: int, far: float, size: fl
     walls = workspace.wall_segments
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-1.0, 1.0, (40, 1, 2)) + rng.normal(0.0, size, (40, 6, 2))
-    asked = SweptLinks(corners, corners[:, 2:4], walls.ends, walls.rounding, walls.boxes, far, SHORTEST, BEHIND)
-    compiled = compiled_planes(asked)
-    if compiled is None:
-        pytest.skip("no C compiler")
+    compiled = free_half_planes(corners, walls, far)
     by_numpy = planes_by_numpy(corners, walls, far)
     # A wall within rounding of the reach, or two at nearly the same distance, may fall either way.
     links = shapely.linestrings(corners[:, 2:4])
@@ -47,9 +43,5 @@ def test_links_far_from_all_walls_have_no_half_planes() -> None:
     corners = np.full((3, 6, 2), 50.0)
     for count in (3, 0):
         some = corners[:count]
-        asked = SweptLinks(some, some[:, 2:4], walls.ends, walls.rounding, walls.boxes, 0.1, SHORTEST, BEHIND)
-        compiled = compiled_planes(asked)
-        if compiled is None:
-            pytest.skip("no C compiler")
-        assert len(compiled[0]) == 0
+        assert len(free_half_planes(some, walls, 0.1)[0]) == 0
         assert len(planes_by_numpy(some, walls, 0.1)[0]) == 0

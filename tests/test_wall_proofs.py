@@ -8,16 +8,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.compiled_wall_proofs import CompiledWallProofs, compiled_wall_proofs
 from ccm_opt.collision.stretches import Stretches
-from ccm_opt.collision.wall_proofs import InterpretedWallProofs, WallQuestion
+from ccm_opt.collision.wall_proofs import WallProofs, WallQuestion
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import IntArray
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 from ccm_opt.jointed.arm import Arm
 
+from .oracles.wall_proofs import InterpretedWallProofs
 from .scenes import ROOM, clutter, make_arm, mixed_walls, random_headings
 
 seeds = st.integers(0, 2**32 - 1)
@@ -47,14 +45,6 @@ def asked_of(arm: Arm, workspace: Workspace, more: float = 0.0) -> WallQuestion:
     return WallQuestion(workspace, arm.radius + room + 1e-9 + more, (int(whole), whole - int(whole)))
 
 
-def compiled(question: WallQuestion) -> CompiledWallProofs:
-    """The proofs in C; the test is skipped where there is none."""
-    proofs = compiled_wall_proofs(question)
-    if proofs is None:
-        pytest.skip("no C compiler")
-    return proofs
-
-
 def pairs(columns: tuple[IntArray, IntArray]) -> set[tuple[int, int]]:
     """Stretches and links as a set."""
     return set(zip(columns[0].tolist(), columns[1].tolist(), strict=True))
@@ -75,7 +65,7 @@ def test_compiled_proofs_are_those_of_shapely(seed: int, links: int, radius: flo
     workspace = walls_of_all_kinds(seed)
     start = np.array([random_headings(rng, arm, 5.0) for _ in range(3)])
     motion = Stretches(arm, start, start + turn * rng.standard_normal(start.shape), np.arange(3))
-    proofs = compiled(asked_of(arm, workspace))
+    proofs = WallProofs(asked_of(arm, workspace))
     found, touched = proofs.unproved(motion, None)
 
     # A distance within rounding of the limit may fall either way.
@@ -99,7 +89,7 @@ def test_the_hull_of_a_proved_link_is_apart(seed: int, links: int, turn: float) 
     start = random_headings(rng, arm, 5.0)[None]
     motion = Stretches(arm, start, start + turn * rng.standard_normal(start.shape), np.arange(1))
     question = asked_of(arm, workspace)
-    left = pairs(compiled(question).unproved(motion, None)[0])
+    left = pairs(WallProofs(question).unproved(motion, None)[0])
     for link in range(links):
         hull = shapely.MultiPoint(np.vstack((motion.a[0, link : link + 2], motion.b[0, link : link + 2]))).convex_hull
         gap = min(shapely.distance(hull, wall.core) - wall.rounding for wall in workspace.walls)
@@ -114,7 +104,7 @@ def test_a_court_is_free_and_its_block_is_not(*, inside: bool) -> None:
     big = Obstacle("block", shapely.Polygon(shapely.box(-9.0, -9.0, 9.0, 9.0).exterior.coords, _court(4.0)))
     arm = replace(make_arm(12, 0.01), base=np.array([6.0 if inside else 0.0, 0.3]))
     still = np.zeros((1, 12))
-    left, touched = compiled(asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,)))).unproved(
+    left, touched = WallProofs(asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,)))).unproved(
         Stretches(arm, still, still + 0.01, np.arange(1)), None
     )
     assert len(left[0]) == (12 if inside else 0)
@@ -131,18 +121,5 @@ def test_what_is_no_number_is_not_proved() -> None:
     start = np.zeros((1, 6))
     end = start.copy()
     end[0, 2] = np.nan
-    left, _ = compiled(asked_of(arm, Workspace(ROOM))).unproved(Stretches(arm, start, end, np.arange(1)), None)
+    left, _ = WallProofs(asked_of(arm, Workspace(ROOM))).unproved(Stretches(arm, start, end, np.arange(1)), None)
     assert {2, 3, 4, 5} <= set(left[1].tolist())
-
-
-def test_verdicts_do_not_need_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The certificate gives the same verdicts by shapely."""
-    rng = np.random.default_rng(5)
-    for seed in range(6):
-        scene = clutter(seed, 30)
-        headings = scene.start + np.cumsum(0.1 * rng.standard_normal((8, 1)) + 0.02, axis=0)
-        with monkeypatch.context() as patch:
-            expected = Certificate(scene.arm, scene.workspace).failures(headings)
-            patch.setenv(COMPILER_VARIABLE, "")
-            got = Certificate(scene.arm, scene.workspace).failures(headings)
-        np.testing.assert_array_equal(got, expected)

@@ -36,7 +36,7 @@ from ccm_opt.cli.cancelling import (
 from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
 from ccm_opt.cli.surroundings import out_of_memory
-from ccm_opt.errors import NoPlanFound, ProblemError, ProblemFileError, VerificationError
+from ccm_opt.errors import NativeLibraryError, NoPlanFound, ProblemError, ProblemFileError, VerificationError
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import SimulationVerdict
 
@@ -154,7 +154,7 @@ def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
     """Run one item; whatever error it ends with becomes a message and an exit code."""
     try:
         return run(item)
-    except ProblemError as error:
+    except (ProblemError, NativeLibraryError) as error:
         defects = [asdict(issue) for issue in error.issues] if isinstance(error, ProblemFileError) else []
         output().note({"status": "bad input"} | ({"defects": defects} if defects else {}))
         complain(str(error))

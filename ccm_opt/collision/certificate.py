@@ -12,12 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE, CertificateSettings
-from ccm_opt.collision.compiled_proofs import compiled_proofs
-from ccm_opt.collision.compiled_wall_proofs import compiled_wall_proofs
-from ccm_opt.collision.pair_proofs import InterpretedProofs, PairProofs, Pairs
+from ccm_opt.collision.pair_proofs import PairProofs, Pairs
 from ccm_opt.collision.proof_rounding import proof_rounding
 from ccm_opt.collision.stretches import Stretches
-from ccm_opt.collision.wall_proofs import InterpretedWallProofs, Links, WallProofs, WallQuestion
+from ccm_opt.collision.wall_proofs import Links, WallProofs, WallQuestion
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
@@ -119,15 +117,14 @@ class Certificate:
         arm = self.arm
         touch = max(self.settings.touch, 2.0 * self._rounding)
         apart = 2.0 * arm.radius + self.spare + touch + arm.room_for_errors(np.arange(arm.links))
-        return compiled_proofs(arm.first_self_pair, apart) or InterpretedProofs(arm.first_self_pair, apart)
+        return PairProofs(arm.first_self_pair, apart)
 
     @cached_property
     def _wall_proofs(self) -> WallProofs:
         arm = self.arm
         room = arm.room_for_errors(np.arange(1, arm.links + 1))
         least = arm.radius + self.workspace.clearance + self.spare + room + max(self.settings.touch, self._rounding)
-        question = WallQuestion(self.workspace, least, self._mount)
-        return compiled_wall_proofs(question) or InterpretedWallProofs(question)
+        return WallProofs(WallQuestion(self.workspace, least, self._mount))
 
     @cached_property
     def _mount(self) -> tuple[int, float]:

@@ -1,12 +1,10 @@
-"""The finder of contacts: asks a search for near pairs, compiled where that can be had, and tells of them in words."""
+"""The finder of contacts: asks a search for near pairs, and tells of them in words."""
 
 import numpy as np
 
 from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS, ContactSettings
-from ccm_opt.collision.compiled_pairs import compiled_pairs
 from ccm_opt.collision.contacts import WALL, Contacts
-from ccm_opt.collision.neighbour_pairs import NeighbourPairs
-from ccm_opt.collision.pair_search import PairQuestion
+from ccm_opt.collision.pair_search import PairQuestion, PairSearch
 from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length
@@ -39,8 +37,7 @@ class ContactFinder:
         self.margin = margin
         self.reach = reach
         self.settings = settings
-        question = PairQuestion(arm, walls, clearance, margin, reach, settings)
-        self._search = compiled_pairs(question) or NeighbourPairs(question)
+        self._search = PairSearch(PairQuestion(arm, walls, clearance, margin, reach, settings))
         self._latest: tuple[FloatArray, Contacts] | None = None
 
     def find(self, points: FloatArray) -> Contacts:

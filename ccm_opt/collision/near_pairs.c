@@ -3,18 +3,8 @@
    Walls are found through bounding-box trees (box_tree.py), pairs of links through boxes about runs of links. The
    order of what is reported is that of contacts.py: links with vertices, joints with edges, links with links. */
 
-#include <math.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "native.h"
 #include "box_tree.h"
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
 
 #define RUN 8 /* links that share a box */
 

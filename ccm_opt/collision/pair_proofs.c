@@ -1,13 +1,6 @@
 /* Which pairs of links are not proved apart over stretches of a motion: pair_proofs.py in C. */
 
-#include <math.h>
-#include <stdint.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "native.h"
 
 typedef struct {
     int64_t stretches, links, first_apart; /* the last is the least difference of the numbers of two links that count */
@@ -99,9 +92,8 @@ static void look_at_all(Proofs *q)
     }
 }
 
-PUBLIC void pair_proofs(void *query)
+PUBLIC void pair_proofs(Proofs *q)
 {
-    Proofs *q = query;
     q->count = 0;
     if (q->asked < 0) look_at_all(q);
     for (int64_t k = 0; k < q->asked; k++) look_at(q, q->asked_stretch[k], q->asked_first[k], q->asked_second[k]);

@@ -5,33 +5,21 @@ the links between the two add to the sag of their difference.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.collision.neighbour_pairs import closest_on_segments
 from ccm_opt.collision.stretches import Stretches
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.native import NativeCall
 
 Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]
 """Stretch, link, and a later link, each of shape (k,)."""
 
 
-class PairProofs(Protocol):
-    """What the certificate asks about pairs of links."""
-
-    def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Pairs that are not proved apart, and the stretches in which one of these touches half-way.
-
-        Args:
-            stretches: of a motion.
-            pairs: what is looked at; None for all distant links that come anywhere near each other.
-        """
-
-
 @dataclass(frozen=True, eq=False)
-class InterpretedProofs:
-    """``PairProofs`` by numpy.
+class PairProofs:
+    """What the certificate asks about pairs of links.
 
     Attributes:
         first_apart: least difference of the numbers of two links that count.
@@ -42,48 +30,32 @@ class InterpretedProofs:
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """See the protocol."""
-        span, i, j = self._near(stretches) if pairs is None else pairs
-        if len(span) == 0:
-            return (span, i, j), span
-        middle = stretches.middle
-        _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
-        distance = np.hypot(apart[:, 0], apart[:, 1])
-        direction = apart / np.maximum(distance, 1e-12)[:, None]
+        """Pairs that are not proved apart, and the stretches in which one of these touches half-way.
 
-        # A difference of two points, one on each link, is a mean of corner differences at each end of the stretch, and
-        # along the stretch leaves its chord by the sag of the links between.
-        corners = np.min(
-            [
-                np.einsum("md,md->m", p[span, i + s] - p[span, j + t], direction)
-                for p in (stretches.a, stretches.b)
-                for s in (0, 1)
-                for t in (0, 1)
-            ],
-            axis=0,
-        )
+        Args:
+            stretches: of a motion.
+            pairs: what is looked at; None for all distant links that come anywhere near each other.
+        """
+        arm = stretches.arm
+        call = NativeCall(
+            "pair_proofs",
+            stretches=len(stretches.owner), links=arm.links, first_apart=self.first_apart, link_length=arm.link_length,
+            least=self.least, start=stretches.a, end=stretches.b, middle=stretches.middle, sag=stretches.sag,
+            moved=stretches.moved, asked=-1 if pairs is None else len(pairs[0]),
+            **dict(zip(("asked_stretch", "asked_first", "asked_second"), pairs or (), strict=False)),
+        )  # fmt: skip
+        capacity = 1024 if pairs is None else len(pairs[0])
+        found, touching = _called(call, capacity)
+        if call.fields.count > capacity:
+            found, touching = _called(call, call.fields.count)
+        span, i, j = found[:, : call.fields.count]
+        return (span, i, j), span[touching[: call.fields.count]]
 
-        # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
-        before = np.where(i > 0, stretches.sag[span, np.maximum(i - 1, 0)], 0.0)
-        least = self.least[j - i]
-        unsafe: BoolArray = corners <= least + stretches.sag[span, j] - before
-        touching = unsafe & (distance <= least)
-        return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
 
-    def _near(self, stretches: Stretches) -> Pairs:
-        """Every stretch with every pair of distant links that come anywhere near each other."""
-        middle = 0.25 * (stretches.a[:, :-1] + stretches.a[:, 1:] + stretches.b[:, :-1] + stretches.b[:, 1:])
-        x = np.ascontiguousarray(middle[..., 0])
-        y = np.ascontiguousarray(middle[..., 1])
-
-        # Any point of a link lies within half a link of its middle.
-        reach = stretches.arm.link_length + 2.0 * stretches.moved
-        found = [(np.zeros(0, int),) * 3]
-        # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
-        for apart in range(self.first_apart, stretches.arm.links):
-            dx = x[:, apart:] - x[:, :-apart]
-            dy = y[:, apart:] - y[:, :-apart]
-            span, i = np.nonzero(dx * dx + dy * dy < ((reach + self.least[apart]) ** 2)[:, None])
-            found.append((span, i, i + apart))
-        span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
-        return span, i, j
+def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
+    """Stretch and links of what is found, shape (3, capacity), and which of it touches, shape (capacity,)."""
+    found = np.empty((3, capacity), dtype=np.int64)
+    touching = np.empty(capacity, dtype=np.bool_)
+    call.set(capacity=capacity, stretch=found[0], first=found[1], second=found[2], touching=touching)
+    call()
+    return found, touching

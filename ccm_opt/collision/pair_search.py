@@ -1,16 +1,21 @@
-"""What a search for near pairs is asked, and what it answers."""
+"""Near pairs of an arm and walls, found by compiled C."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ccm_opt.collision.collision_settings import ContactSettings
 from ccm_opt.collision.contacts import Contacts
 from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.jointed.arm import Arm
+
+_RUN = 8
+"""``RUN`` of near_pairs.c."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +60,66 @@ class PairQuestion:
         return self.arm.link_margins(np.zeros_like(apart), apart, self.margin, self.settings.link_margins)
 
 
-class PairSearch(Protocol):
-    """Finds near pairs; not for use by two threads at once."""
+class PairSearch:
+    """Finds near pairs; not for use by two threads at once.
+
+    Args:
+        question: arm, walls, and which pairs are wanted.
+    """
+
+    def __init__(self, question: PairQuestion) -> None:
+        arm = question.arm
+        walls = question.walls
+        link, at = arm.mount_end
+        self._points = np.empty((arm.links + 1, 2))
+        self._call = NativeCall(
+            "near_pairs",
+            links=arm.links, mount_link=link, mount_at=at, link_length=arm.link_length, radius=arm.radius,
+            first_self_pair=arm.first_self_pair if arm.self_collision else arm.links,
+            reach=question.reach, margin=question.margin,
+            error_room=question.error_room, pair_room=question.pair_room, pair_margin=question.pair_margin,
+            edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
+            edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,
+            walls=len(walls.names), wall_gap=question.wall_gap, largest_gap=float(question.wall_gap.max()),
+            found=np.zeros(max(len(walls.edges), len(walls.vertices)), dtype=np.int64),
+            runs=np.zeros(4 * (arm.links // _RUN + 1)),
+            points=self._points,
+        )  # fmt: skip
+        self._latest: FloatArray | None = None
+        self._make_room(64)
 
     def contacts(self, points: FloatArray) -> Contacts:
-        """All pairs of a pose, joints and tip of shape (links + 1, 2) [m], with a gap below the reach."""
-        ...
+        """All pairs of a pose with a gap below the reach; ``points`` has the shape (links + 1, 2) [m]."""
+        self._ask(points)
+        m = self._call.fields.count
+        results = {name: array[:m].copy() for name, array in self._results.items()}
+        return Contacts(
+            results["first"], results["first_at"], results["second"], results["second_at"], results["normal"],
+            results["gap"], results["pair_margins"], results["wall"],
+        )  # fmt: skip
 
     def crosses(self, points: FloatArray) -> bool:
         """Whether any link of a pose cuts an edge of a wall or a distant link."""
-        ...
+        if self._latest is not points:
+            self._ask(points)
+        return bool(self._call.fields.crosses)
+
+    def _ask(self, points: FloatArray) -> None:
+        self._points[:] = points
+        self._call()
+        if self._call.fields.count > self._call.fields.capacity:
+            self._make_room(2 * self._call.fields.count)
+            self._call()
+        # By identity: whether a pose crosses anything is asked right after its contacts.
+        self._latest = points
+
+    def _make_room(self, capacity: int) -> None:
+        """Room for so many results."""
+        whole = np.empty((3, capacity), dtype=np.int64)
+        real = np.empty((4, capacity))
+        self._results: dict[str, npt.NDArray[Any]] = {
+            **dict(zip(("first", "second", "wall"), whole, strict=True)),
+            **dict(zip(("first_at", "second_at", "gap", "pair_margins"), real, strict=True)),
+            "normal": np.empty((capacity, 2)),
+        }
+        self._call.set(capacity=capacity, **self._results)

@@ -4,17 +4,9 @@
    of every distance that is asked for here, so that nothing is rounded to the safe side anew. What is no number is never
    proved. */
 
-#include <math.h>
-#include <stdint.h>
-
+#include "native.h"
 #include "box_tree.h"
 #include "segments.h"
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
 
 typedef struct {
     int64_t stretches, links, mount_link; /* links before the last may touch */
@@ -169,9 +161,8 @@ static int look_at(Proofs *q, int64_t stretch, int64_t link, int outside)
     return 0;
 }
 
-PUBLIC void wall_proofs(void *query)
+PUBLIC void wall_proofs(Proofs *q)
 {
-    Proofs *q = query;
     q->count = 0;
     /* Neighbouring links share a joint: where one is clear of all solids, so is that point of the next. */
     int outside = 0;

@@ -5,30 +5,17 @@ A link is clear when the hull of its four end positions, grown by the sag, meets
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
-import shapely
 
 from ccm_opt.collision.stretches import Stretches
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.native import NativeCall
 
 Links: TypeAlias = tuple[IntArray, IntArray]
 """Stretch and link, each of shape (k,)."""
-
-
-class WallProofs(Protocol):
-    """What the certificate asks about links and walls."""
-
-    def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
-        """Links that are not proved clear, and the stretches in which one of these touches a wall half-way.
-
-        Args:
-            stretches: of a motion.
-            links: what is looked at; None for all links beyond the mount, stretch by stretch.
-        """
 
 
 @dataclass(frozen=True)
@@ -46,9 +33,9 @@ class WallQuestion:
     mount: tuple[int, float]
 
 
-@dataclass(frozen=True)
-class InterpretedWallProofs:
-    """``WallProofs`` by shapely.
+@dataclass(frozen=True, eq=False)
+class WallProofs:
+    """What the certificate asks about links and walls.
 
     Attributes:
         question: walls and distances.
@@ -57,75 +44,40 @@ class InterpretedWallProofs:
     question: WallQuestion
 
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
-        """See the protocol."""
-        span, link = self._all_links(stretches) if links is None else links
-        need = self.question.least[link] + stretches.sag[span, link]
+        """Links that are not proved clear, and the stretches in which one of these touches a wall half-way.
 
-        # A disc about the hull first: hulls are costly to build, and few links are near a wall.
-        corners = np.concatenate((self._ends(stretches.a, span, link), self._ends(stretches.b, span, link)), axis=1)
-        centre = corners.mean(axis=1)
-        extent = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-        near = np.unique(self._near(np.asarray(shapely.points(centre)), need + extent)[0])
-
-        hulls: Any = shapely.convex_hull(_lines(corners[near]))
-        hit = near[np.unique(self._near(hulls, need[near])[0])]
-        return (span[hit], link[hit]), self._touching(stretches, span[hit], link[hit])
-
-    def _all_links(self, stretches: Stretches) -> Links:
-        """Every stretch with every link beyond the mount."""
-        links = np.arange(self.question.mount[0], stretches.arm.links)
-        span, link = np.meshgrid(np.arange(len(stretches.owner)), links, indexing="ij")
-        return span.ravel(), link.ravel()
-
-    def _touching(self, stretches: Stretches, span: IntArray, link: IntArray) -> IntArray:
-        """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
-        # Half-way the arm really stands so: what touches there touches whatever is proved elsewhere.
-        lines = _lines(self._ends(stretches.middle, span, link))
-        return span[np.unique(self._near(lines, self.question.least[link])[0])]
-
-    def _ends(self, joints: FloatArray, span: IntArray, link: IntArray) -> FloatArray:
-        """End positions of links, the mount cut off, of joints (m, links + 1, 2), shape (k, 2, 2) [m]."""
-        ends = np.stack((joints[span, link], joints[span, link + 1]), axis=1)
+        Args:
+            stretches: of a motion.
+            links: what is looked at; None for all links beyond the mount, stretch by stretch.
+        """
         mount, share = self.question.mount
-        cut = link == mount
-        ends[cut, 0] += share * (ends[cut, 1] - ends[cut, 0])
-        return ends
-
-    def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
-        """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
-        # The tree knows only the walls' cores; the largest rounding finds all candidates, and the next lines weigh each
-        # by its own.
-        shape, wall = self._tree.query(shapes, predicate="dwithin", distance=distance + self._rounding.max())
-        if self._rounding.any():
-            gap = shapely.distance(shapes[shape], self._tree.geometries[wall]) - self._rounding[wall]
-            close = gap <= distance[shape]
-            shape = shape[close]
-            wall = wall[close]
-        return shape, wall
-
-    @cached_property
-    def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree(np.concatenate(self._parts))
+        of_arm = stretches.arm.links
+        most = len(stretches.owner) * max(0, of_arm - mount) if links is None else len(links[0])
+        found = np.empty((2, most), dtype=np.int64)
+        touching = np.empty(most, dtype=np.bool_)
+        call = NativeCall(
+            "wall_proofs",
+            stretches=len(stretches.owner), links=of_arm, mount_link=mount, mount_share=share,
+            start=stretches.a, end=stretches.b, middle=stretches.middle, sag=stretches.sag,
+            asked=-1 if links is None else len(links[0]),
+            stretch=found[0], link=found[1], touching=touching,
+            **self._walls, **dict(zip(("asked_stretch", "asked_link"), links or (), strict=False)),
+        )  # fmt: skip
+        call()
+        span, link = found[:, : call.fields.count]
+        return (span, link), span[touching[: call.fields.count]]
 
     @cached_property
-    def _rounding(self) -> FloatArray:
-        counts = [len(parts) for parts in self._parts]
-        return np.repeat([wall.rounding for wall in self.question.workspace.walls], counts)
-
-    @cached_property
-    def _parts(self) -> list[npt.NDArray[np.object_]]:
-        """Every wall's core, lines taken apart into edges so that a query meets few of them."""
-        return [_edges(wall.core) for wall in self.question.workspace.walls]
-
-
-def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:
-    """The edges of a line, or what is no line itself."""
-    if not isinstance(core, shapely.LineString):
-        return np.array([core], dtype=np.object_)
-    points = shapely.get_coordinates(core)
-    return _lines(np.stack((points[:-1], points[1:]), axis=1))
-
-
-def _lines(points: FloatArray) -> npt.NDArray[np.object_]:
-    """Polylines from their vertices, shape (k, m, 2)."""
-    return np.asarray(shapely.linestrings(points), dtype=np.object_)
+    def _walls(self) -> dict[str, Any]:
+        """What C knows of the walls, by its names."""
+        walls = self.question.workspace.wall_segments
+        return {
+            "least": self.question.least,
+            "segments": walls.ends,
+            "rounding": walls.rounding,
+            "largest_rounding": float(walls.rounding.max()),
+            "tree": walls.boxes.for_c(),
+            "solids": walls.solid_boxes.for_c(),
+            "first_segment": np.ascontiguousarray(walls.solids[:, 0], dtype=np.int64),
+            "past_segments": np.ascontiguousarray(walls.solids[:, 1], dtype=np.int64),
+        }

@@ -3,7 +3,7 @@
 #ifndef BOX_TREE_H
 #define BOX_TREE_H
 
-#include <stdint.h>
+#include "native.h"
 
 #define DEEPEST 64 /* levels of a tree: more than any number of items needs */
 

@@ -6,6 +6,7 @@ box k are boxes 2 k and 2 k + 1 of the level below.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,11 @@ class BoxTree:
         levels.reverse()
         offsets = np.cumsum([0, *(len(level) for level in levels)])
         return cls(items, np.ascontiguousarray(np.concatenate(levels)), offsets)
+
+    def for_c(self) -> dict[str, Any]:
+        """The tree as ``Tree`` of box_tree.h."""
+        levels = len(self.offsets) - 1 if len(self.items) else 0
+        return {"levels": levels, "items": self.items, "boxes": self.boxes, "offsets": self.offsets}
 
     def meeting(self, low: FloatArray, high: FloatArray) -> IntArray:
         """The items whose boxes meet a box from low to high, each of shape (2,) [m]; sorted, shape (m,)."""

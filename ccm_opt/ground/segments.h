@@ -7,7 +7,7 @@
 #ifndef SEGMENTS_H
 #define SEGMENTS_H
 
-#include <math.h>
+#include "native.h"
 
 static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1]; }
 

@@ -3,31 +3,14 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.jointed.compiled_poses import compiled_poses
 from ccm_opt.jointed.space_arm import SpaceArm
 
 
 def joint_positions(arm: SpaceArm, q: FloatArray) -> FloatArray:
     """Positions of the joints and the tip in configurations of shape (..., c), shape (..., links + 1, 3) [m]."""
-    found = compiled_poses(arm, q)
-    return positions_of_links(arm, q, rotations_by_numpy(arm, q)) if found is None else found[0]
-
-
-def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> FloatArray:
-    """Positions of the joints and the tip where the links are turned so, shape (..., links + 1, 3) [m].
-
-    Args:
-        arm: the arm.
-        q: configurations, shape (..., c), of which only the feed counts.
-        rotations: of their links, shape (..., links, 3, 3).
-    """
-    positions = np.zeros((*q.shape[:-1], arm.links + 1, 3))
-    np.cumsum(arm.link_length * rotations[..., 0], axis=-2, out=positions[..., 1:, :])
-    positions += arm.base
-    if arm.base_axes:
-        positions += arm.coordinates.advance(q)[..., None, None] * arm.direction
-    return positions
+    return _poses(arm, q)[0]
 
 
 def exposed_links(arm: SpaceArm, points: FloatArray) -> tuple[int, FloatArray]:
@@ -58,19 +41,20 @@ def link_rotations(arm: SpaceArm, q: FloatArray) -> FloatArray:
     Returns:
         Shape (..., links, 3, 3).
     """
-    found = compiled_poses(arm, q)
-    return rotations_by_numpy(arm, q) if found is None else found[1]
+    return _poses(arm, q)[1]
 
 
-def rotations_by_numpy(arm: SpaceArm, q: FloatArray) -> FloatArray:
-    """The same where nothing is compiled."""
-    turns = bend_rotations(arm.bend_pairs(q))
-    rotations = np.empty_like(turns)
-    latest = np.broadcast_to(arm.base_rotation, (*q.shape[:-1], 3, 3))
-    for link in range(arm.links):
-        latest = latest @ turns[..., link, :, :]
-        rotations[..., link, :, :] = latest
-    return rotations
+def _poses(arm: SpaceArm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) of configurations of shape (..., c)."""
+    links = arm.links
+    positions = np.empty((*q.shape[:-1], links + 1, 3))
+    rotations = np.empty((*q.shape[:-1], links, 3, 3))
+    NativeCall(
+        "space_poses",
+        poses=q.size // q.shape[-1], links=links, coordinates=q.shape[-1], link_length=arm.link_length,
+        base=arm.base, rotation=arm.base_rotation, q=q, positions=positions, rotations=rotations,
+    )()  # fmt: skip
+    return positions, rotations
 
 
 def bend_rotations(bends: FloatArray) -> FloatArray:

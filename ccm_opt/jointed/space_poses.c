@@ -1,13 +1,6 @@
 /* Joints and rotations of an arm in space in many configurations: space_kinematics.py in C. */
 
-#include <math.h>
-#include <stdint.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "native.h"
 
 typedef struct {
     int64_t poses, links, coordinates;
@@ -32,9 +25,8 @@ static void turn(const double *R, double a, double b, double *turned)
     }
 }
 
-PUBLIC void space_poses(void *pointer)
+PUBLIC void space_poses(const Poses *p)
 {
-    const Poses *p = (const Poses *)pointer;
     for (int64_t pose = 0; pose < p->poses; pose++) {
         const double *q = p->q + pose * p->coordinates;
         double *place = p->positions + 3 * pose * (p->links + 1);

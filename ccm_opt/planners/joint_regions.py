@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from ccm_opt.collision.neighbour_pairs import closest_on_segments
+from ccm_opt.collision.segment_pairs import closest_on_segments
 from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray

@@ -6,7 +6,6 @@ OMP_NUM_THREADS=1. The table ``frames`` runs the paper's loop of section 5.1 wit
 # ruff: noqa: T201 - a script of its own that prints its tables
 
 import argparse
-import os
 import resource
 import tempfile
 from collections.abc import Callable, Mapping
@@ -17,13 +16,11 @@ from statistics import median
 import mujoco
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from ccm_opt import load_problem, solve
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime import compiled_library
-from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd
-from ccm_opt.dynamics.runtime.c_source import source_text
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
@@ -32,17 +29,15 @@ from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_stat
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.files.plotting.arm_3d import ArmView
+from ccm_opt.ground import native
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, compile_library, find_compiler
-from ccm_opt.ground.compiled_source import open_with_symbols
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
-from ccm_opt.ground.machine_code import best_level
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.solution import Solution
+from hatch_build import build
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -124,20 +119,19 @@ def compare_calls(links: int = 12, count: int = 1000) -> None:
 def compare_sines(count: int = 1000) -> None:
     """Our sines of all angles at once beside the C library's, in libraries that differ in nothing else."""
     print("\nSines: with the C library's sin and cos, a state of a batch of 36 joints takes")
-    compiler = find_compiler()
     arm = swan_neck(12)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        other = Path(folder) / native.LIBRARY.name
+        build(other, Path(folder) / "objects", ("-DFAR=-1.0",))  # with -1 every angle is too far for our reduction
         for name, made in (("", arm), (" with rotors", replace(arm, rotor_inertia=1e-4))):
             model = arm_model(made, GRAVITY)
-            source = Path(folder) / "dynamics.c"
-            source.write_text(source_text(model.structure), encoding="utf-8")
-            back_ends = []
-            for flag in ("-DFAR=1e5", "-DFAR=-1.0"):  # with -1 every angle is too far for our reduction
-                output = Path(folder) / f"{len(back_ends)}{name.strip()}.so".replace(" ", "-")
-                compile_library(compiler, source, output, (*best_level(), flag))
-                back_ends.append(CompiledBackEnd(open_with_symbols(output, compiled_library.SYMBOLS)))
             for kind in ("inverse_dynamics", "forward_dynamics"):
-                ours, theirs = (DynamicsFunction(kind, model, back_end) for back_end in back_ends)
+                ours = DynamicsFunction(kind, model)
+                native.native_library.cache_clear()
+                patch.setattr(native, "LIBRARY", other)
+                theirs = DynamicsFunction(kind, model)
+                patch.undo()
+                native.native_library.cache_clear()
                 states = random_states(36, count)
                 times = interleaved(
                     {
@@ -158,36 +152,29 @@ def batched(function: DynamicsFunction, links: int, count: int = 1000) -> float:
 
 def compare_lengths() -> None:
     """Time per joint for longer arms, and how long everything takes to be ready."""
-    print("\nPer state of a batch [ns a joint], and time until all is ready [s of user CPU, the compiler's too]")
-    print("  joints    RNEA     ABA    ready, cold cache    warm    virtual machine's functions")
+    print("\nPer state of a batch [ns a joint], and time until all is ready [s of user CPU]")
+    print("  joints    RNEA     ABA    ready")
     base = None
     for links in (12, 24, 96, 384):
-        with tempfile.TemporaryDirectory() as folder:
-            os.environ[CACHE_VARIABLE] = folder
-            cold, warm = (ready(links) for _ in range(2))
-            arm = swan_neck(links)
-            inverse = InverseDynamics(arm, GRAVITY)
-            forward = ForwardDynamics(arm, GRAVITY)
-            times = [1e3 * batched(f, links) / (3 * links) for f in (inverse._rnea, forward._aba)]
-        os.environ[COMPILER_VARIABLE] = ""
-        interpreted = ready(links)
-        del os.environ[COMPILER_VARIABLE]
+        warm = ready(links)
+        arm = swan_neck(links)
+        inverse = InverseDynamics(arm, GRAVITY)
+        forward = ForwardDynamics(arm, GRAVITY)
+        times = [1e3 * batched(f, links) / (3 * links) for f in (inverse._rnea, forward._aba)]
         base = base or times
         ratios = ", ".join(f"{time / first:.2f}" for time, first in zip(times, base, strict=True))
-        row = f"  {3 * links:6d} {times[0]:7.1f} {times[1]:7.1f} {cold:13.2f} {warm:13.2f} {interpreted:13.2f}"
-        print(f"{row}   x {ratios}")
+        print(f"  {3 * links:6d} {times[0]:7.1f} {times[1]:7.1f} {warm:8.2f}   x {ratios}")
 
 
 def ready(links: int) -> float:
     """User CPU until inverse and forward dynamics, mass matrix and closed loop can be called [s]."""
     start = user_cpu()
-    children = user_cpu(resource.RUSAGE_CHILDREN)
     arm = swan_neck(links)
     InverseDynamics(arm, GRAVITY)
     ForwardDynamics(arm, GRAVITY)
     MassMatrix(arm)
     simulation.closed_loop(arm, arm, SimulationOptions(gravity=GRAVITY), loose_limits(arm))
-    return user_cpu() - start + user_cpu(resource.RUSAGE_CHILDREN) - children
+    return user_cpu() - start
 
 
 def compare_simulation() -> None:
@@ -298,15 +285,11 @@ TABLES = {
 
 
 def main() -> None:
-    """Print the tables that are asked for; compile into a folder of its own."""
+    """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", metavar="table", help=f"{', '.join(TABLES)}; all when left out")
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ[CACHE_VARIABLE] = folder
-        # A compiler that is named makes the libraries anew, so that a cold cache can be measured.
-        os.environ[COMPILER_VARIABLE] = find_compiler()
-        for table in parser.parse_args().tables or TABLES:
-            TABLES[table]()
+    for table in parser.parse_args().tables or TABLES:
+        TABLES[table]()
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
     parser.add_argument("command", choices=("solve", "check", "export", "compare"))
     parser.add_argument("--space", action="store_true", help="a problem in space")
-    parser.add_argument("--cold", action="store_true", help="compile all libraries anew each time")
     parser.add_argument("--every", action="store_true", help="let every operation fail in turn")
     parser.add_argument("--count", type=int, default=20, help="so many operations drawn at random")
     parser.add_argument("--seed", type=int, help="of the draws")
@@ -57,17 +56,14 @@ def swept(bench: Bench, options: argparse.Namespace) -> int:
     """Let operations fail in turn; the number of those after which something is wrong."""
     arguments = arguments_of(options.command, bench)
     bench.restore()
-    kept = bench.root / "libraries"
-    kept.mkdir()
-    cold = kept if options.cold else None
-    clean = run(arguments, None, cold=cold)
+    clean = run(arguments, None)
     print(f"{options.command}: {len(clean.faults.kinds)} operations, {dict(Counter(clean.faults.kinds))}")
     numbers = drawn(clean.faults.kinds, None if options.every else options.count, options.seed)
     wrong = 0
     for number in numbers:
         bench.restore()
         shutil.rmtree(bench.root / "comparison", ignore_errors=True)
-        outcome = run(arguments, number, cold=cold)
+        outcome = run(arguments, number)
         defects = outcome.defects() + bench.defects()
         if options.command == "compare":
             # The same command goes on where it was stopped, with every run once.

@@ -4,18 +4,12 @@ import io
 import json
 import shutil
 import sys
-import tempfile
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
 from ccm_opt.cli import main
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, find_compiler
-from ccm_opt.ground.compiled_source import forget_troubles
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from tests.conftest import PROBLEMS
 from tests.faults.injection import Faults, injected
 
@@ -23,8 +17,6 @@ PROBLEM = PROBLEMS / "swan-neck.toml"
 IN_SPACE = PROBLEMS / "space" / "swan-neck-in-space.toml"
 NOTE = "notes.txt"
 """A file of the user's in the output folder."""
-KEPT_COMPILER = Path(__file__).parent / "kept_compiler.sh"
-"""Makes every library once; the operations of ccm_opt are those of any compiler."""
 CODES_OF_RESULTS = frozenset({0, 2, 3, 4})
 """What a command may end with; 1 is a bug in ccm_opt."""
 
@@ -58,27 +50,14 @@ class Outcome:
         return found
 
 
-def run(arguments: Sequence[str], fail_at: int | None, *, cold: Path | None = None) -> Outcome:
+def run(arguments: Sequence[str], fail_at: int | None) -> Outcome:
     """Run a command of the command line in this process, one of its operations failing.
 
     Args:
         arguments: of the command line.
         fail_at: number of the operation that fails, from 1; None: none.
-        cold: where it is kept what the compiler makes, if all libraries are to be made anew; None: they are not.
     """
-    if cold is None:
-        return _run(arguments, fail_at)
-    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("KEPT_COMPILER", find_compiler())
-        patch.setenv("KEPT_LIBRARIES", str(cold))
-        patch.setenv(COMPILER_VARIABLE, str(KEPT_COMPILER))
-        patch.setenv(CACHE_VARIABLE, folder)
-        return _run(arguments, fail_at)
-
-
-def _run(arguments: Sequence[str], fail_at: int | None) -> Outcome:
     stdout, stderr = io.StringIO(), io.StringIO()
-    forget_troubles()
     sys.argv = ["ccm-opt", *arguments]
     code = 0
     with redirect_stdout(stdout), redirect_stderr(stderr), injected(fail_at) as faults:

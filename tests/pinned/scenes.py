@@ -16,12 +16,11 @@ from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS
 from ccm_opt.collision.contact_finder import ContactFinder
-from ccm_opt.collision.neighbour_pairs import NeighbourPairs
-from ccm_opt.collision.pair_proofs import InterpretedProofs
-from ccm_opt.collision.pair_search import PairQuestion
+from ccm_opt.collision.pair_proofs import PairProofs
+from ccm_opt.collision.pair_search import PairQuestion, PairSearch
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.collision.stretches import Stretches
-from ccm_opt.collision.wall_proofs import InterpretedWallProofs, WallQuestion
+from ccm_opt.collision.wall_proofs import WallProofs, WallQuestion
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import CcmError
 from ccm_opt.freespace.obstacle import Obstacle
@@ -363,10 +362,10 @@ def proved_motions(scale: float) -> None:
         spans = Stretches(arm, turned[:-1], turned[1:], np.arange(2))
         least = arm.radius + 0.002 + 0.001 * np.arange(links)
         asked = WallQuestion(room, least, (k % 3, 0.3))
-        InterpretedWallProofs(asked).unproved(spans, None)
-        InterpretedWallProofs(asked).unproved(spans, (np.array([0, 1, 1]), np.array([3, 3, 4])))
-        pairs, _ = InterpretedProofs(arm.first_self_pair, 2.0 * least).unproved(spans, None)
-        InterpretedProofs(arm.first_self_pair, 2.0 * least).unproved(spans, tuple(rows[:3] for rows in pairs))
+        WallProofs(asked).unproved(spans, None)
+        WallProofs(asked).unproved(spans, (np.array([0, 1, 1]), np.array([3, 3, 4])))
+        pairs, _ = PairProofs(arm.first_self_pair, 2.0 * least).unproved(spans, None)
+        PairProofs(arm.first_self_pair, 2.0 * least).unproved(spans, tuple(rows[:3] for rows in pairs))
         spans.moved.sum()
 
 
@@ -381,7 +380,7 @@ def near_poses(scale: float) -> None:
         points = arm.joint_positions(headings)
         room = Workspace(ROOM, walls()[k % 2 :], 0.002)
         question = PairQuestion(arm, room.flat_walls, 0.002, 0.003, (0.03, 0.2)[k % 2], DEFAULT_CONTACTS)
-        search = NeighbourPairs(question)
+        search = PairSearch(question)
         search.contacts(points).shortfall()
         search.contacts(points + 1e-4)
         search.crosses(points)

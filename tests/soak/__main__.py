@@ -76,7 +76,7 @@ def corruptions(generator: random.Random) -> Iterator[str]:
 
 def faults(_: random.Random) -> Iterator[str]:
     """Every operation of each command made to fail in turn."""
-    for arguments in (["solve", "--cold"], ["solve"], ["check"], ["export"], ["compare"]):
+    for arguments in (["solve"], ["check"], ["export"], ["compare"]):
         yield from _called(["tests.faults", *arguments, "--every"], 1, ", 0 with something wrong")
 
 

@@ -26,6 +26,11 @@ class Structure:
     planar: bool = False
 
     @property
+    def variant(self) -> str:
+        """Name of the generated code."""
+        return f"{self.axes}_{'geared' if self.geared else 'free'}{'_planar' if self.planar else ''}"
+
+    @property
     def joints(self) -> int:
         """Number of revolutes, 3 * links."""
         return 3 * self.links

@@ -1,1 +1,1 @@
-"""What evaluates the dynamics: one function with two back ends, the compiled library and CasADi's virtual machine."""
+"""What evaluates the dynamics: compiled recursions, for one arm, one state or many, and in a closed loop."""

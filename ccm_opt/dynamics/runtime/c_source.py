@@ -1,56 +1,52 @@
 """The C source of the compiled dynamics: one link's functions as CasADi generates them, then the files beside this one.
 
 ``sines.c`` and ``recursion.c`` run those functions along the arm, ``simulation.c`` closes the loop. Masses, lengths,
-gravity, gains and the number of links are run-time inputs.
+gravity, gains and the number of links are run-time inputs. There are six sources: two orders of axes, with rotor
+inertia or without, and for motions in the plane, where either order is the same arm, two more.
 """
 
-import hashlib
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import casadi as ca
 
 from ccm_opt.dynamics.algorithms.aba import aba_steps
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.rnea import rnea_steps
+from ccm_opt.jointed.arm import Axes
 
 C_FILES = ("sines.c", "recursion.c", "simulation.c")
-HEADERS = "#include <math.h>\n#include <string.h>\n"
-PRIVATE = "#define CASADI_SYMBOL_EXPORT static inline\n"  # the functions of one link are for the recursions alone
+SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate", "work_per_link", "loop_rows")
+"""What a source offers; in the library, with the name of the structure's variant behind two underscores."""
+# The functions of one link are for the recursions alone.
+PRIVATE = "#define CASADI_SYMBOL_EXPORT static ALWAYS_INLINE\n"
+
+
+def every_source() -> dict[str, str]:
+    """C sources for all structures of arms, by the names of their files."""
+    in_space = [Structure(1, axes, geared) for axes in get_args(Axes) for geared in (False, True)]
+    planar = [Structure(1, "zyx", geared, planar=True) for geared in (False, True)]
+    return {f"dynamics_{structure.variant}.c": source_text(structure) for structure in (*in_space, *planar)}
 
 
 def source_text(structure: Structure) -> str:
     """C source for arms of a structure, whatever the number of their links."""
     rnea = rnea_steps(structure)
     aba = aba_steps(structure)
+    names = "".join(f"#define {name} {name}__{structure.variant}\n" for name in SYMBOLS)
     # The two forms of ABA pass on states of different sizes; the loops written by hand are told which.
     sizes = f"#define STATE {aba.inertia.size1_in(0)}\n#define SOLVED {aba.inertia.size1_out(1)}\n"
-    by_hand = [_beside(name).read_text(encoding="utf-8") for name in C_FILES]
-    return "\n".join((PRIVATE, _generated([*rnea, *aba]), HEADERS, sizes, *by_hand))
+    by_hand = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in C_FILES]
+    generated = _generated([*rnea, *aba], structure.variant)
+    return "\n".join(('#include "native.h"', PRIVATE, generated, names, sizes, *by_hand))
 
 
-@cache
-def digest_of_sources() -> str:
-    """Digest of everything that ``source_text`` is made from but the structure, without generating it."""
-    folder = Path(__file__).parent
-    algorithms = sorted(folder.with_name("algorithms").glob("*.py"))
-    digest = hashlib.sha256()
-    for path in (*algorithms, Path(__file__), *map(_beside, C_FILES)):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def _generated(functions: Sequence[Any]) -> str:
-    generator = ca.CodeGenerator("steps.c")
+def _generated(functions: Sequence[Any], name: str) -> str:
+    generator = ca.CodeGenerator(f"{name}.c")  # the name is in front of its helpers, of which there is one library
     for function in functions:
         # Zeros that CasADi knows of are not stored in sparse results, and the rows below would be shifted.
         if not all(function.sparsity_out(i).is_dense() for i in range(function.n_out())):
             raise RuntimeError(f"{function.name()} leaves out zeros, which the recursions do not expect")
         generator.add(function)
     return str(generator.dump())
-
-
-def _beside(name: str) -> Path:
-    return Path(__file__).with_name(name)

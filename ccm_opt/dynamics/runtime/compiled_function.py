@@ -1,78 +1,40 @@
 """One arm's compiled dynamics, called from Python: pointers are set once, so that a call copies three states only."""
 
-import ctypes
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.compiled_source import pointer_to
+from ccm_opt.ground.native import NativeCall, native_constant
 
-_POINTER = ctypes.c_void_p
+DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
+"""From accelerations to torques, or from torques to accelerations."""
 JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """Three joint states to one, shape (3 * links,) each."""
 FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray | float], tuple[FloatArray, FloatArray]]
 """The same with a value of the feed axis, shape (), in and out."""
 
 
-class _ArmStruct(ctypes.Structure):
-    """``Arm`` of recursion.c."""
-
-    _fields_ = (
-        ("links", ctypes.c_long),
-        ("bodies", _POINTER),
-        ("drives", _POINTER),
-        ("world", _POINTER),
-        ("work", _POINTER),
-    )
-
-
-class _CallStruct(ctypes.Structure):
-    """``Call`` of recursion.c."""
-
-    _fields_ = (
-        ("arm", _POINTER),
-        ("count", ctypes.c_long),
-        ("q", _POINTER),
-        ("qd", _POINTER),
-        ("third", _POINTER),
-        ("feed", _POINTER),
-        ("out", _POINTER),
-        ("out_feed", _POINTER),
-    )
-
-
-class CompiledArm:
-    """An arm's numbers and working memory where C finds them.
-
-    Args:
-        library: compiled recursions.
-        model: the arm's model.
-    """
-
-    def __init__(self, library: ctypes.CDLL, model: ArmModel) -> None:
-        links = model.structure.links
-        work_per_link = ctypes.c_long.in_dll(library, "work_per_link").value
-        numbers = (model.bodies, model.drives, model.world, np.zeros((links, work_per_link)))
-        self._arrays = [np.ascontiguousarray(array) for array in numbers]  # kept: C has their addresses
-        self._struct = _ArmStruct(links, *(array.ctypes.data for array in self._arrays))
-        self.address = ctypes.addressof(self._struct)
+def arm_for_c(model: ArmModel) -> dict[str, Any]:
+    """An arm's numbers and working memory as ``Arm`` of recursion.c."""
+    links = model.structure.links
+    work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
+    return {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
 
 
 class CompiledFunction:
-    """``inverse_dynamics`` or ``forward_dynamics`` for one arm. Not for use by two threads at once.
+    """Inverse or forward dynamics of one arm. Not for use by two threads at once.
 
     Args:
-        library: compiled recursions.
-        symbol: which of the two.
+        kind: which of the two.
         model: the arm's model.
     """
 
-    def __init__(self, library: ctypes.CDLL, symbol: str, model: ArmModel) -> None:
-        self._arm = CompiledArm(library, model)
-        self._function = getattr(library, symbol)
+    def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
+        self._many = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model))
+        self._one = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model), count=1)
         self.one, self.one_with_feed = self._calls_of_one_state(model.structure.joints)
 
     def _calls_of_one_state(self, joints: int) -> tuple[JointsCall, FeedCall]:
@@ -85,10 +47,9 @@ class CompiledFunction:
         """
         q, qd, third, out = np.zeros((4, joints))
         feed, out_feed = np.zeros((2, 1))
-        self._memory = (q, qd, third, feed, out, out_feed)  # kept: C has their addresses
-        call = _CallStruct(self._arm.address, 1, *(array.ctypes.data for array in self._memory))
-        call_pointer = pointer_to(call)
-        function = self._function
+        self._one.set(q=q, qd=qd, third=third, feed=feed, out=out, out_feed=out_feed)
+        address = self._one.address
+        function = self._one.function
         copy_of_out = out.copy
 
         # Views refuse arrays of another shape, type or layout, and copy faster than numpy's assignment does; a slice
@@ -102,7 +63,7 @@ class CompiledFunction:
             into_q[whole] = first  # type: ignore[call-overload]  # memoryviews take any buffer
             into_qd[whole] = second  # type: ignore[call-overload]
             into_third[whole] = third  # type: ignore[call-overload]
-            function(call_pointer)
+            function(address)
             return copy_of_out()
 
         def one_with_feed(
@@ -112,7 +73,7 @@ class CompiledFunction:
             into_qd[whole] = second  # type: ignore[call-overload]
             into_third[whole] = third  # type: ignore[call-overload]
             feed[0] = value
-            function(call_pointer)
+            function(address)
             feed[0] = 0.0  # what ``one`` expects
             return copy_of_out(), out_feed[0]
 
@@ -122,9 +83,8 @@ class CompiledFunction:
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The function at N states, three arrays of shape (N, 3 * links), feed (N,)."""
-        arrays = [np.ascontiguousarray(array, dtype=np.float64) for array in (first, second, third, feed)]
-        out = np.empty(arrays[0].shape)
+        out = np.empty(first.shape)
         out_feed = np.empty(len(feed))
-        addresses = (array.ctypes.data for array in (*arrays, out, out_feed))
-        self._function(pointer_to(_CallStruct(self._arm.address, len(feed), *addresses)))
+        self._many.set(count=len(feed), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed)
+        self._many()
         return out, out_feed

@@ -1,4 +1,4 @@
-"""What a closed loop computes, whoever runs it: ``simulation.c`` or, in numpy, ``interpreted_loop.py``.
+"""What a closed loop computes (``simulation.c``).
 
 Positions x = (q, x_b) and speeds ẋ are those of all revolutes and, last, of the base on its feed axis; the efforts are
 their torques and the thrust, u = (τ, F). Each step of length h does three things.
@@ -25,7 +25,6 @@ their torques and the thrust, u = (τ, F). Each step of length h does three thin
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.ground.arrays import FloatArray
@@ -61,23 +60,3 @@ def stiffened(model: ArmModel, parameters: LoopParameters) -> ArmModel:
     drives = model.drives.copy()
     drives[:, :3] += parameters.step * parameters.derivative.reshape(-1, 3)
     return replace(model, drives=drives)
-
-
-class ClosedLoop(Protocol):
-    """A plant under its controller; arrays end with the feed axis, W = 3 * links + 1, at rest when there is none."""
-
-    def run(
-        self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Make some steps.
-
-        Args:
-            state: positions and velocities before the first step, shape (2, W).
-            reference: positions, velocities and accelerations of every step, shape (N, 3, W).
-            noise: added to what is measured of the joints' angles and speeds, shape (N, 2, W - 1).
-            held: number of steps from the first on in which brakes hold the arm.
-
-        Returns:
-            States at the ends of the steps, shape (N, 2, W), and efforts held over them, shape (N, W).
-        """
-        ...

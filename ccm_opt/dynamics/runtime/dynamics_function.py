@@ -1,9 +1,9 @@
-"""Inverse or forward dynamics for one state or many, on the back end that this machine allows."""
+"""Inverse or forward dynamics for one state or many."""
 
 import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
-from ccm_opt.dynamics.runtime.back_end import BackEnd, DynamicsKind, choose_back_end
+from ccm_opt.dynamics.runtime.compiled_function import CompiledFunction, DynamicsKind
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 
@@ -17,11 +17,10 @@ class DynamicsFunction:
     Args:
         kind: which of the two.
         model: the arm's model.
-        back_end: what evaluates it; None: compiled when the machine can.
     """
 
-    def __init__(self, kind: DynamicsKind, model: ArmModel, back_end: BackEnd | None = None) -> None:
-        function = (back_end or choose_back_end(model.structure)).function(kind, model)
+    def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
+        function = CompiledFunction(kind, model)
         self._one = function.one
         self._one_with_feed = function.one_with_feed
         self._many = function.many

@@ -4,19 +4,13 @@
    aba_base, aba_acceleration) are generated before this text, with STATE and SOLVED, the numbers that aba_inertia
    passes on and keeps for each link. Arrays are those of the Python side: one row a link or a state, contiguous. */
 
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
-
 /* Working memory of an arm, numbers a link: sines and cosines side by side (6) and as they are computed (6); then the
    loads (6) of the inverse dynamics, or the motion (6) and SOLVED numbers of the forward dynamics. */
 #define WORK (18 + SOLVED)
-PUBLIC const long work_per_link = WORK;
+PUBLIC const int64_t work_per_link = WORK;
 
 typedef struct {
-    long links;
+    int64_t links;
     const double *bodies; /* (links, 4) */
     const double *drives; /* (links, 6) */
     const double *world;  /* (5,) */
@@ -25,7 +19,7 @@ typedef struct {
 
 typedef struct {
     const Arm *arm;
-    long count;
+    int64_t count;
     const double *q;     /* (count, 3 links) */
     const double *qd;    /* (count, 3 links) */
     const double *third; /* accelerations or torques, (count, 3 links) */
@@ -36,7 +30,7 @@ typedef struct {
 
 /* Row k of an array. Generated code tests every pointer for null before each access, for callers that leave arguments
    out. Here none is: saying so lets the compiler drop the tests, which cost RNEA 7 % and ABA 14 %. */
-static inline double *row(const double *array, long width, long k)
+static inline double *row(const double *array, int64_t width, int64_t k)
 {
     const double *start = array + width * k;
     if (!start) __builtin_unreachable();
@@ -44,13 +38,13 @@ static inline double *row(const double *array, long width, long k)
 }
 
 /* The angles' sines and cosines, three and three a link. */
-static void trigonometry(const Arm *arm, const double *q, double *trig)
+static ALWAYS_INLINE void trigonometry(const Arm *arm, const double *q, double *trig)
 {
-    long n = 3 * arm->links;
+    int64_t n = 3 * arm->links;
     double *s = trig + 2 * n;
     double *c = s + n;
     sines(n, q, s, c);
-    for (long k = 0; k < arm->links; k++)
+    for (int64_t k = 0; k < arm->links; k++)
         for (int i = 0; i < 3; i++) {
             trig[6 * k + i] = s[3 * k + i];
             trig[6 * k + 3 + i] = c[3 * k + i];
@@ -58,16 +52,16 @@ static void trigonometry(const Arm *arm, const double *q, double *trig)
 }
 
 /* Torques, and the thrust as result: rnea.py. What a link passes on is written over what it was given two links ago. */
-static double inverse(const Arm *arm, const double *q, const double *qd, const double *qdd, double feed, double *tau)
+static WIDE double inverse(const Arm *arm, const double *q, const double *qd, const double *qdd, double feed, double *tau)
 {
-    long links = arm->links;
+    int64_t links = arm->links;
     double *trig = arm->work;
     double *loads = trig + 12 * links;
     trigonometry(arm, q, trig);
 
     double state[2][9];
     rnea_base((const double *[]){arm->world, &feed}, (double *[]){state[0]}, 0, 0, 0);
-    for (long k = 0; k < links; k++) {
+    for (int64_t k = 0; k < links; k++) {
         const double *in[] = {state[k & 1], row(trig, 6, k), row(qd, 3, k), row(qdd, 3, k), row(arm->bodies, 4, k)};
         double *out[] = {state[(k + 1) & 1], row(loads, 6, k)};
         rnea_outward(in, out, 0, 0, 0);
@@ -75,7 +69,7 @@ static double inverse(const Arm *arm, const double *q, const double *qd, const d
 
     double force[2][6];
     rnea_tip((const double *[]){state[links & 1], arm->world}, (double *[]){force[links & 1]}, 0, 0, 0);
-    for (long k = links - 1; k >= 0; k--) {
+    for (int64_t k = links - 1; k >= 0; k--) {
         const double *in[] = {force[(k + 1) & 1], row(trig, 6, k), row(loads, 6, k), row(qd, 3, k), row(qdd, 3, k),
                               row(arm->bodies, 4, k), row(arm->drives, 6, k)};
         double *out[] = {force[k & 1], row(tau, 3, k)};
@@ -85,16 +79,16 @@ static double inverse(const Arm *arm, const double *q, const double *qd, const d
 }
 
 /* Accelerations of the joints, and that of the base as result: aba.py. */
-static double forward(const Arm *arm, const double *q, const double *qd, const double *tau, double thrust, double *qdd)
+static WIDE double forward(const Arm *arm, const double *q, const double *qd, const double *tau, double thrust, double *qdd)
 {
-    long links = arm->links;
+    int64_t links = arm->links;
     double *trig = arm->work;
     double *motion = trig + 12 * links;
     double *solved = motion + 6 * links;
     trigonometry(arm, q, trig);
 
     double omega[2][3] = {{0}};
-    for (long k = 0; k < links; k++) {
+    for (int64_t k = 0; k < links; k++) {
         const double *in[] = {omega[k & 1], row(trig, 6, k), row(qd, 3, k)};
         double *out[] = {omega[(k + 1) & 1], row(motion, 6, k)};
         aba_velocity(in, out, 0, 0, 0);
@@ -102,7 +96,7 @@ static double forward(const Arm *arm, const double *q, const double *qd, const d
 
     double body[2][STATE];
     aba_tip((const double *[]){arm->world}, (double *[]){body[links & 1]}, 0, 0, 0);
-    for (long k = links - 1; k >= 0; k--) {
+    for (int64_t k = links - 1; k >= 0; k--) {
         const double *in[] = {body[(k + 1) & 1], row(trig, 6, k), row(motion, 6, k), row(tau, 3, k), row(qd, 3, k),
                               row(arm->bodies, 4, k), row(arm->drives, 6, k)};
         double *out[] = {body[k & 1], row(solved, SOLVED, k)};
@@ -112,7 +106,7 @@ static double forward(const Arm *arm, const double *q, const double *qd, const d
     double feed;
     double state[2][6];
     aba_base((const double *[]){body[0], &thrust, arm->world}, (double *[]){state[0], &feed}, 0, 0, 0);
-    for (long k = 0; k < links; k++) {
+    for (int64_t k = 0; k < links; k++) {
         const double *in[] = {state[k & 1], row(trig, 6, k), row(motion, 6, k), row(solved, SOLVED, k),
                               row(arm->bodies, 4, k)};
         double *out[] = {state[(k + 1) & 1], row(qdd, 3, k)};
@@ -123,16 +117,16 @@ static double forward(const Arm *arm, const double *q, const double *qd, const d
 
 PUBLIC void inverse_dynamics(const Call *call)
 {
-    long n = 3 * call->arm->links;
-    for (long i = 0; i < call->count; i++)
+    int64_t n = 3 * call->arm->links;
+    for (int64_t i = 0; i < call->count; i++)
         call->out_feed[i] = inverse(call->arm, call->q + i * n, call->qd + i * n, call->third + i * n, call->feed[i],
                                     call->out + i * n);
 }
 
 PUBLIC void forward_dynamics(const Call *call)
 {
-    long n = 3 * call->arm->links;
-    for (long i = 0; i < call->count; i++)
+    int64_t n = 3 * call->arm->links;
+    for (int64_t i = 0; i < call->count; i++)
         call->out_feed[i] = forward(call->arm, call->q + i * n, call->qd + i * n, call->third + i * n, call->feed[i],
                                     call->out + i * n);
 }

@@ -1,12 +1,12 @@
-/* The closed loop: control_law.py says what it computes, interpreted_loop.py is the same in numpy. */
+/* The closed loop: control_law.py says what it computes. */
 
 typedef struct {
     const Arm *plant;
     const Arm *model;
     const Arm *stiffened;  /* the model whose rotors have kd * step more inertia; for PD alone */
-    long count;            /* steps */
-    long held;             /* of these the first, in which the brakes hold the arm */
-    long computed;         /* whether the law is computed torque */
+    int64_t count;         /* steps */
+    int64_t held;          /* of these the first, in which the brakes hold the arm */
+    int64_t computed;      /* whether the law is computed torque */
     double step;
     double feed_kp;
     double feed_kd;
@@ -24,7 +24,7 @@ typedef struct {
 
 /* Rows of a loop's working memory: five for a control or for an integration, one for the efforts. */
 enum { EFFORT_ROW = 5, ROWS };
-PUBLIC const long loop_rows = ROWS;
+PUBLIC const int64_t loop_rows = ROWS;
 
 static double clamped(double value, double limit)
 {
@@ -34,22 +34,22 @@ static double clamped(double value, double limit)
 static double moved_mass(const Arm *arm)
 {
     double mass = arm->world[3];
-    for (long k = 0; k < arm->links; k++) mass += arm->bodies[4 * k];
+    for (int64_t k = 0; k < arm->links; k++) mass += arm->bodies[4 * k];
     return mass;
 }
 
 /* Efforts of computed torque, before they saturate. */
 static void computed_torque(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
-    long n = 3 * loop->model->links;
-    long m = n + 1;
+    int64_t n = 3 * loop->model->links;
+    int64_t m = n + 1;
     const double *x = loop->x;
     const double *v = x + m;
     double *middle_q = loop->work;
     double *middle_qd = middle_q + m;
     double *a = middle_qd + m;
     double half = 0.5 * loop->step;
-    for (long i = 0; i < n; i++) {
+    for (int64_t i = 0; i < n; i++) {
         double q = x[i] + noise[i];
         double qd = v[i] + noise[n + i];
         a[i] = reference[2 * m + i] + (loop->kp[i] * (reference[i] - q) + loop->kd[i] * (reference[m + i] - qd));
@@ -70,8 +70,8 @@ static void computed_torque(const Loop *loop, const double *reference, const dou
 /* Efforts of PD with the gravity torques of the pose, before they saturate: errors are those at the end of the step. */
 static void proportional_derivative(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
-    long n = 3 * loop->model->links;
-    long m = n + 1;
+    int64_t n = 3 * loop->model->links;
+    int64_t m = n + 1;
     const double *x = loop->x;
     const double *v = x + m;
     double h = loop->step;
@@ -79,31 +79,31 @@ static void proportional_derivative(const Loop *loop, const double *reference, c
     double *qd = q + m;
     double *rest = qd + m;
     double *a = rest + m;
-    for (long i = 0; i < n; i++) {
+    for (int64_t i = 0; i < n; i++) {
         q[i] = x[i] + noise[i];
         qd[i] = v[i] + noise[n + i];
         rest[i] = 0.0;
     }
     double feed = loop->feed_kp * (reference[n] - x[n]) + loop->feed_kd * (reference[m + n] - v[n]);
     effort[n] = clamped(inverse(loop->model, q, rest, rest, 0.0, effort) + feed, loop->feed_limit);
-    for (long i = 0; i < n; i++) {
+    for (int64_t i = 0; i < n; i++) {
         double rate = reference[m + i] - qd[i];
         double ahead = reference[i] - q[i] + h * rate;
         effort[i] += loop->kp[i] * ahead + loop->kd[i] * (rate + h * reference[2 * m + i]);
     }
     forward(loop->stiffened, q, qd, effort, effort[n], a);
-    for (long i = 0; i < n; i++) effort[i] -= h * loop->kd[i] * a[i];
+    for (int64_t i = 0; i < n; i++) effort[i] -= h * loop->kd[i] * a[i];
 }
 
 /* The efforts that are held over a step. */
 static void control(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
-    long n = 3 * loop->model->links;
+    int64_t n = 3 * loop->model->links;
     if (loop->computed)
         computed_torque(loop, reference, noise, effort);
     else
         proportional_derivative(loop, reference, noise, effort);
-    for (long i = 0; i < n; i++) effort[i] = clamped(effort[i], loop->limit[i]);
+    for (int64_t i = 0; i < n; i++) effort[i] = clamped(effort[i], loop->limit[i]);
     effort[n] = clamped(effort[n], loop->feed_limit);
 }
 
@@ -112,8 +112,8 @@ static void advance(const Loop *loop, const double *effort)
 {
     static const double at[] = {0.0, 0.5, 0.5, 1.0};
     static const double weight[] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
-    long n = 3 * loop->plant->links;
-    long m = n + 1;
+    int64_t n = 3 * loop->plant->links;
+    int64_t m = n + 1;
     double h = loop->step;
     double *x = loop->x;
     double *v = x + m;
@@ -125,17 +125,17 @@ static void advance(const Loop *loop, const double *effort)
     memset(dx, 0, 2 * m * sizeof(double));
     for (int stage = 0; stage < 4; stage++) {
         double part = at[stage] * h;
-        for (long i = 0; i < m; i++) { /* qd and a are those of the stage before: in the first there is none */
+        for (int64_t i = 0; i < m; i++) { /* qd and a are those of the stage before: in the first there is none */
             q[i] = stage ? x[i] + part * qd[i] : x[i];
             qd[i] = stage ? v[i] + part * a[i] : v[i];
         }
         a[n] = forward(loop->plant, q, qd, effort, effort[n], a);
-        for (long i = 0; i < m; i++) {
+        for (int64_t i = 0; i < m; i++) {
             dx[i] += weight[stage] * qd[i];
             dv[i] += weight[stage] * a[i];
         }
     }
-    for (long i = 0; i < m; i++) {
+    for (int64_t i = 0; i < m; i++) {
         x[i] += h * dx[i];
         v[i] += h * dv[i];
     }
@@ -143,10 +143,10 @@ static void advance(const Loop *loop, const double *effort)
 
 PUBLIC void simulate(const Loop *loop)
 {
-    long n = 3 * loop->plant->links;
-    long m = n + 1;
+    int64_t n = 3 * loop->plant->links;
+    int64_t m = n + 1;
     double *effort = loop->work + EFFORT_ROW * m;
-    for (long s = 0; s < loop->count; s++) {
+    for (int64_t s = 0; s < loop->count; s++) {
         if (s < loop->held) {
             memset(effort, 0, m * sizeof(double));
         } else {

@@ -9,25 +9,25 @@
 #define FAR 1e5  /* rad: beyond it the reduction below would lose digits; -1 lets the C library do all, to compare */
 #endif
 
-static void library_sines(long n, const double *restrict x, double *restrict s, double *restrict c)
+static inline void library_sines(int64_t n, const double *restrict x, double *restrict s, double *restrict c)
 {
-    for (long i = 0; i < n; i++) {
+    for (int64_t i = 0; i < n; i++) {
         s[i] = sin(x[i]);
         c[i] = cos(x[i]);
     }
 }
 
-static void sines(long n, const double *restrict x, double *restrict s, double *restrict c)
+static ALWAYS_INLINE void sines(int64_t n, const double *restrict x, double *restrict s, double *restrict c)
 {
     int far = 0;
-    for (long i = 0; i < n; i++) far |= !(fabs(x[i]) <= FAR); /* true for what is not a number, too */
+    for (int64_t i = 0; i < n; i++) far |= !(fabs(x[i]) <= FAR); /* true for what is not a number, too */
     if (far) {
         library_sines(n, x, s, c);
         return;
     }
 
     const double shift = 6755399441055744.0; /* 1.5 * 2^52: adding it rounds to an integer */
-    for (long i = 0; i < n; i++) {
+    for (int64_t i = 0; i < n; i++) {
         /* pi/2 in three parts, the first two of 33 bits: their products with the number of turns are exact */
         double turns = (x[i] * 0x1.45f306dc9c883p-1 + shift) - shift;
         double r = ((x[i] - turns * 0x1.921fb5440p+0) - turns * 0x1.0b4611a60p-34) - turns * 0x1.3198a2e037073p-69;

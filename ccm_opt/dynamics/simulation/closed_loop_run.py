@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, with_rotor_code
-from ccm_opt.dynamics.runtime.back_end import choose_back_end
-from ccm_opt.dynamics.runtime.control_law import ClosedLoop
+from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
 from ccm_opt.dynamics.simulation.controller import loop_parameters
 from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
 from ccm_opt.dynamics.simulation.plan_needs import needs_of_plan
@@ -161,8 +160,8 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
 
 def closed_loop(
     plant: DrivenArm, arm: DrivenArm, options: SimulationOptions, limits: Limits, *, planar: bool = False
-) -> ClosedLoop:
-    """The loop of a plant and of the arm that its controller believes in, compiled when the machine can.
+) -> CompiledLoop:
+    """The loop of a plant and of the arm that its controller believes in.
 
     Args:
         plant: the arm that moves.
@@ -181,7 +180,7 @@ def closed_loop(
         plant_model = in_plane_alone(plant_model)
         believed_model = in_plane_alone(believed_model)
     parameters = loop_parameters(arm, options, limits)
-    return choose_back_end(plant_model.structure).loop(plant_model, believed_model, parameters)
+    return CompiledLoop(plant_model, believed_model, parameters)
 
 
 def _is_planar(arm: DrivenArm, joints: JointStates, options: SimulationOptions) -> bool:
@@ -195,7 +194,7 @@ def _is_planar(arm: DrivenArm, joints: JointStates, options: SimulationOptions) 
 class _Run:
     """A loop, what it follows, and what disturbs its sensors."""
 
-    loop: ClosedLoop
+    loop: CompiledLoop
     reference: StepReference
     noise: Noise
 

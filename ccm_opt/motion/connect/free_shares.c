@@ -3,14 +3,7 @@
    Between poses that are looked at in a row every link turns by the same angle, so that cosines and sines follow by
    complex products. */
 
-#include <math.h>
-#include <stdint.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "native.h"
 
 typedef struct {
     int64_t links, mount_link, parts, first_self_pair, side, stride; /* parts: of a link between places looked up */

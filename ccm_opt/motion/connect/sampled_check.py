@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.collision.neighbour_pairs import closest_on_segments, segments_cross
+from ccm_opt.collision.segment_pairs import closest_on_segments, segments_cross
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.connect.blocked_raster import BlockedRaster
-from ccm_opt.motion.connect.compiled_shares import CompiledShares, compiled_shares
 from ccm_opt.motion.settings.connect_settings import SamplingSettings
 
 _BEYOND_REACH = 1.001
@@ -30,7 +30,7 @@ class SampledCheck:
         reach: how far each place that is looked up lies along each link, shape (links, places) [m].
         spacing: how far the tip moves between two poses that are looked at [m].
         settings: numbers.
-        compiled: does the same for whole motions, several times faster; None where there is no compiling.
+        parts: of a link between places that are looked up.
     """
 
     arm: Arm
@@ -38,7 +38,7 @@ class SampledCheck:
     reach: npt.NDArray[np.float32]
     spacing: float
     settings: SamplingSettings
-    compiled: CompiledShares | None = None
+    parts: int
 
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace, settings: SamplingSettings) -> "SampledCheck":
@@ -52,8 +52,7 @@ class SampledCheck:
         before = arm.link_length * np.arange(arm.links)[:, None]
         reach = np.clip(places - before, 0.0, arm.link_length).astype(np.float32)
         spacing = max(settings.pose_spacing * gap, least)
-        compiled = compiled_shares(arm, raster, parts, spacing, settings.stride)
-        return cls(arm, raster, reach, spacing, settings, compiled)
+        return cls(arm, raster, reach, spacing, settings, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
         """Which poses touch something for sure, link headings (m, links) [rad], result (m,)."""
@@ -77,33 +76,20 @@ class SampledCheck:
         Returns:
             Shape (m,); the last pose looked at that is not refuted, 1 for the end.
         """
-        if self.compiled is not None:
-            return self.compiled.free_shares(start, end)
-        travel = self.arm.link_length * np.abs(end - start).sum(axis=1)
-        count = np.maximum(1, np.ceil(travel / self.spacing)).astype(np.intp)
-        # One beyond the last pose stands for none that is refuted.
-        first = count + 1
-        stride = self.settings.stride
-        motion, k = _steps(count)
-        early = (k % stride == 0) | (k == count[motion])
-        self._look(start, end, count, motion[early], k[early], first)
-        # Then only what lies before the first pose that was refuted.
-        late = ~early & (k < first[motion])
-        self._look(start, end, count, motion[late], k[late], first)
-        shares: FloatArray = (first - 1) / count
+        arm = self.arm
+        raster = self.raster
+        link, at = arm.mount_end
+        shares = np.empty(len(start))
+        NativeCall(
+            "free_shares",
+            links=arm.links, mount_link=link, mount_at=at, parts=self.parts, stride=self.settings.stride,
+            first_self_pair=arm.first_self_pair if arm.self_collision else 0,
+            link_length=arm.link_length, radius=arm.radius, base_x=arm.base[0], base_y=arm.base[1],
+            side=raster.blocked.shape[0], cell=raster.cell, corner_x=raster.corner[0], corner_y=raster.corner[1],
+            blocked=np.ascontiguousarray(raster.blocked, dtype=np.bool_), spacing=self.spacing,
+            work=np.empty(8 * arm.links + 2), motions=len(start), start=start, end=end, share=shares,
+        )()  # fmt: skip
         return shares
-
-    def _look(
-        self, start: FloatArray, end: FloatArray, count: IntArray, motion: IntArray, k: IntArray, first: IntArray
-    ) -> None:
-        """Lower ``first`` of every motion to the first of some of its poses that is refuted."""
-        chunk = self.settings.chunk
-        for begin in range(0, len(motion), chunk):
-            part = motion[begin : begin + chunk]
-            step = k[begin : begin + chunk]
-            share = (step / count[part])[:, None]
-            bad = self.refuted(start[part] + share * (end[part] - start[part]))
-            np.minimum.at(first, part[bad], step[bad])
 
     def _on_itself(self, headings: FloatArray) -> BoolArray:
         """Which poses have distant links that meet, shape (m, links) to (m,)."""
@@ -131,10 +117,3 @@ def _places(arm: Arm, parts: int) -> FloatArray:
     link, share = arm.mount_end
     mount = (link + share) * arm.link_length
     return np.append(mount, along[along > mount])
-
-
-def _steps(count: IntArray) -> tuple[IntArray, IntArray]:
-    """Numbers 1 to count of several things, one after the other: which thing, and the number."""
-    thing = np.repeat(np.arange(len(count)), count)
-    number = np.arange(1, len(thing) + 1) - np.repeat(np.cumsum(count) - count, count)
-    return thing, number

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.collision.neighbour_pairs import closest_on_segments
+from ccm_opt.collision.segment_pairs import closest_on_segments
 from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray

@@ -3,18 +3,9 @@
    Walls come through a bounding-box tree (box_tree.py), nearest first; a wall behind a half-plane that has been chosen
    is skipped. */
 
-#include <math.h>
-#include <stdint.h>
-#include <stdlib.h>
-
+#include "native.h"
 #include "box_tree.h"
 #include "segments.h"
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
 
 #define CORNERS 6 /* of a sweep: both ends of a link at three times */
 
@@ -33,7 +24,7 @@ typedef struct {
     double far;             /* cores farther away are left out */
     double shortest;        /* shorter lines have no direction */
     double behind;          /* by which a wall may stand out of a half-plane that it counts as behind */
-    void *planes;           /* working memory, E of Plane */
+    Plane *planes;          /* working memory, (E,) */
 
     int64_t capacity, count; /* the count may exceed the capacity, and is then needed */
     int64_t *sweep;
@@ -146,9 +137,8 @@ static int by_gap(const void *one, const void *two)
     return (a->wall > b->wall) - (a->wall < b->wall);
 }
 
-PUBLIC void sweep_planes(void *query)
+PUBLIC void sweep_planes(Query *q)
 {
-    Query *q = query;
     Plane *planes = q->planes;
     q->count = 0;
     for (int64_t sweep = 0; sweep < q->sweeps; sweep++) {

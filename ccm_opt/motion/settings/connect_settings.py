@@ -18,7 +18,6 @@ class SamplingSettings:
             missed between them the certificate sees.
         least_spacing: least value of both spacings, as a share of the arm's length. Taste: for thin arms.
         stride: every so many poses are looked at first. Taste: most motions that touch do so in a wide stretch.
-        chunk: poses that are looked at together. Taste: their places fit into the processor's cache.
     """
 
     cells: int = 2000
@@ -26,7 +25,6 @@ class SamplingSettings:
     pose_spacing: float = 0.75
     least_spacing: float = 0.005
     stride: int = 8
-    chunk: int = 2048
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,7 @@
    q = B v + q0, R_i = R_(i-1) Rz(a_i) Ry(b_i), Omega_i = Omega_(i-1) + z B_a + y' B_b and
    dP_(i+1) = dP_i + l Omega_i x t_i. */
 
-#include <math.h>
-#include <stdint.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "native.h"
 
 typedef struct {
     int64_t links, coordinates, dimension;
@@ -95,9 +88,8 @@ static void carry(const Chain *c, int64_t link, const double *before)
     for (int64_t k = 0; k < p; k++) to[2 * p + k] = from[2 * p + k] + wx[k] * y - wy[k] * x;
 }
 
-PUBLIC void chain_state(void *pointer)
+PUBLIC void chain_state(const Chain *c)
 {
-    const Chain *c = (const Chain *)pointer;
     configure(c);
     place_base(c);
     const double *before = c->rotation;

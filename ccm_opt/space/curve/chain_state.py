@@ -1,12 +1,12 @@
 """Where the links of an arm in space are, and how they move with the coordinates of a curve, in one pass."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import positions_of_links, rotations_by_numpy
 
 
 class ChainState(NamedTuple):
@@ -27,16 +27,8 @@ class ChainState(NamedTuple):
     jacobian: FloatArray
 
 
-class ChainEvaluator(Protocol):
-    """Evaluates an arm with q = B v + q₀; not for use by two threads at once."""
-
-    def at(self, v: FloatArray) -> ChainState:
-        """The arm at coordinates of shape (p,)."""
-        ...
-
-
-class ChainByNumpy:
-    """Evaluates an arm where nothing is compiled, with the results of compiled code but for rounding.
+class ChainEvaluator:
+    """Evaluates an arm with q = B v + q₀; not for use by two threads at once.
 
     Args:
         arm: the arm.
@@ -45,27 +37,25 @@ class ChainByNumpy:
     """
 
     def __init__(self, arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> None:
-        self._arm = arm
-        self._matrix = matrix
-        self._offset = offset
+        links = arm.links
+        coordinates, p = matrix.shape
+        self._v = np.empty(p)
+        # All results stand in one block, so that one copy hands them out.
+        self._shapes = ((coordinates,), (links + 1, 3), (links, 3, 3), (links, 3, p), (links + 1, 3, p))
+        ends = [int(end) for end in np.cumsum([np.prod(shape) for shape in self._shapes])]
+        self._cuts = [slice(begin, end) for begin, end in zip((0, *ends), ends, strict=False)]
+        self._block = np.empty(ends[-1])
+        results = (self._block[cut] for cut in self._cuts)
+        self._call = NativeCall(
+            "chain_state",
+            links=links, coordinates=coordinates, dimension=p, link_length=arm.link_length,
+            base=arm.base, rotation=arm.base_rotation, matrix=matrix, offset=offset, v=self._v,
+            **dict(zip(ChainState._fields, results, strict=True)),
+        )  # fmt: skip
 
     def at(self, v: FloatArray) -> ChainState:
-        """The arm at coordinates of shape (p,).
-
-        A joint turns what is beyond it about the z axis of the link before and about its own y axis:
-        Ω_j = Ω_(j−1) + z B_a + y B_b, and its link carries the next joint along: dP_(j+1) = dP_j + l Ω_j × t_j.
-        """
-        arm = self._arm
-        bends = 2 * arm.links
-        q = self._matrix @ v + self._offset
-        rotations = rotations_by_numpy(arm, q)
-        about_z = np.concatenate((arm.base_rotation[None, :, 2], rotations[:-1, :, 2]))
-        about_y = rotations[:, :, 1]
-        turns = (
-            about_z[:, :, None] * self._matrix[0:bends:2, None] + about_y[:, :, None] * self._matrix[1:bends:2, None]
-        )
-        omega = np.cumsum(turns, axis=0)
-        jacobian = np.zeros((arm.links + 1, 3, len(v)))
-        np.cumsum(arm.link_length * np.cross(omega, rotations[:, :, :1], axis=1), axis=0, out=jacobian[1:])
-        jacobian += np.multiply.outer(arm.direction, self._matrix[bends:].sum(axis=0))
-        return ChainState(q, positions_of_links(arm, q, rotations), rotations, omega, jacobian)
+        """The arm at coordinates of shape (p,)."""
+        self._v[:] = v
+        self._call()
+        block = self._block.copy()
+        return ChainState(*(block[cut].reshape(shape) for cut, shape in zip(self._cuts, self._shapes, strict=True)))

@@ -15,7 +15,6 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.curve.bend_matrix import bend_matrix
 from ccm_opt.space.curve.chain_state import ChainEvaluator, ChainState
-from ccm_opt.space.curve.compiled_chain import chain_of
 
 KNOTS = 11
 """Curvature values of each of the two directions unless said otherwise."""
@@ -116,7 +115,7 @@ class CurveSpace:
     @cached_property
     def chain(self) -> ChainEvaluator:
         """What evaluates the arm; not for use by two threads at once."""
-        return chain_of(self.arm, self.matrix, self.offset)
+        return ChainEvaluator(self.arm, self.matrix, self.offset)
 
     def coordinates_like(self, other: "CurveSpace", v: FloatArray) -> FloatArray:
         """Coordinates here of the same curve that v is in another space with as many knots, such as of fewer links.

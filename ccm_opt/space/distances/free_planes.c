@@ -8,8 +8,7 @@
    as soon as nothing is nearer by more than the slack, boxes are gone down into at once as long as what is below is no
    farther by more than that, and of a box of small triangles that a plane parts only what is before the plane counts. */
 
-#include <stdlib.h>
-
+#include "native.h"
 #include "faces.h"
 
 #define FLATTEST 1e-6 /* squared sine of the angle between planes that meet anywhere */

@@ -76,8 +76,8 @@ PUBLIC void nearest_surfaces(NearestQuery *q)
     }
 }
 
-/* The same of one segment, for other libraries of the package: no number where the segment is none. */
-PUBLIC double segment_gap(const Surfaces *surfaces, const double *ends, double reach, double slack)
+/* The same of one segment, for interval_proof.c: no number where the segment is none. */
+double segment_gap(const Surfaces *surfaces, const double *ends, double reach, double slack)
 {
     Segment segment = segment_between(ends);
     double least;

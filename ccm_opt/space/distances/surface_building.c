@@ -2,9 +2,7 @@
    them, is least among some cuts across its longest side (I. Wald, On fast construction of SAH-based bounding volume
    hierarchies, 2007). */
 
-#include <stdlib.h>
-#include <string.h>
-
+#include "native.h"
 #include "surface_clusters.h"
 #include "surface_nodes.h"
 

@@ -5,8 +5,7 @@
 #ifndef SURFACE_CLUSTERS_H
 #define SURFACE_CLUSTERS_H
 
-#include <stdint.h>
-
+#include "native.h"
 #include "vectors.h"
 
 #define CODE_BITS 30

@@ -3,15 +3,8 @@
 #ifndef SURFACE_NODES_H
 #define SURFACE_NODES_H
 
-#include <stdint.h>
-
+#include "native.h"
 #include "triangles.h"
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
 
 #define DEEPEST 128 /* levels of a tree: building stops long before */
 

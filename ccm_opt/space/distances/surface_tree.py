@@ -5,12 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.distances.compiled_surfaces import boxes_by_c, compiled_search
 from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES, DistanceSettings
-from ccm_opt.space.distances.numpy_surfaces import NumpySearch
 from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
-from ccm_opt.space.distances.surface_boxes import boxes_by_numpy
-from ccm_opt.space.distances.surface_search import SurfaceSearch
+from ccm_opt.space.distances.surface_search import SurfaceBoxes, SurfaceSearch
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 
 _MOST_TRIANGLES = 2**30
@@ -38,7 +35,7 @@ class SurfaceTree:
 
     @classmethod
     def of(cls, soup: SurfaceSoup, settings: DistanceSettings = DEFAULT_DISTANCES) -> "SurfaceTree":
-        """The tree over the surfaces of a scene, compiled where it can be.
+        """The tree over the surfaces of a scene.
 
         Raises:
             MemoryError: there is too little.
@@ -47,15 +44,8 @@ class SurfaceTree:
             return cls(np.zeros(0, dtype=np.intp), None, settings)
         if len(soup) >= _MOST_TRIANGLES:
             raise MemoryError(f"a scene of {len(soup)} triangles: at most {_MOST_TRIANGLES} are taken")
-        boxes = boxes_by_c(soup.triangles, soup.rounding, settings.leaf)
-        search: SurfaceSearch | None = None
-        if boxes is not None:
-            search = compiled_search(boxes)
-        else:
-            boxes = boxes_by_numpy(soup.triangles, soup.rounding, settings.leaf)
-        if search is None:
-            search = NumpySearch(boxes)
-        return cls(soup.owner[boxes.order], search, settings)
+        boxes = SurfaceBoxes.of(soup.triangles, soup.rounding, settings.leaf)
+        return cls(soup.owner[boxes.order], SurfaceSearch(boxes), settings)
 
     def distances(self, segments: FloatArray, reach: float, slack: float = 0.0) -> FloatArray:
         """Least distance of each segment from the surfaces.
@@ -71,7 +61,7 @@ class SurfaceTree:
         """
         if self.search is None:
             return np.full(len(segments), float(reach))
-        return self.search.distances(np.ascontiguousarray(segments, dtype=np.float64), reach, slack)
+        return self.search.distances(segments, reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
         """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach.
@@ -86,7 +76,7 @@ class SurfaceTree:
             k = len(segments)
             none = np.full(k, -1, dtype=np.intp)
             return Witnesses(np.full(k, float(reach)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)), none)
-        found = self.search.nearest(np.ascontiguousarray(segments, dtype=np.float64), reach, together)
+        found = self.search.nearest(segments, reach, together)
         return replace(found, owner=np.where(found.owner < 0, -1, self.owner[found.owner]))
 
     def planes(
@@ -110,7 +100,7 @@ class SurfaceTree:
         most = self.settings.most_planes if most is None else most
         behind = self.settings.behind * reach if behind is None else behind
         slack = self.settings.slack * reach
-        found = self.search.planes(np.ascontiguousarray(segments, dtype=np.float64), reach, most, behind, slack)
+        found = self.search.planes(segments, reach, most, behind, slack)
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:

@@ -3,7 +3,7 @@
 #ifndef VECTORS_H
 #define VECTORS_H
 
-#include <math.h>
+#include "native.h"
 
 /* Not fmax and fmin, which compilers leave to the library because of what is not a number. */
 static inline double larger(double a, double b) { return a > b ? a : b; }

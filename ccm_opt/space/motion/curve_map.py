@@ -10,18 +10,16 @@ Unknowns v: where the base is fixed its two turns, then the curvatures about the
 the feed. They are scaled so that every one turns the joints by about as much.
 """
 
-import ctypes
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.compiled_source import pointer_to
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.curve.guide_exit import free_before, free_shares_of_bends
 from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
-from ccm_opt.space.motion.arm_library import arm_library
 
 KNOTS = 11
 SETTLING = 1e-2
@@ -29,16 +27,6 @@ SETTLING = 1e-2
 SMOOTHNESS = 2.0
 """The same where the joints' turns that a smoother curve does not show are blended in: among bays of a wing box, blades
 and pipes motions to such an end are a twentieth shorter than with little, and roomier."""
-
-
-class _ShapeStruct(ctypes.Structure):
-    """``ShapeQuery`` of arm_motion.c."""
-
-    _fields_ = (
-        *((name, ctypes.c_int64) for name in ("joints", "knots")),
-        *((name, ctypes.c_double) for name in ("spacing", "length")),
-        *((name, ctypes.c_void_p) for name in ("places", "shapes")),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,43 +313,18 @@ class CurveMap:
 
     def _shapes(self, places: FloatArray) -> FloatArray:
         """Turns of joints at places by a unit of curvature at each knot, shape (..., knots) [m]."""
-        library = self._library
-        l = self.arm.link_length
         flat = np.ascontiguousarray(places).ravel()
-        if library is None:
-            ahead = self._twice_integrated(flat + l)
-            here = self._twice_integrated(flat)
-            behind = self._twice_integrated(flat - l)
-            shapes = np.asarray((ahead - 2.0 * here + behind) / l)
-        else:
-            shapes = np.empty((len(flat), self.knots))
-            query = _ShapeStruct(len(flat), self.knots, self.spacing, l)
-            query.places = flat.ctypes.data
-            query.shapes = shapes.ctypes.data
-            library.curve_shapes(pointer_to(query))
+        shapes = np.empty((len(flat), self.knots))
+        NativeCall(
+            "curve_shapes",
+            joints=len(flat), knots=self.knots, spacing=self.spacing, length=self.arm.link_length, places=flat,
+            shapes=shapes,
+        )()  # fmt: skip
         if self.arm.base_axes:
             shapes *= free_shares_of_bends(self.arm, flat)[:, None]
         elif self.arm.clamped_joints:
-            shapes[flat < (self.arm.clamped_joints - 0.5) * l] = 0.0
+            shapes[flat < (self.arm.clamped_joints - 0.5) * self.arm.link_length] = 0.0
         return shapes.reshape(*places.shape, self.knots)
-
-    @cached_property
-    def _library(self) -> ctypes.PyDLL | None:
-        return arm_library()
-
-    def _twice_integrated(self, s: FloatArray) -> FloatArray:
-        """∫∫ of every knot's hat from the first knot to places, shape (places, knots) [m²]."""
-        h = self.spacing
-        x = s[:, None] / h - np.arange(self.knots)
-        # A hat is the second difference of the ramps (x)₊; twice integrated those are (x)₊³ / 6. At both ends of the
-        # curve hats are halves, and beyond them there is no curvature.
-        last = float(self.knots - 1)
-        whole = _cube(x + 1.0) - 2.0 * _cube(x) + _cube(x - 1.0)
-        top = s / h
-        whole[:, 0] = 3.0 * _square(top) - _cube(top) + _cube(top - 1.0)
-        end = top - last
-        whole[:, -1] = _cube(end + 1.0) - _cube(end) - 3.0 * _square(end)
-        return h * h * whole / 6.0
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
@@ -377,14 +340,6 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
         return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf
     outside = places[places > straight]
     return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
-
-
-def _cube(x: FloatArray) -> FloatArray:
-    return np.maximum(x, 0.0) ** 3
-
-
-def _square(x: FloatArray) -> FloatArray:
-    return np.maximum(x, 0.0) ** 2
 
 
 def _exact_at(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:

@@ -1,15 +1,7 @@
 /* The search for ways that an arm can follow behind its tip (hybrid A* in space): followable_search.py says of what, and
    does the same in Python where there is no compiling, sum by sum in the same order. */
 
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "native.h"
 
 enum { BINS = 7 }; /* what states are told apart by: three bins of the place, face, side, two bins on the face */
 

@@ -1,21 +1,21 @@
 """The search for ways that an arm can follow behind its tip: hybrid A* over places and directions.
 
-In C where there is compiling (followable_search.c). The same in Python finds the same ways some hundred times slower:
-what is added up and compared, is so in the same order.
+The search itself is compiled C (followable_search.c).
 """
 
-import heapq
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.native import NativeCall, element_type
 from ccm_opt.space.curve.biarc import Biarc
 from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
+
+_BINS = 7
+"""Numbers that states are told apart by in followable_search.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +109,44 @@ class FollowSearch:
         found = np.clip(found, 0, np.array(self.price.shape) - 1)
         return found[..., 0], found[..., 1], found[..., 2]
 
+    def arcs_from(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> list[int] | None:
+        """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
+
+        Args:
+            place: where it begins, shape (3,) [m].
+            frame: (t, n1, n2) there as columns, shape (3, 3).
+            goal: where the way ends.
+        """
+        settings = self.settings
+        choices, samples, _ = self.arcs.places.shape
+        capacity = settings.most_states * choices + 1
+        table = 1 << (2 * settings.most_states).bit_length()
+        nx, ny, nz = self.price.shape
+        # Memory that is not written to is not taken either.
+        states = np.empty(capacity, dtype=element_type("followable_way", "states"))
+        states[0] = (place, frame.ravel(), 0.0, 0.0, -1, -1)
+        call = NativeCall(
+            "followable_way",
+            nx=nx, ny=ny, nz=nz, choices=choices, samples=samples, most_states=settings.most_states, table=table,
+            direction_bins=settings.direction_bins, cell=self.cell, step=self.arcs.length, most=self.most,
+            place_bin=settings.place_bin * self.unit, landing=settings.landing * self.unit,
+            longest=settings.longest_landing, radius=self.radius, spacing=0.5 * self.cell, low=self.low,
+            goal=goal.place, directed=goal.direction is not None,
+            direction=np.zeros(3) if goal.direction is None else goal.direction,
+            price=self.price, left=self.left, arcs=self.arcs.places, turns=self.arcs.turns, dear=self.arcs.dear,
+            states=states, heap=np.empty(capacity, dtype=np.int64), key=np.empty(capacity),
+            bins=np.empty((table, _BINS), dtype=np.int32), taken=np.zeros(table, dtype=np.uint8),
+        )  # fmt: skip
+        call()
+        if call.fields.found < 0:
+            return None
+        found = []
+        state = int(call.fields.found)
+        while states["before"][state] >= 0:
+            found.append(int(states["arc"][state]))
+            state = int(states["before"][state])
+        return found[::-1]
+
     def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
         """Places on two arcs from a state to the goal, shape (m, 3) [m]; None where they are too long or bent.
 
@@ -136,110 +174,6 @@ class FollowSearch:
         if biarc.length > self.settings.longest_landing * away:
             return None
         return _along(frame, place, biarc, 0.5 * self.cell)
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """A place on a way with the frame (t, n1, n2) there as columns, and how the way came there."""
-
-    place: FloatArray
-    frame: FloatArray
-    cost: float
-    length: float
-    before: "_State | None"
-    arc: int
-
-    @cached_property
-    def arcs(self) -> list[int]:
-        """Numbers of the arcs from the start to here."""
-        found = []
-        now = self
-        while now.before is not None:
-            found.append(now.arc)
-            now = now.before
-        return found[::-1]
-
-
-@dataclass(frozen=True, eq=False)
-class InterpretedSearch:
-    """The search in Python.
-
-    Attributes:
-        search: what is searched.
-        goal: where ways end.
-        deadline: when to stop.
-    """
-
-    search: FollowSearch
-    goal: WayEnd
-    deadline: Deadline = field(default_factory=Deadline.never)
-
-    def arcs_from(self, place: FloatArray, frame: FloatArray) -> list[int] | None:
-        """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
-
-        Args:
-            place: where it begins, shape (3,) [m].
-            frame: (t, n1, n2) there as columns, shape (3, 3).
-        """
-        queue = [(0.0, 0, _State(place, frame, 0.0, 0.0, None, -1))]
-        settled: set[tuple[int, ...]] = set()
-        pushed = 0
-        for _ in range(self.search.settings.most_states):
-            if not queue or self.deadline.passed():
-                return None
-            _, _, state = heapq.heappop(queue)
-            key = self._bin(state)
-            if key in settled:
-                continue
-            settled.add(key)
-            if self._lands(state):
-                return state.arcs
-            for following, estimate in self._following(state):
-                if self._bin(following) not in settled:
-                    pushed += 1
-                    heapq.heappush(queue, (estimate, pushed, following))
-        return None
-
-    def _lands(self, state: _State) -> bool:
-        places = self.search.landing(state.place, state.frame, self.goal)
-        return places is not None and bool(np.all(self.search.price[self.search.cells(places)] > 0.0))
-
-    def _following(self, state: _State) -> list[tuple[_State, float]]:
-        """States one arc on from a state, each with the estimate of a whole way through it."""
-        search = self.search
-        arcs = search.arcs
-        away = self.goal.place - state.place
-        if state.length + arcs.length + float(np.sqrt(_summed(away * away))) > search.most + arcs.length:
-            return []
-        places = state.place + _summed(arcs.places[..., None, :] * state.frame)
-        cells = search.cells(places)
-        prices = search.price[cells].astype(np.float64)
-        ends = search.left[tuple(axis[:, -1] for axis in cells)]
-        clear = np.all(prices > 0.0, axis=1) & np.isfinite(ends)
-        # np.sum adds up in another order.
-        means = np.cumsum(prices, axis=1)[:, -1] / prices.shape[1]
-        costs = state.cost + arcs.length * arcs.dear * means
-        found = []
-        for k in np.flatnonzero(clear):
-            frame = _summed(state.frame[:, None, :] * arcs.turns[k].T)
-            cost = float(costs[k])
-            following = _State(places[k, -1], frame, cost, state.length + arcs.length, state, int(k))
-            found.append((following, cost + float(ends[k])))
-        return found
-
-    def _bin(self, state: _State) -> tuple[int, ...]:
-        """What states are told apart by."""
-        settings = self.search.settings
-        place = np.floor(state.place / (settings.place_bin * self.search.unit)).astype(int)
-        t = state.frame[:, 0]
-        face = int(np.argmax(np.abs(t)))
-        bins = np.floor(np.delete(t, face) / t[face] * settings.direction_bins).astype(int)
-        return (*place.tolist(), face, int(t[face] > 0.0), *bins.tolist())
-
-
-def _summed(terms: FloatArray) -> FloatArray:
-    """Sums of three numbers each, from left to right as in C, for products of matrices may add up in another order."""
-    return np.asarray(terms[..., 0] + terms[..., 1] + terms[..., 2])
 
 
 def _along(frame: FloatArray, start: FloatArray, biarc: Biarc, spacing: float) -> FloatArray:

@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searched_in_c
-from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
+from ccm_opt.space.motion.followable_search import FollowSearch, WayArcs, WayEnd
 from ccm_opt.space.motion.grid_ways import TipGrid
 from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 
@@ -63,10 +62,7 @@ class FollowableWays:
         """Numbers of the arcs of a way to where two more lead to the goal."""
         if self.deadline.passed():
             return None
-        library = searched_in_c()
-        if library is None:
-            return InterpretedSearch(search, goal, self.deadline).arcs_from(place, frame)
-        return compiled_arcs(library, search, goal, place, frame)
+        return search.arcs_from(place, frame, goal)
 
     def _places(
         self, search: FollowSearch, goal: WayEnd, place: FloatArray, frame: FloatArray, arcs: list[int]

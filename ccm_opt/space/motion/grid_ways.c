@@ -1,16 +1,7 @@
 /* Cheapest ways through the cells of a grid (A*): grid_ways.py says of what. Cells touch by faces, edges and corners. */
 
-#include <math.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
+#include "native.h"
 #include <time.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
 
 typedef struct {
     int64_t nx, ny, nz, start, goal;

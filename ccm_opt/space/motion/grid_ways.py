@@ -1,36 +1,19 @@
 """Ways for the tip through a grid of places with room: labels say whether there is one, A* which is cheapest."""
 
-import ctypes
-import heapq
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 
-SYMBOLS = ("cheapest_way",)
 LAYER = 8
 """Cells along x between two looks at the clock: as many as are looked at as a whole first."""
-
-
-class _WayStruct(ctypes.Structure):
-    """``WayQuery`` of grid_ways.c."""
-
-    _fields_ = (
-        *((name, ctypes.c_int64) for name in ("nx", "ny", "nz", "start", "goal")),
-        *((name, ctypes.c_void_p) for name in ("price", "room")),
-        ("least", ctypes.c_double),
-        ("most_time", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in ("before", "cost", "heap", "key")),
-        *((name, ctypes.c_int64) for name in ("capacity", "found")),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,31 +242,20 @@ class TipGrid:
         Returns:
             Flat cells, shape (cells,), and costs in cells, shape of the grid, inf where none is known.
         """
-        library = compiled_source(Path(__file__).with_name("grid_ways.c"), SYMBOLS)
         shape = price.shape
-        start = int(np.ravel_multi_index(first, shape))
-        goal = -1 if last is None else int(np.ravel_multi_index(last, shape))
-        price = np.ascontiguousarray(price)
-        room = np.ascontiguousarray((self.gaps + self.kept) / self.cell, dtype=np.float32)
+        capacity = 16 * price.size
         before = np.full(price.size, -1, dtype=np.int64)
         cost = np.full(price.size, np.inf, dtype=np.float32)
-        if library is None:
-            _interpreted_search(price, room, start, goal, before, cost, self.deadline)
-            return before, cost.reshape(shape)
-        capacity = 16 * price.size
-        heap = np.empty(capacity, dtype=np.int64)
-        key = np.empty(capacity, dtype=np.float32)
         nx, ny, nz = shape
-        query = _WayStruct(nx=nx, ny=ny, nz=nz, start=start, goal=goal, capacity=capacity)
-        query.most_time = max(self.deadline.left, 0.0)
-        query.least = 0.0 if last is None else float(np.min(price[price > 0.0]))
-        query.price = price.ctypes.data
-        query.room = room.ctypes.data
-        query.before = before.ctypes.data
-        query.cost = cost.ctypes.data
-        query.heap = heap.ctypes.data
-        query.key = key.ctypes.data
-        library.cheapest_way(pointer_to(query))
+        NativeCall(
+            "cheapest_way",
+            nx=nx, ny=ny, nz=nz, start=int(np.ravel_multi_index(first, shape)),
+            goal=-1 if last is None else int(np.ravel_multi_index(last, shape)),
+            price=price, room=(self.gaps + self.kept) / self.cell,
+            least=0.0 if last is None else float(np.min(price[price > 0.0])), most_time=max(self.deadline.left, 0.0),
+            before=before, cost=cost, capacity=capacity, heap=np.empty(capacity, dtype=np.int64),
+            key=np.empty(capacity, dtype=np.float32),
+        )()  # fmt: skip
         # Settled cells have the negative of their cost.
         return before, np.abs(cost).reshape(shape)
 
@@ -330,54 +302,6 @@ def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArr
     """Distances of the places of a grid from another, shape (nx, ny, nz) [m]."""
     x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
     return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
-
-
-def _interpreted_search(
-    price: npt.NDArray[np.float32],
-    room: npt.NDArray[np.float32],
-    start: int,
-    goal: int,
-    before: npt.NDArray[np.int64],
-    cost: npt.NDArray[np.float32],
-    deadline: Deadline,
-) -> None:
-    """The same search in Python, some two hundred times slower; fills in the cell before each, and its cost."""
-    shape = price.shape
-    flat = price.ravel()
-    gaps = room.ravel()
-    least = 0.0 if goal < 0 else float(np.min(flat[flat > 0.0]))
-    target = np.array(np.unravel_index(max(goal, 0), shape))
-    steps = [np.array(step) for step in product((-1, 0, 1), repeat=3) if any(step)]
-    settled: set[int] = set()
-    heap = [(0.0, start)]
-    before[start] = start
-    cost[start] = 0.0
-    while heap:
-        _, cell = heapq.heappop(heap)
-        if cell in settled:
-            continue
-        if len(settled) % 256 == 0 and deadline.passed():
-            return
-        settled.add(cell)
-        if cell == goal:
-            return
-        place = np.array(np.unravel_index(cell, shape))
-        for step in steps:
-            other = place + step
-            if np.any(other < 0) or np.any(other >= shape):
-                continue
-            number = int(np.ravel_multi_index(tuple(other), shape))
-            if flat[number] <= 0.0 or number in settled:
-                continue
-            length = float(np.linalg.norm(step))
-            # Balls about both middles that do not meet may have a thin wall between them.
-            if float(gaps[cell] + gaps[number]) < length:
-                continue
-            trial = float(cost[cell]) + 0.5 * length * float(flat[cell] + flat[number])
-            if trial < cost[number]:
-                cost[number] = trial
-                before[number] = cell
-                heapq.heappush(heap, (trial + least * float(np.linalg.norm(other - target)), number))
 
 
 def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) -> FloatArray:

@@ -1,15 +1,13 @@
 /* The proof that an arm touches nothing while its coordinates change evenly: space_certificate.py says why it holds, and
    does the same where there is no compiling. */
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "link_places.h"
+#include "surface_nodes.h"
 
 #define FINE 0.0625 /* share of the slack that is left where distances are taken for halvings */
 
 /* Least distance of a segment from the surfaces, (2, 3), cut off at a reach, and told too small by a slack at most. */
-typedef double (*SegmentGap)(const void *surfaces, const double *segment, double reach, double slack);
+double segment_gap(const Surfaces *surfaces, const double *segment, double reach, double slack);
 
 typedef struct {
     int64_t links, fed, first_link, first_pair; /* links before the first are not looked at; pairs as in arm_motion.c */
@@ -18,8 +16,7 @@ typedef struct {
     double wall, pair;    /* distances that the links' axes keep from surfaces and from each other */
     double slack;         /* share of a link's motion by which distances may be told too small at first */
     const double *start, *base, *before, *after;
-    const void *surfaces; /* may be missing */
-    SegmentGap gap;
+    const Surfaces *surfaces; /* may be missing */
     double *end, *told; /* for the next call: where this one ends, and (2, 2, links) distances there */
 } ProofQuery;
 
@@ -103,7 +100,7 @@ static double gap_of(const ProofQuery *q, const Place *place, int64_t link, doub
     double share = q->mount / q->length - (double)link;
     if (share > 0.0 && share < 1.0)
         for (int d = 0; d < 3; d++) segment[d] += share * (segment[3 + d] - segment[d]);
-    return q->gap(q->surfaces, segment, reach, slack);
+    return segment_gap(q->surfaces, segment, reach, slack);
 }
 
 /* What is known of links and surfaces: exact distances may still prove what is not known. */

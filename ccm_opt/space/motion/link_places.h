@@ -4,14 +4,7 @@
 #ifndef LINK_PLACES_H
 #define LINK_PLACES_H
 
-#include <math.h>
-#include <stdint.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "vectors.h"
 
 /* Joints and tip, (links + 1, 3), and rotations of the links, (links, 3, 3), from two bends a joint and then the feed,
    which carries the start along the base's direction where the arm is fed. */
@@ -55,10 +48,6 @@ static inline void bound_motion(int64_t links, double length, const double *base
     }
 }
 
-static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static inline double clamp(double x) { return x < 0.0 ? 0.0 : x > 1.0 ? 1.0 : x; }
-
 /* Squared distance of the points at shares s and t of two segments p + s u and r + t w. */
 static inline double at(const double *p, const double *u, const double *r, const double *w, double s, double t)
 {
@@ -87,10 +76,10 @@ static inline double segments(const double *p, const double *u, const double *r,
         }
     }
     double none = 1e-300;
-    shares[count][0] = 0.0, shares[count++][1] = clamp(pw / fmax(ww, none));
-    shares[count][0] = 1.0, shares[count++][1] = clamp((pw + uw) / fmax(ww, none));
-    shares[count][0] = clamp(-pu / fmax(uu, none)), shares[count++][1] = 0.0;
-    shares[count][0] = clamp((uw - pu) / fmax(uu, none)), shares[count++][1] = 1.0;
+    shares[count][0] = 0.0, shares[count++][1] = clamped(pw / fmax(ww, none));
+    shares[count][0] = 1.0, shares[count++][1] = clamped((pw + uw) / fmax(ww, none));
+    shares[count][0] = clamped(-pu / fmax(uu, none)), shares[count++][1] = 0.0;
+    shares[count][0] = clamped((uw - pu) / fmax(uu, none)), shares[count++][1] = 1.0;
     for (int k = 0; k < count; k++) {
         double square = at(p, u, r, w, shares[k][0], shares[k][1]);
         if (square >= best) continue;

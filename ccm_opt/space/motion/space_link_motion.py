@@ -8,52 +8,15 @@ most c_k = Σ_{j<k} l (S_j² + D_j), and since its mean velocity is the chord fr
 |chord_k| + ½ c_k.
 """
 
-import ctypes
 from dataclasses import dataclass
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.compiled_source import pointer_to
+from ccm_opt.ground.native import NativeCall
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.space.distances.segment_pairs import segment_distances
-from ccm_opt.space.motion.arm_library import arm_library
 
 _FIRST_CAPACITY = 256
-
-
-class _MotionStruct(ctypes.Structure):
-    """``MotionQuery`` of arm_motion.c."""
-
-    _fields_ = (
-        ("links", ctypes.c_int64),
-        ("length", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in ("rotations", "turns", "base", "speed", "bow")),
-    )
-
-
-class _PairStruct(ctypes.Structure):
-    """``PairQuery`` of arm_motion.c."""
-
-    _fields_ = (
-        ("links", ctypes.c_int64),
-        ("first_pair", ctypes.c_int64),
-        ("reach", ctypes.c_double),
-        ("points", ctypes.c_void_p),
-        ("capacity", ctypes.c_int64),
-        ("count", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in ("first", "second", "first_at", "second_at", "distance", "normal")),
-    )
-
-
-class _NearestPairStruct(ctypes.Structure):
-    """``NearestPairQuery`` of arm_motion.c."""
-
-    _fields_ = (
-        *((name, ctypes.c_int64) for name in ("links", "first_pair", "poses")),
-        ("reach", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in ("points", "first", "second", "distance")),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +64,15 @@ class LinkMotion:
 
     def __init__(self, arm: SpaceArm) -> None:
         self._arm = arm
-        self._library = arm_library()
         n = arm.links
         self._first_pair = arm.first_self_pair if arm.self_collision else n
-        self._base = np.ascontiguousarray(arm.base_rotation, dtype=np.float64)
-        self._speed = np.zeros(n)
         self._bow = np.zeros(n + 1)
-        self._motion = _MotionStruct(links=n, length=arm.link_length, base=self._base.ctypes.data)
-        self._motion.speed = self._speed.ctypes.data
-        self._motion.bow = self._bow.ctypes.data
-        self._pairs = _PairStruct(links=n, first_pair=self._first_pair)
+        self._motion = NativeCall(
+            "motion_bounds",
+            links=n, length=arm.link_length, base=arm.base_rotation, speed=np.zeros(n), bow=self._bow,
+        )  # fmt: skip
+        self._pairs = NativeCall("near_links", links=n, first_pair=self._first_pair)
         self._make_room(_FIRST_CAPACITY)
-        self._motion_pointer = pointer_to(self._motion)
-        self._pairs_pointer = pointer_to(self._pairs)
 
     def bows(self, rotations: FloatArray, turns: FloatArray) -> FloatArray:
         """Bounds c on the second derivatives of the joints and the tip, shape (links + 1,) [m].
@@ -122,13 +81,8 @@ class LinkMotion:
             rotations: of the links in the middle of the interval, shape (links, 3, 3).
             turns: of the joints over the interval, shape (2 links,) [rad].
         """
-        if self._library is None:
-            return self._interpreted_bows(rotations, turns)
-        rotations = np.ascontiguousarray(rotations)
-        turns = np.ascontiguousarray(turns)
-        self._motion.rotations = rotations.ctypes.data
-        self._motion.turns = turns.ctypes.data
-        self._library.motion_bounds(self._motion_pointer)
+        self._motion.set(rotations=rotations, turns=turns)
+        self._motion()
         return self._bow.copy()
 
     def near_pairs(self, points: FloatArray, reach: float) -> LinkPairs:
@@ -138,16 +92,12 @@ class LinkMotion:
             points: joints and tip, shape (links + 1, 3) [m].
             reach: distance of the axes from which on they are left out [m].
         """
-        if self._library is None:
-            return self._interpreted_pairs(points, reach)
-        points = np.ascontiguousarray(points)
-        self._pairs.points = points.ctypes.data
-        self._pairs.reach = reach
-        self._library.near_links(self._pairs_pointer)
-        if self._pairs.count > self._pairs.capacity:
-            self._make_room(2 * self._pairs.count)
-            self._library.near_links(self._pairs_pointer)
-        k = self._pairs.count
+        self._pairs.set(points=points, reach=reach)
+        self._pairs()
+        if self._pairs.fields.count > self._pairs.fields.capacity:
+            self._make_room(2 * self._pairs.fields.count)
+            self._pairs()
+        k = self._pairs.fields.count
         first, second = self._numbers[:, :k].copy()
         first_at, second_at, distance = self._reals[:, :k].copy()
         return LinkPairs(first, second, first_at, second_at, distance, self._normals[:k].copy())
@@ -163,55 +113,21 @@ class LinkMotion:
         nearest = NearestPairs(
             np.full(poses, -1, dtype=np.int64), np.full(poses, -1, dtype=np.int64), np.full(poses, float(reach))
         )
-        if self._library is None:
-            for pose, joints in enumerate(points):
-                pairs = self._interpreted_pairs(joints, reach)
-                if len(pairs.first):
-                    k = int(np.argmin(pairs.distance))
-                    nearest.first[pose] = pairs.first[k]
-                    nearest.second[pose] = pairs.second[k]
-                    nearest.distance[pose] = pairs.distance[k]
-            return nearest
-        points = np.ascontiguousarray(points)
-        arrays = (points, nearest.first, nearest.second, nearest.distance)
-        addresses = (array.ctypes.data for array in arrays)
-        query = _NearestPairStruct(self._arm.links, self._first_pair, poses, reach, *addresses)
-        self._library.nearest_links(pointer_to(query))
+        NativeCall(
+            "nearest_links",
+            links=self._arm.links, first_pair=self._first_pair, poses=poses, reach=reach, points=points,
+            **vars(nearest),
+        )()  # fmt: skip
         return nearest
 
     def _make_room(self, capacity: int) -> None:
         """Room for so many pairs."""
-        self._pairs.capacity = capacity
         self._numbers = np.zeros((2, capacity), dtype=np.int64)
         self._reals = np.zeros((3, capacity))
         self._normals = np.zeros((capacity, 3))
-        self._pairs.first, self._pairs.second = (row.ctypes.data for row in self._numbers)
-        self._pairs.first_at, self._pairs.second_at, self._pairs.distance = (row.ctypes.data for row in self._reals)
-        self._pairs.normal = self._normals.ctypes.data
-
-    # ------------------------------------------------------------ without a compiler
-    def _interpreted_bows(self, rotations: FloatArray, turns: FloatArray) -> FloatArray:
-        arm = self._arm
-        about_z = turns[0::2]
-        about_y = turns[1::2]
-        before = np.concatenate((self._base[None], rotations[:-1]))
-        rates = np.cumsum(about_z[:, None] * before[:, :, 2] + about_y[:, None] * rotations[:, :, 1], axis=0)
-        norms = np.linalg.norm(rates, axis=1)
-        together = np.hypot(about_z, about_y)
-        both = np.abs(about_z * about_y)
-        bows = np.zeros(arm.links + 1)
-        drift = 0.0
-        speed = 0.0
-        for j in range(arm.links):
-            drift += speed * together[j] + both[j]
-            speed = norms[j] + 0.5 * drift
-            bows[j + 1] = bows[j] + arm.link_length * (speed**2 + drift)
-        return bows
-
-    def _interpreted_pairs(self, points: FloatArray, reach: float) -> LinkPairs:
-        first, second = np.triu_indices(self._arm.links, self._first_pair)
-        first_at, second_at, distance, normal = segment_distances(
-            points[first], points[first + 1], points[second], points[second + 1]
-        )
-        near = distance < reach
-        return LinkPairs(first[near], second[near], first_at[near], second_at[near], distance[near], normal[near])
+        first, second = self._numbers
+        first_at, second_at, distance = self._reals
+        self._pairs.set(
+            capacity=capacity, first=first, second=second, first_at=first_at, second_at=second_at, distance=distance,
+            normal=self._normals,
+        )  # fmt: skip

@@ -1,4 +1,4 @@
-"""One arm's dynamics in CasADi's virtual machine: the fall-back where nothing compiles, and the tests' oracle."""
+"""One arm's dynamics in CasADi's virtual machine."""
 
 from collections.abc import Callable
 from typing import Any

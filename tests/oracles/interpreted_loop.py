@@ -4,8 +4,9 @@ import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.control_law import LoopParameters, stiffened
-from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
 from ccm_opt.ground.arrays import FloatArray
+
+from .interpreted_function import InterpretedFunction
 
 
 class InterpretedLoop:
@@ -32,7 +33,7 @@ class InterpretedLoop:
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Steps from a state on; see ``control_law.ClosedLoop``."""
+        """Steps from a state on; see ``CompiledLoop``."""
         count, _, width = reference.shape
         states = np.empty((count, 2, width))
         efforts = np.zeros((count, width))

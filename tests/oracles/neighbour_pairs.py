@@ -1,4 +1,4 @@
-"""Near pairs by numpy: where nothing compiles, and as the oracle of what is compiled.
+"""Near pairs by numpy.
 
 A neighbour list in the manner of molecular dynamics (Verlet, 1967) keeps the work local: pairs nearer than a reach
 are collected once and used until some joint has moved by half of the list's slack.
@@ -10,7 +10,8 @@ import numpy as np
 
 from ccm_opt.collision.contacts import WALL, Contacts, joined_contacts
 from ccm_opt.collision.pair_search import PairQuestion
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.collision.segment_pairs import closest_on_segments, segments_cross
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 
 @dataclass
@@ -25,7 +26,7 @@ class _NeighbourList:
 
 
 class NeighbourPairs:
-    """Satisfies the ``PairSearch`` protocol.
+    """Answers what ``PairSearch`` does.
 
     Args:
         question: arm, walls, and which pairs are wanted.
@@ -169,49 +170,6 @@ class NeighbourPairs:
         wall = np.full(len(i), len(self._walls.names))
         gap = distance - 2.0 * self._arm.radius - self._question.pair_room[j - i]
         return Contacts(i, at_i, j, at_j, normal, gap, self._question.pair_margin[j - i], wall)
-
-
-def closest_on_segments(
-    p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Closest points of segments pq and rs that do not cross: the least of four end-to-segment distances.
-
-    Returns:
-        Place on pq, place on rs, and the vector from the point on rs to the point on pq; shapes (m,), (m,), (m, 2).
-    """
-    d = q - p
-    e = s - r
-    dd = np.maximum(np.einsum("ij,ij->i", d, d), 1e-30)
-    ee = np.maximum(np.einsum("ij,ij->i", e, e), 1e-30)
-
-    w = p - r
-    dw = np.einsum("ij,ij->i", d, w)
-    ew = np.einsum("ij,ij->i", e, w)
-    de = np.einsum("ij,ij->i", d, e)
-    zero = np.zeros_like(dw)
-    one = np.ones_like(dw)
-    # An end of one segment is nearest to the other at its projection, clipped; all four ends are tried.
-    on_first = np.stack((np.clip(-dw / dd, 0, 1), np.clip((de - dw) / dd, 0, 1), zero, one))
-    on_second = np.stack((zero, one, np.clip(ew / ee, 0, 1), np.clip((ew + de) / ee, 0, 1)))
-
-    apart = w + on_first[..., None] * d - on_second[..., None] * e
-    best = np.argmin(np.einsum("kij,kij->ki", apart, apart), axis=0)
-    columns = np.arange(len(p))
-    return on_first[best, columns], on_second[best, columns], apart[best, columns]
-
-
-def segments_cross(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
-    """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
-    # Each segment's ends lie on opposite sides of the other's line; an end that touches counts as no crossing.
-    opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
-    low = np.maximum(np.minimum(p, q), np.minimum(r, s))
-    high = np.minimum(np.maximum(p, q), np.maximum(r, s))
-    return np.asarray(opposite & np.all(low <= high, axis=1))
-
-
-def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
-    # Twice the signed area of the triangle: positive where r lies to the left of pq.
-    return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
 
 
 def _distances(a: FloatArray, b: FloatArray) -> FloatArray:

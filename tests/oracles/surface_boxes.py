@@ -1,47 +1,14 @@
-"""A hierarchy of boxes about triangles in space, as flat arrays, and how numpy builds it."""
-
-from dataclasses import dataclass
+"""A hierarchy of boxes about triangles in space, by numpy."""
 
 import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.native import element_type
+from ccm_opt.space.distances.surface_search import SurfaceBoxes
 
-NODE = np.dtype(
-    [
-        ("low", np.float32, 3),
-        ("high", np.float32, 3),
-        ("rounding", np.float32),
-        ("edge", np.float32),
-        ("normal", np.float32, 3),
-        ("beneath", np.float32),
-        ("above", np.float32),
-        ("first", np.int32),
-        ("count", np.int32),
-    ]
-)
-"""``Node`` of surface_nodes.h."""
+NODE = element_type("build_surfaces", "nodes")
 _BITS = 10
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceBoxes:
-    """Boxes about boxes about triangles.
-
-    Attributes:
-        nodes: box, largest rounding, longest edge, and number of triangles of each node, shape (nodes,) of ``NODE``;
-            ``first`` is the first triangle of a leaf, or, of a node without any, the first of its two children, which
-            stand side by side. A leaf that only fills a pair has the number −1.
-        corners: triangles in the order of the leaves, the longest edge from the first corner to the second, shape
-            (m, 3, 3) [m].
-        rounding: radius of what is about every triangle, in the same order, shape (m,) [m].
-        order: number of the triangle in the scene, likewise, shape (m,).
-    """
-
-    nodes: npt.NDArray[np.void]
-    corners: FloatArray
-    rounding: FloatArray
-    order: IntArray
 
 
 def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> SurfaceBoxes:

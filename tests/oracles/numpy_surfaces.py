@@ -1,4 +1,4 @@
-"""The search of surfaces by numpy, for machines without compiled code: the same answers, some hundred times slower.
+"""The search of surfaces by numpy: the same answers, some hundred times slower.
 
 All segments walk the levels of the hierarchy together. Whatever lies in a box is no farther than the farthest corner,
 which bounds the search before a triangle is looked at.
@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.distances.segment_triangle import nearest_pairs, outward_normals
 from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
-from ccm_opt.space.distances.surface_boxes import SurfaceBoxes
-from ccm_opt.space.distances.surface_search import SegmentGapCall
+from ccm_opt.space.distances.surface_search import SurfaceBoxes
+
+from .segment_triangle import nearest_pairs, outward_normals
 
 _CHUNK = 200_000
 """Pairs that are looked at together, so that memory stays bounded."""
@@ -37,18 +37,13 @@ class _FacePairs:
 
 @dataclass(frozen=True, eq=False)
 class NumpySearch:
-    """Satisfies the ``SurfaceSearch`` protocol.
+    """Answers what ``SurfaceSearch`` does.
 
     Attributes:
         boxes: the hierarchy.
     """
 
     boxes: SurfaceBoxes
-
-    @property
-    def gap_call(self) -> SegmentGapCall | None:
-        """Nothing is compiled."""
-        return None
 
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment, or the reach; not a number where the segment is none."""

@@ -1,0 +1,27 @@
+/* What every C file of the package includes first: functions marked PUBLIC are called from Python with the address of
+   one struct (native.py). hatch_build.py reads both from the source: fields are int64_t, double, float, int32_t, arrays
+   of these, other such structs, or pointers, which without const are written to. */
+#ifndef NATIVE_H
+#define NATIVE_H
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define PUBLIC __declspec(dllexport)
+#else
+#define PUBLIC __attribute__((visibility("default")))
+#endif
+
+#define ALWAYS_INLINE inline __attribute__((always_inline))
+
+/* Machine code for wide vectors too, taken where the processor has them: for functions in which that halves the time. */
+#if defined(__x86_64__) && defined(__GLIBC__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
+
+#endif

@@ -1,0 +1,1 @@
+"""Slow and plain twins of compiled C: what the tests hold it against."""

@@ -1,0 +1,103 @@
+"""Places, rotations and derivatives of the links of arms in space, by numpy."""
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import bend_rotations
+from ccm_opt.space.curve.chain_state import ChainState
+from ccm_opt.space.motion.chain import SpaceChain
+
+
+def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> FloatArray:
+    """Positions of the joints and the tip where the links are turned so, shape (..., links + 1, 3) [m].
+
+    Args:
+        arm: the arm.
+        q: configurations, shape (..., c), of which only the feed counts.
+        rotations: of their links, shape (..., links, 3, 3).
+    """
+    positions = np.zeros((*q.shape[:-1], arm.links + 1, 3))
+    np.cumsum(arm.link_length * rotations[..., 0], axis=-2, out=positions[..., 1:, :])
+    positions += arm.base
+    if arm.base_axes:
+        positions += arm.coordinates.advance(q)[..., None, None] * arm.direction
+    return positions
+
+
+def rotations_by_numpy(arm: SpaceArm, q: FloatArray) -> FloatArray:
+    """As ``link_rotations``."""
+    turns = bend_rotations(arm.bend_pairs(q))
+    rotations = np.empty_like(turns)
+    latest = np.broadcast_to(arm.base_rotation, (*q.shape[:-1], 3, 3))
+    for link in range(arm.links):
+        latest = latest @ turns[..., link, :, :]
+        rotations[..., link, :, :] = latest
+    return rotations
+
+
+class ChainByNumpy:
+    """As ``ChainEvaluator``, but for rounding.
+
+    Args:
+        arm: the arm.
+        matrix: B, shape (c, p).
+        offset: q₀, shape (c,).
+    """
+
+    def __init__(self, arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> None:
+        self._arm = arm
+        self._matrix = matrix
+        self._offset = offset
+
+    def at(self, v: FloatArray) -> ChainState:
+        """The arm at coordinates of shape (p,).
+
+        A joint turns what is beyond it about the z axis of the link before and about its own y axis:
+        Ω_j = Ω_(j−1) + z B_a + y B_b, and its link carries the next joint along: dP_(j+1) = dP_j + l Ω_j × t_j.
+        """
+        arm = self._arm
+        bends = 2 * arm.links
+        q = self._matrix @ v + self._offset
+        rotations = rotations_by_numpy(arm, q)
+        about_z = np.concatenate((arm.base_rotation[None, :, 2], rotations[:-1, :, 2]))
+        about_y = rotations[:, :, 1]
+        turns = (
+            about_z[:, :, None] * self._matrix[0:bends:2, None] + about_y[:, :, None] * self._matrix[1:bends:2, None]
+        )
+        omega = np.cumsum(turns, axis=0)
+        jacobian = np.zeros((arm.links + 1, 3, len(v)))
+        np.cumsum(arm.link_length * np.cross(omega, rotations[:, :, :1], axis=1), axis=0, out=jacobian[1:])
+        jacobian += np.multiply.outer(arm.direction, self._matrix[bends:].sum(axis=0))
+        return ChainState(q, positions_of_links(arm, q, rotations), rotations, omega, jacobian)
+
+
+def space_chain_by_numpy(arm: SpaceArm, q: FloatArray, slopes: FloatArray) -> SpaceChain:
+    """As ``Chains.at``."""
+    base = arm.base_rotation
+    n = arm.links
+    p = slopes.shape[1]
+    points = np.zeros((n + 1, 3))
+    rotations = np.zeros((n, 3, 3))
+    turning = np.zeros((n, 3, p))
+    moving = np.zeros((n + 1, 3, p))
+    points[0] = arm.base
+    if arm.base_axes:
+        points[0] += base[:, 0] * q[2 * n]
+        moving[0] = np.outer(base[:, 0], slopes[2 * n])
+    before = base
+    turned = np.zeros((3, p))
+    for j in range(n):
+        a = q[2 * j]
+        b = q[2 * j + 1]
+        about_z = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
+        about_y = np.array([[np.cos(b), 0.0, np.sin(b)], [0.0, 1.0, 0.0], [-np.sin(b), 0.0, np.cos(b)]])
+        after = before @ about_z @ about_y
+        turned = turned + np.outer(before[:, 2], slopes[2 * j]) + np.outer(after[:, 1], slopes[2 * j + 1])
+        rotations[j] = after
+        turning[j] = turned
+        step = arm.link_length * after[:, 0]
+        points[j + 1] = points[j] + step
+        moving[j + 1] = moving[j] + np.cross(turned, step[:, None], axisa=0, axisb=0, axisc=0)
+        before = after
+    return SpaceChain(points, rotations, turning, moving)

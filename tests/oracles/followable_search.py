@@ -1,0 +1,112 @@
+"""The search for ways that an arm can follow, by Python, which adds up and compares in the order in which C does."""
+
+import heapq
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.motion.followable_search import FollowSearch, WayEnd
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A place on a way with the frame (t, n1, n2) there as columns, and how the way came there."""
+
+    place: FloatArray
+    frame: FloatArray
+    cost: float
+    length: float
+    before: "_State | None"
+    arc: int
+
+    @cached_property
+    def arcs(self) -> list[int]:
+        """Numbers of the arcs from the start to here."""
+        found = []
+        now = self
+        while now.before is not None:
+            found.append(now.arc)
+            now = now.before
+        return found[::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchByPython:
+    """The search in Python.
+
+    Attributes:
+        search: what is searched.
+        goal: where ways end.
+    """
+
+    search: FollowSearch
+    goal: WayEnd
+
+    def arcs_from(self, place: FloatArray, frame: FloatArray) -> list[int] | None:
+        """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
+
+        Args:
+            place: where it begins, shape (3,) [m].
+            frame: (t, n1, n2) there as columns, shape (3, 3).
+        """
+        queue = [(0.0, 0, _State(place, frame, 0.0, 0.0, None, -1))]
+        settled: set[tuple[int, ...]] = set()
+        pushed = 0
+        for _ in range(self.search.settings.most_states):
+            if not queue:
+                return None
+            _, _, state = heapq.heappop(queue)
+            key = self._bin(state)
+            if key in settled:
+                continue
+            settled.add(key)
+            if self._lands(state):
+                return state.arcs
+            for following, estimate in self._following(state):
+                if self._bin(following) not in settled:
+                    pushed += 1
+                    heapq.heappush(queue, (estimate, pushed, following))
+        return None
+
+    def _lands(self, state: _State) -> bool:
+        places = self.search.landing(state.place, state.frame, self.goal)
+        return places is not None and bool(np.all(self.search.price[self.search.cells(places)] > 0.0))
+
+    def _following(self, state: _State) -> list[tuple[_State, float]]:
+        """States one arc on from a state, each with the estimate of a whole way through it."""
+        search = self.search
+        arcs = search.arcs
+        away = self.goal.place - state.place
+        if state.length + arcs.length + float(np.sqrt(_summed(away * away))) > search.most + arcs.length:
+            return []
+        places = state.place + _summed(arcs.places[..., None, :] * state.frame)
+        cells = search.cells(places)
+        prices = search.price[cells].astype(np.float64)
+        ends = search.left[tuple(axis[:, -1] for axis in cells)]
+        clear = np.all(prices > 0.0, axis=1) & np.isfinite(ends)
+        # np.sum adds up in another order.
+        means = np.cumsum(prices, axis=1)[:, -1] / prices.shape[1]
+        costs = state.cost + arcs.length * arcs.dear * means
+        found = []
+        for k in np.flatnonzero(clear):
+            frame = _summed(state.frame[:, None, :] * arcs.turns[k].T)
+            cost = float(costs[k])
+            following = _State(places[k, -1], frame, cost, state.length + arcs.length, state, int(k))
+            found.append((following, cost + float(ends[k])))
+        return found
+
+    def _bin(self, state: _State) -> tuple[int, ...]:
+        """What states are told apart by."""
+        settings = self.search.settings
+        place = np.floor(state.place / (settings.place_bin * self.search.unit)).astype(int)
+        t = state.frame[:, 0]
+        face = int(np.argmax(np.abs(t)))
+        bins = np.floor(np.delete(t, face) / t[face] * settings.direction_bins).astype(int)
+        return (*place.tolist(), face, int(t[face] > 0.0), *bins.tolist())
+
+
+def _summed(terms: FloatArray) -> FloatArray:
+    """Sums of three numbers each, from left to right as in C, for products of matrices may add up in another order."""
+    return np.asarray(terms[..., 0] + terms[..., 1] + terms[..., 2])

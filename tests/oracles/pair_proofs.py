@@ -1,0 +1,70 @@
+"""Proofs that pairs of links stay apart, by numpy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.collision.pair_proofs import Pairs
+from ccm_opt.collision.segment_pairs import closest_on_segments
+from ccm_opt.collision.stretches import Stretches
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class InterpretedProofs:
+    """``PairProofs`` by numpy.
+
+    Attributes:
+        first_apart: least difference of the numbers of two links that count.
+        least: distance that the axes of two links keep, by the difference of their numbers, shape (links,) [m].
+    """
+
+    first_apart: int
+    least: FloatArray
+
+    def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+        """As ``PairProofs``."""
+        span, i, j = self._near(stretches) if pairs is None else pairs
+        if len(span) == 0:
+            return (span, i, j), span
+        middle = stretches.middle
+        _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
+        distance = np.hypot(apart[:, 0], apart[:, 1])
+        direction = apart / np.maximum(distance, 1e-12)[:, None]
+
+        # A difference of two points, one on each link, is a mean of corner differences at each end of the stretch, and
+        # along the stretch leaves its chord by the sag of the links between.
+        corners = np.min(
+            [
+                np.einsum("md,md->m", p[span, i + s] - p[span, j + t], direction)
+                for p in (stretches.a, stretches.b)
+                for s in (0, 1)
+                for t in (0, 1)
+            ],
+            axis=0,
+        )
+
+        # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
+        before = np.where(i > 0, stretches.sag[span, np.maximum(i - 1, 0)], 0.0)
+        least = self.least[j - i]
+        unsafe: BoolArray = corners <= least + stretches.sag[span, j] - before
+        touching = unsafe & (distance <= least)
+        return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
+
+    def _near(self, stretches: Stretches) -> Pairs:
+        """Every stretch with every pair of distant links that come anywhere near each other."""
+        middle = 0.25 * (stretches.a[:, :-1] + stretches.a[:, 1:] + stretches.b[:, :-1] + stretches.b[:, 1:])
+        x = np.ascontiguousarray(middle[..., 0])
+        y = np.ascontiguousarray(middle[..., 1])
+
+        # Any point of a link lies within half a link of its middle.
+        reach = stretches.arm.link_length + 2.0 * stretches.moved
+        found = [(np.zeros(0, int),) * 3]
+        # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
+        for apart in range(self.first_apart, stretches.arm.links):
+            dx = x[:, apart:] - x[:, :-apart]
+            dy = y[:, apart:] - y[:, :-apart]
+            span, i = np.nonzero(dx * dx + dy * dy < ((reach + self.least[apart]) ** 2)[:, None])
+            found.append((span, i, i + apart))
+        span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
+        return span, i, j

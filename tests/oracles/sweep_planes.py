@@ -1,0 +1,71 @@
+"""Half-planes round sweeps, by numpy and shapely."""
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from ccm_opt.freespace.wall_segments import WallSegments
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.rounding import SHORTEST
+from ccm_opt.motion.limits.sweep_regions import BEHIND
+
+
+def planes_by_numpy(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Half-planes about sweeps, by sweep and distance; arguments as ``free_half_planes``."""
+    # A disc about each sweep first: hulls are costly to build, and many links are far from every wall.
+    centres = corners.mean(axis=1)
+    extents = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    near = np.unique(walls.tree.query(shapely.points(centres), predicate="dwithin", distance=far + extents)[0])
+
+    # All walls within reach of the hulls, and for each the half-plane across the shortest line to it.
+    hulls: Any = shapely.convex_hull(shapely.multipoints(corners[near]))
+    q, wall = walls.tree.query(hulls, predicate="dwithin", distance=far)
+    normal, gap = _directions(corners[near, 2:4], hulls, walls, q, wall)
+    # b = min n·x over the wall, less its rounding: the half-plane touches the wall, and none of the wall is inside.
+    least = np.einsum("mid,md->mi", walls.ends[wall], normal).min(axis=1) - walls.rounding[wall]
+
+    # lexsort sorts by its last key first: by hull, and within a hull by distance; walls that it touches by number.
+    order = np.lexsort((wall, gap, q))
+    chosen = _nearest_first(q[order], normal[order], walls.ends[wall[order]], walls.rounding[wall[order]], least[order])
+    kept = order[np.sort(chosen)]
+    return near[q[kept]], normal[kept], least[kept]
+
+
+def _directions(
+    halfway: FloatArray, hulls: FloatArray, walls: WallSegments, q: IntArray, wall: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Unit directions from hulls to walls along their shortest lines, and their lengths less the rounding.
+
+    A hull that meets a wall gives way to the link half-way through the interval.
+    """
+    lines: Any = shapely.shortest_line(hulls[q], walls.tree.geometries[wall])
+    # The hull of the three poses is wider than the sweep at a bend and may touch a wall that the link clears; the
+    # shortest line then has no direction.
+    touching = shapely.length(lines) < SHORTEST
+    lines[touching] = shapely.shortest_line(
+        shapely.linestrings(halfway[q[touching]]), walls.tree.geometries[wall[touching]]
+    )
+
+    ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(along[:, 0], along[:, 1])
+    gap = np.where(touching, 0.0, length) - walls.rounding[wall]
+    return along / np.maximum(length, 1e-12)[:, None], gap
+
+
+def _nearest_first(
+    q: IntArray, normal: FloatArray, ends: FloatArray, rounding: FloatArray, bound: FloatArray
+) -> IntArray:
+    """Indices of the half-planes that are kept, all hulls at once; the pairs come sorted by hull and distance."""
+    waiting = np.arange(len(q))
+    kept: list[IntArray] = []
+    # Each pass keeps the nearest waiting wall of every hull and drops the walls that lie wholly beyond its half-plane;
+    # the number of passes is the largest number of half-planes about one hull, not the number of hulls.
+    while len(waiting):
+        _, first, group = np.unique(q[waiting], return_index=True, return_inverse=True)
+        kept.append(waiting[first])
+        chosen = waiting[first][group]
+        beyond = np.einsum("mid,md->mi", ends[waiting], normal[chosen]).min(axis=1) - rounding[waiting]
+        waiting = waiting[(beyond < bound[chosen] - BEHIND) & (waiting != chosen)]
+    return np.concatenate(kept) if kept else np.zeros(0, dtype=np.intp)

@@ -1,0 +1,98 @@
+"""Proofs that links stay clear of walls, by shapely."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from ccm_opt.collision.stretches import Stretches
+from ccm_opt.collision.wall_proofs import Links, WallQuestion
+from ccm_opt.ground.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class InterpretedWallProofs:
+    """``WallProofs`` by shapely.
+
+    Attributes:
+        question: walls and distances.
+    """
+
+    question: WallQuestion
+
+    def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
+        """As ``WallProofs``."""
+        span, link = self._all_links(stretches) if links is None else links
+        need = self.question.least[link] + stretches.sag[span, link]
+
+        # A disc about the hull first: hulls are costly to build, and few links are near a wall.
+        corners = np.concatenate((self._ends(stretches.a, span, link), self._ends(stretches.b, span, link)), axis=1)
+        centre = corners.mean(axis=1)
+        extent = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+        near = np.unique(self._near(np.asarray(shapely.points(centre)), need + extent)[0])
+
+        hulls: Any = shapely.convex_hull(_lines(corners[near]))
+        hit = near[np.unique(self._near(hulls, need[near])[0])]
+        return (span[hit], link[hit]), self._touching(stretches, span[hit], link[hit])
+
+    def _all_links(self, stretches: Stretches) -> Links:
+        """Every stretch with every link beyond the mount."""
+        links = np.arange(self.question.mount[0], stretches.arm.links)
+        span, link = np.meshgrid(np.arange(len(stretches.owner)), links, indexing="ij")
+        return span.ravel(), link.ravel()
+
+    def _touching(self, stretches: Stretches, span: IntArray, link: IntArray) -> IntArray:
+        """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
+        # Half-way the arm really stands so: what touches there touches whatever is proved elsewhere.
+        lines = _lines(self._ends(stretches.middle, span, link))
+        return span[np.unique(self._near(lines, self.question.least[link])[0])]
+
+    def _ends(self, joints: FloatArray, span: IntArray, link: IntArray) -> FloatArray:
+        """End positions of links, the mount cut off, of joints (m, links + 1, 2), shape (k, 2, 2) [m]."""
+        ends = np.stack((joints[span, link], joints[span, link + 1]), axis=1)
+        mount, share = self.question.mount
+        cut = link == mount
+        ends[cut, 0] += share * (ends[cut, 1] - ends[cut, 0])
+        return ends
+
+    def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
+        """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
+        # The tree knows only the walls' cores; the largest rounding finds all candidates, and the next lines weigh each
+        # by its own.
+        shape, wall = self._tree.query(shapes, predicate="dwithin", distance=distance + self._rounding.max())
+        if self._rounding.any():
+            gap = shapely.distance(shapes[shape], self._tree.geometries[wall]) - self._rounding[wall]
+            close = gap <= distance[shape]
+            shape = shape[close]
+            wall = wall[close]
+        return shape, wall
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(np.concatenate(self._parts))
+
+    @cached_property
+    def _rounding(self) -> FloatArray:
+        counts = [len(parts) for parts in self._parts]
+        return np.repeat([wall.rounding for wall in self.question.workspace.walls], counts)
+
+    @cached_property
+    def _parts(self) -> list[npt.NDArray[np.object_]]:
+        """Every wall's core, lines taken apart into edges so that a query meets few of them."""
+        return [_edges(wall.core) for wall in self.question.workspace.walls]
+
+
+def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:
+    """The edges of a line, or what is no line itself."""
+    if not isinstance(core, shapely.LineString):
+        return np.array([core], dtype=np.object_)
+    points = shapely.get_coordinates(core)
+    return _lines(np.stack((points[:-1], points[1:]), axis=1))
+
+
+def _lines(points: FloatArray) -> npt.NDArray[np.object_]:
+    """Polylines from their vertices, shape (k, m, 2)."""
+    return np.asarray(shapely.linestrings(points), dtype=np.object_)
