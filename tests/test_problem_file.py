@@ -155,6 +155,15 @@ DEFECTS = {
     "wide joint": ("joint_limit_deg = 60.0", "joint_limit_deg = 181", "arm.joint_limit_deg", "at most 180"),
     "unknown key": ("radius = 0.02", "radius = 0.02\ncolour = 3", "arm.colour", "unknown key 'colour'; known here: "),
     "misspelt key": ("link_length", "link_lenght", "arm.link_lenght", "did you mean 'link_length'"),
+    "misplaced key": ("[limits]", "[limits]\ngravity = [0, 0, -9.81]", "limits.gravity", "known as simulation.gravity"),
+    "deeply misplaced key": ("[limits]", "[limits]\nduration = 1.0", "limits.duration", "planner.weights.duration"),
+    "another word": ("[limits]", "[limits]\ndiameter = 1.0", "limits.diameter", "arm.radius, which is half of it"),
+    "a word that rhymes": (
+        "[limits]",
+        "[limits]\nfriction_of_all = 1",
+        "limits.friction_of_all",
+        "known here: velocity",
+    ),
     "misspelt table": ("[limits]", "[limit]", "limit", "did you mean 'limits'"),
     "crossing outline": (
         "circle = { center = [0.0, 0.3], radius = 0.1 }",

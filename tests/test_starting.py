@@ -58,3 +58,31 @@ def test_the_problems_of_the_package_are_listed_and_copied(tmp_path: Path) -> No
     assert (code, "there is no problem 'nothing'" in said) == (2, True)
     for name in ("fork", "swan-neck"):
         assert (tmp_path / "new" / f"{name}.toml").read_text() == (PROBLEMS / f"{name}.toml").read_text()
+
+
+def test_names_that_are_listed_stand_for_their_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Where the user has no file of that name, the problem that comes along is taken."""
+    monkeypatch.chdir(tmp_path)
+    code, said = run("describe", "space/wing-box", "hot-cell")
+    assert code == 0
+    assert "hot-cell: 30 links" in said
+    assert "no such file" in run("describe", "hotcell")[1]
+
+
+def test_copies_that_meet_are_refused_before_anything_of_them_is_written(tmp_path: Path) -> None:
+    """Two problems of one file name, and a file in the way, leave no mesh or drawing behind."""
+    code, said = run("problems", "wing-box", "space/wing-box", "--out", tmp_path)
+    assert (code, "copied for 'wing-box'" in said) == (2, True)
+    before = sorted(tmp_path.rglob("*"))
+    assert run("problems", "space/wing-box", "--out", tmp_path)[0] == 2
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", ["solve", "pose", "reach", "view", "problems"])
+def test_paths_that_are_too_long_are_bad_input(command: str, tmp_path: Path) -> None:
+    """In the place of a file or of an output folder they are told in a line."""
+    far = tmp_path / ("a" * 300)
+    given = [far] if command == "view" else ["fork", "--out", far]
+    code, said = run(command, *given)
+    assert (code, "too long" in " ".join(said.split())) == (2, True)
+    assert "Traceback" not in said

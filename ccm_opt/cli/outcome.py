@@ -15,6 +15,7 @@
 Of several files all are tried; the exit code is that of the worst outcome: 1, then 130, 3, 2, 4 and 0.
 """
 
+import errno
 import os
 import sys
 import traceback
@@ -186,6 +187,11 @@ def _broken_off(error: Exception, name: str) -> int:
         output().note({"status": "out of memory"})
         complain(f"{name}: out of memory; solving takes 0.6 to 1 GB of address space, and more for many links")
         return BUG
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        # Whoever is the first to ask for a path gets this, be it only whether it is there.
+        output().note({"status": "bad input"})
+        complain(f"the path {error.filename} is too long for this system; choose a shorter one")
+        return BAD_INPUT
     with suppress(OSError):  # the message below is worth trying even where stderr cannot be written
         traceback.print_exc()
     output().note({"status": "bug"})

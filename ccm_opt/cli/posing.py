@@ -50,7 +50,7 @@ def pose_files(
     Returns:
         The exit code.
     """
-    problems = NamedProblems(changes)
+    problems = NamedProblems(files, changes)
 
     def pose_one(file: Path) -> int:
         return _pose(problems.read(file), out, terms, pictures=pictures)

@@ -66,7 +66,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
     Returns:
         The exit code.
     """
-    problems = NamedProblems(changes)
+    problems = NamedProblems(files, changes)
 
     def reach_one(file: Path) -> int:
         problem = problems.read(file)

@@ -63,7 +63,7 @@ def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
     Returns:
         The exit code.
     """
-    problems = NamedProblems(options.changes)
+    problems = NamedProblems(files, options.changes)
 
     def solve_one(file: Path) -> int:
         problem = problems.read(file)

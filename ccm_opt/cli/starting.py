@@ -62,10 +62,16 @@ def show_problems(names: Sequence[str], out: Path) -> int:
     Returns:
         The exit code.
     """
-    known = {_listed_name(file): file for file in sorted(shared_folder().rglob("*.toml"), key=_listed_name)}
+    known = listed_problems()
     if not names:
         return run_all(["problems"], lambda _: _list(known))
-    return run_all(names, lambda name: _copy(name, known, out))
+    taken: dict[Path, str] = {}
+    return run_all(names, lambda name: _copy(name, known, out, taken))
+
+
+def listed_problems() -> dict[str, Path]:
+    """Return the files of the problems that come with the package by the names that they are listed under."""
+    return {_listed_name(file): file for file in sorted(shared_folder().rglob("*.toml"), key=_listed_name)}
 
 
 def _listed_name(file: Path) -> str:
@@ -86,12 +92,12 @@ def _list(known: dict[str, Path]) -> int:
             table.add_row(name, escape(description))
         console = report_console()
         console.print(table)
-        console.print("copy some with: ccm-opt problems NAME…")
+        console.print("solve one with: ccm-opt solve NAME; copy some with: ccm-opt problems NAME…")
 
     return print_result(show, SOLVED, lambda: {"status": "listed", "problems": described})
 
 
-def _copy(name: str, known: dict[str, Path], out: Path) -> int:
+def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) -> int:
     """Copy one problem, and the drawing or the meshes that it may need.
 
     Raises:
@@ -101,11 +107,14 @@ def _copy(name: str, known: dict[str, Path], out: Path) -> int:
         raise ProblemError(f"there is no problem '{name}'; there are {', '.join(known)}")
     original = known[name]
     place = out / original.name
-    copies = [place]
-    for beside in _needed_files(original):
-        _write(out / beside, (original.parent / beside).read_bytes())
-        copies.append(out / beside)
-    _write(place, original.read_bytes())
+    copies = {place: original} | {out / beside: original.parent / beside for beside in _needed_files(original)}
+    for copy in copies:
+        if (first := taken.setdefault(copy, name)) != name:
+            raise ProblemError(f"{copy} has just been copied for '{first}'; copy '{name}' with another --out")
+        if copy.exists():
+            raise ProblemError(f"{copy} is there already, and nothing of yours is replaced; choose another --out")
+    for copy, source in copies.items():
+        _write(copy, source.read_bytes())
     words = " and ".join(str(file) for file in copies)
     return print_result(
         lambda: report_console().print(f"written to {escape(words)}", soft_wrap=True),

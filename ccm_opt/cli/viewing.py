@@ -3,6 +3,7 @@
 import sys
 import webbrowser
 from pathlib import Path
+from socket import socket
 from typing import TYPE_CHECKING, Any
 
 from ccm_opt.cli.cancelling import interrupt_met, leave_at_once
@@ -59,21 +60,31 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
         NoPlanFound: the problem has no plan.
     """
     try:
-        from ccm_opt.cli.view.app import ViewerApp, claim_port  # noqa: PLC0415 - loads viser
-        from ccm_opt.cli.view.kinds import frames_of  # noqa: PLC0415
+        from ccm_opt.cli.view.app import claim_port  # noqa: PLC0415 - loads viser
     except ModuleNotFoundError as missing:
         raise ProblemError(
             f"the viewer needs the package {missing.name}; install it with: pip install viser"
         ) from missing
 
+    problem = load_any_problem(item) if item.is_dir() else load_problem(item, allow_outside=outside_allowed())
     door = claim_port(port)
-    folder = item.is_dir()
-    problem = load_any_problem(item) if folder else load_problem(item, allow_outside=outside_allowed())
+    try:
+        return _viewer_at(door, item, problem)
+    except BaseException:
+        door.close()
+        raise
+
+
+def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
+    """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
+    from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
+    from ccm_opt.cli.view.kinds import frames_of  # noqa: PLC0415
+
     with stage_display(problem.name) as clock:
         clock.begin("planning")
         live = _live_plan(problem)
         clock.finish()
-    if folder:
+    if item.is_dir():
         motion = load_motion(item, problem.arm)
         return ViewerApp(frames_of(problem, motion.trajectory, motion.joints), live, door)
     if live is None:

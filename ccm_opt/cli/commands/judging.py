@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ccm_opt.cli.command_group import command
-from ccm_opt.cli.commands.options import Constraints, Folders
+from ccm_opt.cli.commands.options import Constraints, Folders, listed_or_given
 
 app = typer.Typer()
 """The commands of this file."""
@@ -41,7 +41,13 @@ def check_command(
 )
 def compare_command(
     files: Annotated[
-        list[Path] | None, typer.Argument(help="Problem files.", metavar="[FILE…]", show_default=False)
+        list[Path] | None,
+        typer.Argument(
+            help="Problem files, or names that `ccm-opt problems` lists.",
+            metavar="[FILE…]",
+            show_default=False,
+            callback=listed_or_given,
+        ),
     ] = None,
     *,
     suite: Annotated[

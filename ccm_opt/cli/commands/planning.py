@@ -7,7 +7,7 @@ import typer
 
 from ccm_opt.cli.choices import MethodChoice
 from ccm_opt.cli.command_group import command
-from ccm_opt.cli.commands.options import Changes, Constraints, Costs, FigureFormatOption, ProblemFiles
+from ccm_opt.cli.commands.options import Changes, Constraints, Costs, FigureFormatOption, ProblemFiles, listed_or_given
 from ccm_opt.cli.loading import no_search_for_cycles
 
 app = typer.Typer()
@@ -70,7 +70,12 @@ def solve_command(
 def view_command(
     item: Annotated[
         Path,
-        typer.Argument(help="Problem file, or folder that solve wrote.", metavar="FILE|FOLDER", show_default=False),
+        typer.Argument(
+            help="Problem file, or name that `ccm-opt problems` lists, or folder that solve wrote.",
+            metavar="FILE|FOLDER",
+            show_default=False,
+            callback=lambda item: (listed_or_given([item]) or [item])[0],
+        ),
     ],
     *,
     port: Annotated[

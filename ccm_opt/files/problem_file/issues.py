@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, time
+from functools import cache
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -15,8 +16,8 @@ from ccm_opt.files.problem_file.keypath import KeyPath, dotted, lookup, without_
 from ccm_opt.files.problem_file.lines import line_of_key
 
 Model = TypeVar("Model", bound=BaseModel)
-_SIMILAR = 0.6
-"""Least similarity of a misspelt key to the one that is suggested (difflib's default)."""
+_SIMILAR = 0.7
+"""Least similarity of a misspelt key to the one that is suggested; from difflib's default, 0.6, words rhyme only."""
 _LONGEST_VALUE = 60
 """Characters of a value that a message shows."""
 REMOVED = {"simplify": "no longer needed: every triangle of a mesh is kept; leave it out"}
@@ -80,7 +81,11 @@ class Issues:
                 # Likeness takes long, and of so many defects nobody reads all.
                 listed = len(self.found) < MOST_LISTED
                 guess = closest(name, known) if listed else None
-                unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
+                elsewhere = homes(name) if listed and not guess else ()
+                if elsewhere:
+                    unknown = f"unknown key '{name}' here; it is known as {' and '.join(elsewhere)}"
+                else:
+                    unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
                 self.add((*path, *key), REMOVED.get(name, unknown))
                 renamed.add((*key[:-1], guess or ""))
         for detail in details:
@@ -92,7 +97,53 @@ class Issues:
 def closest(word: str, known: Sequence[str]) -> str | None:
     """The known word that ``word`` was probably meant to be, or None."""
     matches = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR)
-    return matches[0] if matches else None
+    ending = (key for key in known if key.endswith(f"_{word}"))
+    return next(iter(matches), next(ending, None))
+
+
+CONCEPTS = {
+    "speed": ("limits.velocity",),
+    "diameter": ("arm.radius, which is half of it",),
+    "thickness": ("arm.radius, half of it", "workspace.wall_thickness, of open lines of a drawing"),
+    "margin": ("workspace.clearance",),
+    "timeout": ("planner.time_limit",),
+    "target": ("goal",),
+    "obstacles": ("[[workspace.obstacles]]",),
+}
+"""What other words for things that a problem file knows are called in it."""
+
+
+@cache
+def _known_everywhere() -> dict[str, tuple[str, ...]]:
+    """Return where each key is known, by its name."""
+    from ccm_opt.files.problem_file import schema  # noqa: PLC0415 - its tables are read with this module
+
+    tables: dict[str, type[BaseModel]] = {
+        "": schema.RootTable,
+        "workspace": schema.WorkspaceTable,
+        "arm": schema.ArmTable,
+        "limits": schema.LimitsTable,
+        "start": schema.StartTable,
+        "goal": schema.GoalTable,
+        "planner": schema.PlannerTable,
+        "simulation": schema.SimulationTable,
+        "tolerance": schema.ToleranceTable,
+        "verification": schema.VerificationTable,
+    }
+    found: dict[str, tuple[str, ...]] = {}
+    pending = list(tables.items())
+    while pending:
+        place, model = pending.pop(0)
+        for name, info in model.model_fields.items():
+            key = info.alias or name
+            found[key] = (*found.get(key, ()), f"{place}.{key}".strip("."))
+        pending += [(f"{place}.{key}", nested) for key, nested in _table_models(model).items()]
+    return found
+
+
+def homes(name: str) -> tuple[str, ...]:
+    """Return where a key that is unknown in its table is known, or what it is called there; empty where it is none."""
+    return CONCEPTS.get(name, ()) or _known_everywhere().get(name, ())
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
