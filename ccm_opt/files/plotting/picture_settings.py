@@ -67,14 +67,7 @@ class FilmSettings:
         frames_a_second: while the motion is shorter than the film may be [1/s]; a film counts hundredths of a second.
         most_frames: of longer motions, which are shown faster than they are.
         last_frame: how long the last frame stands [ms].
-        oversampling: the arm is drawn this much larger and shrunk, so that its edges are smooth.
         colours: in the palette of the film.
-        least_body: width of the arm's body, at least [pixel].
-        axis_width: half the width of the arm's axis [pixel].
-        body_opacity: of the arm's body, from 0 to 255.
-        start_opacity: likewise, of the arm's body at the start, which stays to be seen.
-        clock_size: height of the letters of the time [pixel].
-        bar_height: of the bar below the drawing that grows with the time [pixel].
         told_factor: films that are faster than the motion by more than this factor say so.
         video_side: longest side of a frame of a video [pixel].
         video_frames_a_second: of a video [1/s].
@@ -85,14 +78,7 @@ class FilmSettings:
     frames_a_second: int = 25
     most_frames: int = 120
     last_frame: int = 900
-    oversampling: int = 2
     colours: int = 96
-    least_body: float = 1.5
-    axis_width: float = 0.7
-    body_opacity: int = 215
-    start_opacity: int = 110
-    clock_size: int = 14
-    bar_height: int = 4
     told_factor: float = 1.05
     video_side: int = 960
     video_frames_a_second: int = 50

@@ -25,7 +25,6 @@ def video_settings(settings: FilmSettings = FILM) -> FilmSettings:
         longest_side=settings.video_side,
         frames_a_second=settings.video_frames_a_second,
         most_frames=settings.most_video_frames,
-        oversampling=2,
     )
 
 
