@@ -2,19 +2,21 @@
 
 Coordinates are the user units of the outermost element: its width, height and viewBox do not matter. SVG's y points
 down; it is negated, so that the picture looks the same. What is not drawn as a shape is left out and reported:
-definitions that nothing uses, text, images, clip paths, masks, markers, patterns, and whatever is hidden. Fill and
-stroke do not matter: a closed outline is solid, an open one is a line without width.
+definitions that nothing uses, text, images, clip paths, masks, markers, patterns, and whatever is hidden. Strokes do
+not matter: a closed outline is solid, an open one is a line without width. Of outlines without a fill, those within
+others are holes.
 """
 
 import math
 
 import numpy as np
+from svgelements import Ellipse, Path, Rect
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.found_shapes import Disc, DrawingContent, FillRule, Line, Region, Shape
+from ccm_opt.files.scene_import.found_shapes import Disc, DrawingContent, Drawn, FillRule, Line, Region, Shape
 from ccm_opt.files.scene_import.import_settings import ImportSettings
 from ccm_opt.files.scene_import.svg_document import Node, parsed_document
-from ccm_opt.files.scene_import.svg_paths import Subpath, ellipse, path_subpaths, polyline, rounded_box
+from ccm_opt.files.scene_import.svg_paths import Subpath, path_subpaths, polyline, subpaths_of
 from ccm_opt.files.scene_import.svg_placing import Picture, Place
 from ccm_opt.files.scene_import.svg_transforms import Affine, View, length_of
 from ccm_opt.ground.arrays import FloatArray
@@ -99,10 +101,9 @@ class _Outlines:
         if width < 0.0 or height < 0.0:
             raise ProblemError(f"it is {width:g} wide and {height:g} high; expected positive lengths")
         rx, ry = self._half_axes(node)
-        return [rounded_box(x, y, width, height, rx, ry)]
+        return subpaths_of(Path(Rect(x, y, width, height, rx, ry)))
 
     def _round(self, node: Node) -> list[Subpath]:
-        center = np.array([self._length(node, "cx"), self._length(node, "cy")])
         if node.tag == "circle":
             rx = ry = self._length(node, "r")
         else:
@@ -111,7 +112,7 @@ class _Outlines:
             return []
         if rx < 0.0 or ry < 0.0:
             raise ProblemError(f"it has the half axes {rx:g} and {ry:g}; expected positive lengths")
-        return [ellipse(center, rx, ry)]
+        return subpaths_of(Path(Ellipse(self._length(node, "cx"), self._length(node, "cy"), rx, ry)))
 
     def _half_axes(self, node: Node) -> tuple[float, float]:
         """Both half axes; one that is not given, or auto, is like the other."""
@@ -153,7 +154,7 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
     # SVG's default is nonzero.
     rule: FillRule = "evenodd" if place.fill_rule == "evenodd" else "nonzero"
     curved = any(subpath.curved for subpath in subpaths)
-    return [Region(place.name, tuple(rings), rule, curved, layer=place.layer), *lines]
+    return [Region(place.name, tuple(rings), rule, curved, layer=place.layer, drawn=_drawn(place)), *lines]
 
 
 def _downwards(map_: Affine) -> FloatArray:
@@ -165,13 +166,18 @@ def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Disc | None:
     """The element as a disc when it is a circle after its transform, a similarity."""
     if place.node.tag not in {"circle", "ellipse"}:
         return None
-    arc = outline.strokes[0]
+    arc = outline.segments[0]
+    middle = np.array([arc.center.x, arc.center.y])
     # The half axes after the transform: a circle when they are of equal length and at a right angle.
-    axes = matrix[:, :2] @ np.column_stack((arc.major, arc.minor))  # type: ignore[union-attr]  # an ellipse is one arc
+    axes = matrix[:, :2] @ (np.array([[arc.prx.x, arc.pry.x], [arc.prx.y, arc.pry.y]]) - middle[:, None])
     radius = math.sqrt(abs(float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0])))
     if not math.isfinite(radius):
-        return Disc(place.name, matrix[:, 2], radius, layer=place.layer)
+        return Disc(place.name, matrix[:, 2], radius, place.layer, _drawn(place))
     if not np.allclose(axes.T @ axes, radius**2 * np.eye(2), rtol=0.0, atol=1e-12 * radius**2):
         return None
-    center = matrix[:, :2] @ arc.center + matrix[:, 2]  # type: ignore[union-attr]
-    return Disc(place.name, center, radius, layer=place.layer)
+    center = matrix[:, :2] @ middle + matrix[:, 2]
+    return Disc(place.name, center, radius, place.layer, _drawn(place))
+
+
+def _drawn(place: Place) -> Drawn:
+    return "painted" if place.painted else "outline"

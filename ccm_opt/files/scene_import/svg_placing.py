@@ -63,6 +63,7 @@ class Place:
         layer: the outermost named group that it is in.
         fill_rule: how rings within rings count.
         visible: by the property of that name.
+        painted: whether it is filled.
         used: name of the outermost named ``use`` that led here; empty where there is none.
         single: whether the element itself is used, and not a group that it is in.
         depth: groups and uses around it.
@@ -76,6 +77,7 @@ class Place:
     layer: str = ""
     fill_rule: str = "nonzero"
     visible: bool = True
+    painted: bool = True
     used: str = ""
     single: bool = False
     depth: int = 0
@@ -191,6 +193,7 @@ class Picture:
             name = own_name(node) or name
             layer = layer or own_name(node)
         visibility = style.get("visibility", "inherit")
+        fill = style.get("fill", "inherit")
         return replace(
             place,
             matrix=matrix,
@@ -198,6 +201,7 @@ class Picture:
             layer=layer,
             fill_rule=style.get("fill-rule", place.fill_rule),
             visible=place.visible if visibility == "inherit" else visibility == "visible",
+            painted=place.painted if fill == "inherit" else fill != "none",
         )
 
     def _inner_view(self, place: Place) -> Affine:

@@ -12,8 +12,8 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.import_settings import ImportSettings
 from ccm_opt.files.scene_import.svg_document import Node
 
-PROPERTIES = frozenset(("display", "visibility", "fill-rule", "transform"))
-"""Those that matter; colours and strokes do not."""
+PROPERTIES = frozenset(("display", "visibility", "fill", "fill-rule", "transform"))
+"""Those that matter; of fills only whether there is one, and strokes do not."""
 _SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
 _PART = re.compile(r"[.#][\w-]+")
 
@@ -95,6 +95,8 @@ def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
     for block in _without_comments(text).split("}"):
         selectors, _, body = block.rpartition("{")
         style = _declarations(body)
+        if style.get("fill") not in {None, "none"}:  # what most rules say, and what a shape has by itself
+            del style["fill"]
         if not style:
             continue
         for selector in selectors.rpartition("{")[2].split(","):
