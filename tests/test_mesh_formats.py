@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.mesh_file import read_mesh_file
 from ccm_opt.files.scene_import.mesh_mending import mended_mesh
+from ccm_opt.files.scene_import.mesh_settings import MeshSettings
 from ccm_opt.files.scene_import.polygons import triangles_of
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
 from ccm_opt.ground.arrays import FloatArray
@@ -140,6 +141,7 @@ COMMENTED = (
         ("part.obj", obj(QUADS).encode()),
         ("part.obj", COMMENTED.encode()),
         ("part.obj", b"\xef\xbb\xbf" + obj(QUADS).encode()),
+        ("part.obj", obj(QUADS).encode("utf-16")),
         ("part.obj", obj(MIXED, first=-8).encode()),
         *(
             (f"{order}.ply", ply(faces, order=order, wide=wide, faces_first=first))
@@ -240,6 +242,15 @@ def test_3mf_that_is_not_read_is_refused_by_name(tmp_path: Path, content: bytes,
     with pytest.raises(ProblemError) as refused:
         read(tmp_path, "part.3mf", content)
     assert words in str(refused.value)
+
+
+def test_a_mesh_that_is_used_often_is_counted_before_it_is_placed(tmp_path: Path) -> None:
+    """A GLB file of a thousand nodes with one cube is refused by the number of triangles that it would have."""
+    content = glb(nodes=[{"mesh": 0}] * 1000, scenes=[{"nodes": list(range(1000))}])
+    (tmp_path / "many.glb").write_bytes(content)
+    with pytest.raises(ProblemError, match="12000 triangles, at most 11999"):
+        read_mesh_file(tmp_path / "many.glb", MeshSettings(most_triangles=11_999))
+    assert len(read(tmp_path, "many.glb", content).faces) == 12_000
 
 
 def test_what_is_no_surface_is_told(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ WORDS = {
     '"mode" "accessors" "bufferView" "bufferViews" "componentType" "count" "type" "VEC3" "SCALAR" "byteOffset" '
     '"byteStride" "byteLength" "buffers" "buffer" "matrix" "children" "rotation" "scale" "translation" "sparse"',
     ".3mf": "model resources object mesh vertices vertex triangles triangle components component objectid= build item "
-    "transform= v1= v2= v3= id= unit= nan inf 1e308",
+    "p:path= transform= v1= v2= v3= id= unit= inch requiredextensions= b:beamlattice nan inf 1e308",
 }
 """By suffix; what stands between blanks goes into the engine's dictionary."""
 

@@ -38,6 +38,8 @@ _MODES = (
     "a fan of triangles",
 )
 """What a primitive is, by its mode."""
+_LARGEST_DOCUMENT = 2**25
+"""Bytes of text in front of the numbers; parsed it takes ten times the memory, and programs write some kilobytes."""
 _TRIANGLES = 4
 _STRIP = 5
 _LONGEST_REASON = 100
@@ -87,6 +89,8 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
     if length > len(content):
         raise ProblemError(f"not readable as GLB: its header says {length} bytes, but it has {len(content)}")
     size, _ = _CHUNK.unpack_from(content, _HEADER.size)
+    if size > _LARGEST_DOCUMENT:
+        raise ProblemError(f"its document has {size} bytes, at most {_LARGEST_DOCUMENT} are read; export it coarser")
     try:
         document = json.loads(content[start : start + size])
     except (ValueError, RecursionError) as error:
@@ -131,7 +135,12 @@ class _Scene:
             raise ProblemError(f"it has {len(scenes)} scenes, and does not say which of them is meant")
         if not scenes:
             return 0
-        return sum(self._below(node, 0) for node in scenes[self.document.get("scene", 0)].get("nodes", []))
+        count = sum(self._below(node, 0) for node in scenes[self.document.get("scene", 0)].get("nodes", []))
+        # Before any is placed: a few bytes may use one mesh ten thousand times.
+        most = self.settings.most_triangles
+        if count > most:
+            raise ProblemError(f"it has {count} triangles, at most {most} are used; export it coarser")
+        return count
 
     def _below(self, number: int, depth: int) -> int:
         """Triangles of a node and of all below it."""

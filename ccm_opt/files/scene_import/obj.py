@@ -41,6 +41,8 @@ def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
     corners = array("q")
     counts = array("q")
     passed_over: Counter[str] = Counter()
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):  # UTF-16
+        content = content.decode("utf-16", "replace").encode()
     content = content.removeprefix(_BYTE_ORDER_MARK)
     # A line goes on behind a backslash at its end.
     lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
