@@ -11,7 +11,7 @@ import pytest
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.urdf import UNLIMITED_EFFORT, urdf_text
+from ccm_opt.files.export.urdf import FRAME_INERTIA, FRAME_MASS, UNLIMITED_EFFORT, urdf_text
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
@@ -73,11 +73,12 @@ def mass_and_gravity(reader: str, arm: Arm, q: FloatArray) -> tuple[FloatArray, 
 @pytest.mark.parametrize("axes", AXES)
 @pytest.mark.parametrize("reader", READERS)
 def test_mass_matrix_and_gravity_survive(reader: str, axes: Axes) -> None:
-    """M agrees with our own after loading, and gravity torques with the URDF's."""
+    """M agrees with our own after loading, but for the frames of the balls, and gravity torques with the URDF's."""
     arm = swan_neck(6, axes, varied=True)
     q = angles_for(arm)
     M, gravity = mass_and_gravity(reader, arm, q)
-    assert np.allclose(M, MassMatrix(arm)(q), rtol=0.0, atol=1e-12 * np.max(M))
+    frames = 2 * arm.links * (FRAME_INERTIA + FRAME_MASS * arm.length**2)
+    assert np.allclose(M, MassMatrix(arm)(q), rtol=0.0, atol=1e-12 * np.max(M) + frames)
     assert np.allclose(gravity, mass_and_gravity("urdf-pinocchio", arm, q)[1], rtol=0.0, atol=1e-12)
 
 
@@ -134,6 +135,26 @@ def test_urdf_carries_the_limits() -> None:
     assert np.allclose(model.upperPositionLimit[1::3], arm.bend_limits)
     _, unlimited, _ = load_pinocchio(urdf_text(arm, "arm", loose_limits(arm)), "urdf")
     assert np.allclose(unlimited.upperEffortLimit, UNLIMITED_EFFORT)
+
+
+@pytest.mark.parametrize("bends_only", [False, True])
+@pytest.mark.parametrize("fed", [False, True])
+def test_mujoco_loads_the_urdf_and_moves_it_alike(fed: bool, bends_only: bool) -> None:
+    """Frames that move have an inertia, as MuJoCo wants, and its mass matrix is ours but for these."""
+    mujoco = pytest.importorskip("mujoco")
+    arm = replace(fed_arm(), rotor_inertia=0.0) if fed else swan_neck(6)
+    model = mujoco.MjModel.from_xml_string(urdf_text(arm, "arm", loose_limits(arm), bends_only=bends_only))
+    assert model.nv == fed + (6 if bends_only else 18)
+    data = mujoco.MjData(model)
+    q = angles_for(arm)[1::3] if bends_only else angles_for(arm)
+    data.qpos[:] = np.append(0.1, q) if fed else q
+    mujoco.mj_forward(model, data)
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    if not bends_only:
+        expected = MassMatrix(arm).with_feed(q) if fed else MassMatrix(arm)(q)
+        assert np.allclose(M, expected, rtol=0.0, atol=1e-9 * np.max(M))
+    assert np.all(np.linalg.eigvalsh(M) > 0.0)
 
 
 def test_an_arm_without_thickness_loads() -> None:

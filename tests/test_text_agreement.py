@@ -6,6 +6,7 @@ import pytest
 
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED
+from ccm_opt.files.export.controller_points import controller_points
 from ccm_opt.files.export.folder import model_texts
 from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.export.trajectory_text import trajectory_texts
@@ -23,7 +24,8 @@ def test_what_export_writes_in_place_of_a_file_is_accepted(written: Folder, tmp_
     """Bends alone, and descriptions without obstacles, say less and nothing else."""
     folder = written.copy()
     solution = folder.solution
-    texts = trajectory_texts(solution.trajectory, solution.joints, bends_only=True)
+    points = controller_points(solution.problem, solution.trajectory, solution.joints, solution.checks)
+    texts = trajectory_texts(points, bends_only=True, effort=True)
     folder.texts |= dict(zip(("trajectory.csv", "trajectory.yaml"), texts, strict=True))
     folder.texts |= model_texts(solution.problem, obstacles=False, bends_only=True)
     folder.write(tmp_path / "bends")
@@ -57,7 +59,7 @@ def test_table_and_message_are_held_against_the_arrays_each_for_itself(
     folder = written.copy()
     lines = folder.texts[name].splitlines()
     rows = [k for k, line in enumerate(lines) if line.count(",") > 3 and "joint" not in line and "time" not in line]
-    first, second = (rows[0], rows[4] if name.endswith("yaml") else rows[1])
+    first, second = (rows[0], rows[2] if name.endswith("yaml") else rows[1])
     shorter, _, last = lines[first].rstrip("]").rpartition(",")
     ending = "]" if name.endswith("yaml") else ""
     lines[first] = shorter + ending
@@ -77,7 +79,8 @@ def test_numbers_that_are_infinite_or_none_are_refused(written: Folder, tmp_path
         folder.texts[name] = f"{head}{comma}{number}{end}"
     folder.write(tmp_path / "infinite")
     solution = folder.solution
-    checks = checks_of_texts(tmp_path / "infinite", solution.problem, solution.trajectory, solution.joints)
+    motion = (solution.trajectory, solution.joints, solution.checks)
+    checks = checks_of_texts(tmp_path / "infinite", solution.problem, *motion)
     refused = {check.name for check in checks if not check.passed}
     assert refused == {"table against arrays", "ROS message against arrays"}
 

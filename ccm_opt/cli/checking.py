@@ -141,7 +141,7 @@ def _checks_of_record(
     return [
         *checks_of_record(problem, motion.trajectory, motion.joints, record, own, room),
         check_of_data(recorded.data, problem, motion.trajectory, room, left_out),
-        *checks_of_texts(folder, problem, motion.trajectory, motion.joints),
+        *checks_of_texts(folder, problem, motion.trajectory, motion.joints, own),
     ]
 
 

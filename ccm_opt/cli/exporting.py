@@ -9,10 +9,12 @@ from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.arrays_npz import arrays_npz, bends_of_arrays
+from ccm_opt.files.export.controller_points import controller_points
 from ccm_opt.files.export.folder import ARRAYS
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.motion_glb import motion_glb
 from ccm_opt.files.export.reading_back import load_any_problem, load_motion, read_arrays
+from ccm_opt.files.export.recorded_results import recorded_results
 from ccm_opt.files.export.scene_solids import solid_scene
 from ccm_opt.files.export.scene_urdf import MESHES, URDF_MESHES, scene_meshes
 from ccm_opt.files.export.space_glb import space_motion_glb
@@ -38,12 +40,14 @@ class ExportOptions:
         out: the file; standard output when None, for texts alone.
         bends_only: whether the revolutes that a plane motion leaves alone are left out.
         scene: whether obstacles are written with the arm.
+        effort: whether a ROS message has efforts.
     """
 
     kind: ExportFormat
     out: Path | None = None
     bends_only: bool = False
     scene: bool = True
+    effort: bool = False
 
 
 def export_folder(folder: Path, options: ExportOptions) -> int:
@@ -77,7 +81,8 @@ def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
         if isinstance(problem, SpaceProblem):
             return {"": space_motion_glb(problem, motion.trajectory)}
         return {"": motion_glb(problem, motion.trajectory)}
-    csv, yaml = trajectory_texts(motion.trajectory, motion.joints, bends_only=bends_only)
+    points = controller_points(problem, motion.trajectory, motion.joints, recorded_results(folder).checks)
+    csv, yaml = trajectory_texts(points, bends_only=bends_only, effort=options.effort)
     return {"": (csv if options.kind == "csv" else yaml).encode()}
 
 

@@ -74,11 +74,11 @@ def _(folder: Folder, rng: Generator) -> bool:
     return True
 
 
-@kind("a line of the table or the message missing")
+@kind("a line of the message missing, or an end of the table")
 def _(folder: Folder, rng: Generator) -> bool:
     name = str(rng.choice(["trajectory.csv", "trajectory.yaml"]))
     lines = folder.texts[name].splitlines(keepends=True)
-    del lines[int(rng.integers(2, len(lines)))]
+    del lines[int(rng.choice([1, -1])) if name == "trajectory.csv" else int(rng.integers(2, len(lines)))]
     folder.texts[name] = "".join(lines)
     return True
 

@@ -1,9 +1,12 @@
 """Changes to what stands in a folder beside the motion, each of which contradicts the motion in one way."""
 
+import re
 from collections.abc import Callable
 
 import numpy as np
 
+from ccm_opt.files.export.controller_points import controller_points, points_at, slowed
+from ccm_opt.files.export.trajectory_text import trajectory_texts
 from tests.corruption.plans import Folder
 
 Change = Callable[[Folder], None]
@@ -98,6 +101,21 @@ def _row(name: str, mark: str) -> Change:
     return change
 
 
+def _without_accelerations(folder: Folder) -> None:
+    """A message of limited jerk that a controller joins by cubics, whose accelerations jump."""
+    folder.texts["trajectory.yaml"] = re.sub(r"  accelerations: .*\n", "", folder.texts["trajectory.yaml"])
+
+
+def _few_and_slow(folder: Folder) -> None:
+    """Every second point is missing, and a thirtieth of the speed leaves the curves between the others room."""
+    solution = folder.solution
+    motion = (solution.problem, solution.trajectory, solution.joints)
+    points = controller_points(*motion, solution.checks)
+    kept = np.union1d(points.samples[::2], points.samples[-1:])
+    slow = points_at(*slowed(*motion, 30.0), kept, 30.0, smooth=points.smooth)
+    folder.texts["trajectory.yaml"] = trajectory_texts(slow)[1]
+
+
 FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
     "keyframes against motion": (_keyframes,),
     "curves against keyframes": tuple(
@@ -133,7 +151,9 @@ FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
     "survived errors against motion": (_survives_more, _survives_something_else),
     "gaps over time against motion": tuple(_scaled(name) for name in ("room_time", "wall_gaps", "self_gaps")),
     "table against arrays": (_row("trajectory.csv", ","),),
-    "ROS message against arrays": (_row("trajectory.yaml", "positions"), _row("trajectory.yaml", "effort")),
+    "ROS message against arrays": (_row("trajectory.yaml", "positions"), _row("trajectory.yaml", "velocities")),
+    "message limits": (_without_accelerations,),
+    "message deviation": (_few_and_slow,),
     "URDF against problem": (_text("arm.urdf", 'upper="', 'upper="1'), _text("arm.urdf", "ball03_roll", "ball03")),
     "MJCF against problem": (_text("arm.mjcf.xml", 'mass="', 'mass="1'), _text("arm.mjcf.xml", "link03", "link3")),
 }

@@ -32,11 +32,14 @@ def export_command(
         typer.Option("--bends-only", help="Leave out the two revolutes of a ball that stay at 0 in the plane."),
     ] = False,
     no_scene: Annotated[bool, typer.Option("--no-scene", help="Leave the obstacles out of URDF and MJCF.")] = False,
+    effort: Annotated[
+        bool, typer.Option("--effort", help="Write efforts into yaml; controllers from ROS 2 Humble on refuse them.")
+    ] = False,
 ) -> int:
     """Write the arm, its surroundings or the motion of a written plan for other programs."""
     from ccm_opt.cli.exporting import ExportOptions, export_folder  # noqa: PLC0415 - loads numpy
 
-    return export_folder(folder, ExportOptions(kind, out, bends_only, not no_scene))
+    return export_folder(folder, ExportOptions(kind, out, bends_only, not no_scene, effort))
 
 
 @command(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.arrays_npz import arrays_npz, solution_arrays
+from ccm_opt.files.export.controller_points import controller_points
 from ccm_opt.files.export.folder_swap import put_in_place
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.scene_solids import solid_scene
@@ -84,7 +85,8 @@ def _mesh_files(problem: AnyProblem) -> dict[str, bytes]:
 def solution_texts(solution: AnySolution) -> dict[str, str]:
     """Text of every text file of a solved problem, by file name."""
     problem = solution.problem
-    csv, yaml = trajectory_texts(solution.trajectory, solution.joints)
+    points = controller_points(problem, solution.trajectory, solution.joints, solution.checks)
+    csv, yaml = trajectory_texts(points)
     return {
         RECORD: solution_json(solution),
         "trajectory.csv": csv,

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import repeat
 from pathlib import Path
@@ -10,16 +11,21 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from ccm_opt.files.export.controller_points import message_checks, slowed, spared
 from ccm_opt.files.export.folder import model_texts
 from ccm_opt.files.export.mesh_agreement import mesh_defects
-from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.files.export.trajectory_text import ROS_FIELDS, bending_joints, table_headings, trajectory_tables
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.plain_file import read_plain
+from ccm_opt.jointed.frames import bends_from_revolutes
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.space.problem import AnyProblem
+from ccm_opt.verification.interpolated_message import Message
 
 TEXT_TOLERANCE = 5.1e-12
 """Share by which a number of the table or the message may differ: twelve digits are written, and half of the last."""
+TIME_TOLERANCE = 1e-9
+"""Times may differ by this much, for a message counts whole nanoseconds, and places by the way in that time [s]."""
 NUMBER_TOLERANCE = 1e-12
 """Share by which a number in a description of the arm may differ; all digits are written."""
 MOST_TIMES_LONGER = 10
@@ -41,43 +47,161 @@ LIST = re.compile(r"\[([-+.,0-9eE ]*)\]")
 """A list of numbers in it."""
 DECLARATION = re.compile(r"\s*<\?xml(\s+version=([\"'])1\.0\2)?(\s+encoding=([\"'])(?i:utf-8|us-ascii)\4)?\s*\?>")
 """The only instruction that a description of an arm may have; other letters would make it another text elsewhere."""
-ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
-"""Lists of every point of a ROS message, in the order of the quantities of the table."""
 
 
-def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
-    """One check for each text file that is there; whoever deletes one loses it, and misleads nobody.
+@dataclass(frozen=True)
+class _Points:
+    """Points of a motion as a file has them.
+
+    Attributes:
+        names: of the joints.
+        time: shape (P,) [s].
+        tables: positions, velocities, accelerations and efforts, those that the file has, each of shape (P, joints).
+    """
+
+    names: tuple[str, ...]
+    time: FloatArray
+    tables: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The motion in the arrays that points are held against."""
+
+    problem: AnyProblem
+    trajectory: JointTrajectory
+    joints: JointStates
+
+    def samples_of(self, points: _Points) -> tuple[IntArray, float]:
+        """Which samples the points are, and by which factor time is longer.
+
+        Raises:
+            ValueError: they are none, or not in order, or a stop or an end is not among them.
+        """
+        plan = self.trajectory
+        factor = float(np.round(points.time[-1] / plan.duration, 4))
+        if factor < 1.0:
+            raise ValueError(f"it ends at {points.time[-1]:.9g} s, before the plan, which takes {plan.duration:.9g} s")
+        after = np.clip(np.searchsorted(factor * plan.time, points.time), 1, len(plan.time) - 1)
+        earlier = points.time - factor * plan.time[after - 1] < factor * plan.time[after] - points.time
+        samples = np.where(earlier, after - 1, after)
+        late = ~(np.abs(points.time - factor * plan.time[samples]) <= TIME_TOLERANCE)
+        if np.any(late):
+            raise ValueError(f"the time of point {int(np.argmax(late)) + 1} is not that of a sample of the plan")
+        if np.any(np.diff(samples) <= 0):
+            raise ValueError(f"point {int(np.argmax(np.diff(samples) <= 0)) + 2} is not later than the one before")
+        missing = sorted({0, *plan.stops, len(plan.time) - 1} - set(samples.tolist()))
+        if missing:
+            raise ValueError(f"the start, the end or a stop is missing: t = {factor * plan.time[missing[0]]:.4f} s")
+        return samples, factor
+
+    def hold(self, points: _Points) -> tuple[IntArray, float]:
+        """Hold points against the samples that they are.
+
+        Returns:
+            Their samples, and by which factor time is longer.
+
+        Raises:
+            ValueError: they differ.
+        """
+        samples, factor = self.samples_of(points)
+        slower, states = slowed(self.problem, self.trajectory, self.joints, factor)
+        variants = [trajectory_tables(slower, some) for some in (states, bending_joints(states, slower.coordinates))]
+        tables = next((each for names, each in variants if names == points.names), None)
+        if tables is None:
+            raise ValueError("its joints are not those of the arm")
+        wanted = dict(zip(ROS_FIELDS, tables, strict=True))
+        for field, found in points.tables.items():
+            if found.shape != (len(samples), len(points.names)):
+                raise ValueError(f"{field} are not one number a joint")
+            there = wanted[field][samples]
+            allowed = TEXT_TOLERANCE * np.abs(there) + np.finfo(np.float64).tiny
+            if field == "positions":
+                allowed += TIME_TOLERANCE * np.abs(wanted["velocities"][samples])
+            # What is no number, or infinite, differs: it is not less than any bound.
+            wrong = ~(np.abs(found - there) <= allowed)
+            if np.any(wrong):
+                k, j = np.argwhere(wrong)[0]
+                place = f"{field} of {points.names[j]} at t = {points.time[k]:.6g} s"
+                raise ValueError(f"{place}: {found[k, j]:.12g}, not {there[k, j]:.12g}")
+        return samples, factor
+
+    def message(self, points: _Points) -> Message:
+        """Points as a controller takes them, in the coordinates of the arm."""
+        arm = self.problem.arm
+        layout = self.trajectory.coordinates
+        axes = len(layout.base_names)
+        columns = [self.joints.names.index(name) for name in points.names[axes:]]
+
+        def of_arm(values: FloatArray) -> FloatArray:
+            revolutes = np.zeros((len(values), len(self.joints.names)))
+            revolutes[:, columns] = values[:, axes:]
+            bends = bends_from_revolutes(arm, revolutes)
+            return np.column_stack((bends.reshape(len(bends), -1), values[:, :axes]))
+
+        accelerations = points.tables.get("accelerations")
+        return Message(
+            points.time,
+            of_arm(points.tables["positions"]),
+            of_arm(points.tables["velocities"]),
+            None if accelerations is None else of_arm(accelerations),
+            layout,
+        )
+
+
+def checks_of_texts(
+    folder: Path,
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    checks: Sequence[Check],
+) -> list[Check]:
+    """Check each text file that is there; whoever deletes one loses it, and misleads nobody.
 
     Args:
         folder: an output folder.
         problem: whose arm is described.
         trajectory: the motion in the folder's arrays.
         joints: the same for all drives.
+        checks: of the motion, which know the least gaps.
     """
-    readers = {
-        "trajectory.csv": partial(_table_defects, time=trajectory.time),
-        "trajectory.yaml": partial(_message_defects, time=trajectory.time),
-    }
-    described = lru_cache(partial(model_texts, problem))
+    plan = _Plan(problem, trajectory, joints)
     numbers = len(trajectory.time) * (len(ROS_FIELDS) * (len(joints.names) + trajectory.positions.shape[1]) + 1)
     found = []
+    described = lru_cache(partial(model_texts, problem))
     for name in NAMES:
-        if not (folder / name).exists():
+        path = folder / name
+        if not path.exists():
             continue
-        variants: Iterator[Callable[[str], Iterator[str]]]
-        if name in readers:
-            of_joints = (
-                trajectory_columns(trajectory, some)
-                for some in (joints, bending_joints(joints, trajectory.coordinates))
+        if name in ("trajectory.csv", "trajectory.yaml"):
+            read = _table if name == "trajectory.csv" else _message
+            found += _checks_of_points(
+                path, read, max(MOST_TIMES_LONGER * LONGEST_NUMBER * numbers, LEAST_BYTES), plan, checks
             )
-            variants = (partial(readers[name], names=names, tables=tables) for names, tables in of_joints)
-            length = LONGEST_NUMBER * numbers
         else:
             meshes = partial(mesh_defects, folder, problem=problem)
             length = len(described(obstacles=True, bends_only=False)[name])
             variants = (partial(_model_defects, wanted=text, meshes=meshes) for text in _descriptions(described, name))
-        found.append(_check(folder / name, variants, max(MOST_TIMES_LONGER * length, LEAST_BYTES)))
+            found.append(_check(path, variants, max(MOST_TIMES_LONGER * length, LEAST_BYTES)))
     return found
+
+
+def _checks_of_points(
+    path: Path, read: Callable[[str], _Points], most_bytes: int, plan: _Plan, checks: Sequence[Check]
+) -> list[Check]:
+    """Whether the points of a file are the plan's; those of a message also as a controller joins them."""
+    said = ""
+    try:
+        points = read(_text(path, most_bytes))
+        samples, factor = plan.hold(points)
+    except (OSError, ValueError) as error:
+        said = f"it is not readable, or differs: {error}"
+    agrees = Check(NAMES[path.name], float(bool(said)), 0.0, "defects", said, passed=not said)
+    if said or path.name == "trajectory.csv":
+        return [agrees]
+    spare = spared(plan.problem, checks)
+    message = plan.message(points)
+    return [agrees, *message_checks(plan.problem, plan.trajectory, message, samples, factor, spare)]
 
 
 def _descriptions(described: Callable[..., Mapping[str, str]], name: str) -> Iterator[str]:
@@ -109,102 +233,54 @@ def _text(path: Path, most_bytes: int) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def _numbers(text: str) -> FloatArray:
+def _rows(lines: Sequence[str]) -> FloatArray:
     """Rows of numbers between commas; of one length, else ValueError."""
-    lines = text.splitlines()
-    if not all(lines):
-        raise ValueError("a row has no numbers")
+    if not lines or not all(lines):
+        raise ValueError("it has no numbers, or a row without")
     return np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
 
 
-def _table_defects(
-    text: str,
-    time: FloatArray,
-    names: Mapping[str, tuple[str, ...]],
-    tables: Mapping[str, FloatArray],
-) -> Iterator[str]:
-    """What of ``trajectory.csv`` is otherwise than the arrays."""
+def _table(text: str) -> _Points:
+    """The points of ``trajectory.csv``."""
     head, _, body = text.partition("\n")
-    columns = [column for quantity in tables for column in names[quantity]]
-    if head.rstrip("\r").split(",") != ["time", *columns]:
-        yield "its columns are not those of the arm's joints"
-        return
-    rows = [row.partition(",") for row in body.splitlines()]
-    if len(rows) != len(time):
-        yield f"it has {len(rows)} rows for {len(time)} samples"
-        return
-    times = np.array([float(first) for first, _, _ in rows])
-    yield from _differing(times[:, None], time[:, None], ["time"])
-    yield from _differing(_numbers("\n".join([rest for _, _, rest in rows])), _side_by_side(tables), columns)
+    columns = head.split(",")
+    names = tuple(column.rpartition("_")[0] for column in columns[1 : 1 + len(columns) // len(ROS_FIELDS)])
+    if columns != table_headings(names):
+        raise ValueError("its columns are not time, and then angle, velocity, acceleration and torque of every joint")
+    numbers = _rows(body.splitlines())
+    parts = np.split(numbers[:, 1:], len(ROS_FIELDS), axis=1)
+    return _Points(names, numbers[:, 0], dict(zip(ROS_FIELDS, parts, strict=True)))
 
 
-def _message_defects(
-    text: str,
-    time: FloatArray,
-    names: Mapping[str, tuple[str, ...]],
-    tables: Mapping[str, FloatArray],
-) -> Iterator[str]:
-    """What of ``trajectory.yaml`` is otherwise than the arrays."""
+def _message(text: str) -> _Points:
+    """The points of ``trajectory.yaml``, which all have the same fields."""
     lines = [line.rstrip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    joints = [column.rpartition("_")[0] for column in next(iter(names.values()))]
     field, _, value = lines[0].partition(": ") if lines else ("", "", "")
-    if field != "joint_names" or json.loads(value) != joints:
-        yield "its joint_names are not those of the arm"
-        return
-    size = 1 + len(ROS_FIELDS)
-    points = [lines[k : k + size] for k in range(2, len(lines), size)]
-    if lines[1:2] != ["points:"] or len(points) != len(time):
-        yield f"it has {len(points)} points for {len(time)} samples, or none"
-        return
+    if field != "joint_names" or lines[1:2] != ["points:"]:
+        raise ValueError("it does not begin with joint_names and points")
+    names = tuple(json.loads(value))
+    starts = [k for k, line in enumerate(lines) if line.startswith("- ")]
     # Whatever else stood in it, such as a second list of points, other programs might take for the motion.
-    found = [_point(point) for point in points]
-    strange = next((k for k, point in enumerate(found) if point is None), None)
-    if strange is not None:
-        yield f"point {strange + 1} is not made of {', '.join(('time_from_start', *ROS_FIELDS))}, each once"
-        return
-    values = [point for point in found if point is not None]
-    seconds = np.array([point["time_from_start"].split(",") for point in values], dtype=np.float64)
-    # Nanoseconds are whole numbers, so that each is off by half of one at most.
-    late = np.abs(seconds @ (1.0, 1e-9) - time)
-    if np.max(late) > 1e-9:
-        yield f"time_from_start of point {int(np.argmax(late)) + 1} is not that of its sample"
-    # One list too long would else make up for one that is too short.
-    if any(point[field].count(",") != len(joints) - 1 for point in values for field in ROS_FIELDS):
-        yield "it has lists that are not as long as the arm has joints"
-        return
-    rows = [",".join([point[field] for field in ROS_FIELDS]) for point in values]
-    columns = [column for quantity in tables for column in names[quantity]]
-    yield from _differing(_numbers("\n".join(rows)), _side_by_side(tables), columns)
+    points = [_point(lines[k:end]) for k, end in zip(starts, [*starts[1:], len(lines)], strict=True)]
+    if starts[:1] != [2] or any(point.keys() != points[0].keys() for point in points):
+        raise ValueError("its points are none, or not alike")
+    stamps = _rows([point["time_from_start"] for point in points])
+    tables = {field: _rows([point[field] for point in points]) for field in ROS_FIELDS if field in points[0]}
+    return _Points(names, stamps @ (1.0, 1e-9), tables)
 
 
-def _point(lines: Sequence[str]) -> Mapping[str, str] | None:
-    """The numbers of a point of a message, by its fields; None where it is made otherwise than points are."""
-    point = {}
-    for line, indent in zip(lines, ("- ", *repeat("  ", len(ROS_FIELDS))), strict=False):
+def _point(lines: Sequence[str]) -> Mapping[str, str]:
+    """The numbers of a point of a message, by its fields."""
+    point: dict[str, str] = {}
+    for line, indent in zip(lines, ("- ", *repeat("  ", len(lines) - 1)), strict=True):
         field, _, value = line.removeprefix(indent).partition(": ")
         match = (STAMP if field == "time_from_start" else LIST).fullmatch(value)
-        if not line.startswith(indent) or match is None:
-            return None
+        if not line.startswith(indent) or match is None or field in point:
+            raise ValueError(f"{line[:60]!r} is nothing that a point has, or is there twice")
         point[field] = ",".join(match.groups())
-    return point if point.keys() == {"time_from_start", *ROS_FIELDS} else None
-
-
-def _side_by_side(tables: Mapping[str, FloatArray]) -> FloatArray:
-    return np.column_stack(tuple(tables.values()))
-
-
-def _differing(rows: FloatArray, columns: FloatArray, names: Sequence[str]) -> Iterator[str]:
-    """The first value that differs from the arrays, if one does."""
-    if rows.shape != columns.shape:
-        yield f"it has {rows.shape[1]} numbers a sample, not {columns.shape[1]}"
-        return
-    off = np.abs(rows - columns)
-    # What is no number, or infinite, differs: it is not less than any bound.
-    wrong = ~(off <= TEXT_TOLERANCE * np.abs(columns) + np.finfo(np.float64).tiny)
-    if np.any(wrong):
-        sample, column = np.argwhere(wrong)[0]
-        found = rows[sample, column]
-        yield f"{names[column]} of sample {sample + 1} is {found:.12g}, not {columns[sample, column]:.12g}"
+    if not {"time_from_start", "positions", "velocities"} <= point.keys() <= {"time_from_start", *ROS_FIELDS}:
+        raise ValueError(f"a point has {', '.join(point)}, not time_from_start, positions and velocities")
+    return point
 
 
 def _model_defects(text: str, wanted: str, meshes: Callable[[str], Iterator[str]]) -> Iterator[str]:

@@ -7,48 +7,43 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.files.export.arm_description import FEED
+from ccm_opt.files.export.controller_points import ControllerPoints
 from ccm_opt.files.export.number_writing import number_rows
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.solution import JointStates, JointTrajectory
 
-_QUANTITIES = ("angle", "velocity", "acceleration", "torque")
+QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
-_ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
+ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 
 
-def trajectory_texts(trajectory: JointTrajectory, joints: JointStates, *, bends_only: bool = False) -> tuple[str, str]:
-    """The motion of all revolutes as CSV and as YAML; SI units, radians.
+def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effort: bool = False) -> tuple[str, str]:
+    """Write the points for a controller as CSV and as YAML; SI units, radians.
 
-    Both have the same numbers, of twelve digits, and formatting them is most of the work: it is done once. Every number
-    has a point, whole ones too: the fields of ROS messages take floats alone, and YAML takes ``1e-05`` for a text.
+    Both have the same numbers, of twelve digits. Every number has a point, whole ones too: the fields of ROS messages
+    take floats alone, and YAML takes ``1e-05`` for a text.
 
     Args:
-        trajectory: gives the time.
-        joints: gives names, angles, velocities, accelerations, torques.
+        points: of the plan.
         bends_only: whether the revolutes that turn out of the plane, or about the link, are left out.
+        effort: whether the message has efforts, which controllers from ROS 2 Humble on refuse.
 
     Returns:
         The text of ``trajectory.csv``: ``time`` and a column ``<joint>_<quantity>`` for every joint and quantity; and
-        of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``. A feed
-        axis is the first joint, ``feed``, with the columns ``feed_position``, …, ``feed_force`` [m, N].
+        of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``, with
+        accelerations where jerk is limited. A feed axis is the first joint, ``feed``, with the columns
+        ``feed_position``, …, ``feed_force`` [m, N].
     """
-    names, tables = _tables(trajectory, bending_joints(joints, trajectory.coordinates) if bends_only else joints)
-    columns = [number_rows(table) for table in tables]
-    times = trajectory.time.tolist()
-    return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
+    motion = points.trajectory
+    joints = bending_joints(points.joints, motion.coordinates) if bends_only else points.joints
+    names, tables = trajectory_tables(motion, joints)
+    rows = [number_rows(table) for table in tables]
+    written = {"positions", "velocities", *(["accelerations"] * points.smooth), *(["effort"] * effort)}
+    return "\n".join(_csv(motion.time, names, rows)), "\n".join(_yaml(motion.time, names, rows, written))
 
 
-def trajectory_columns(
-    trajectory: JointTrajectory, joints: JointStates
-) -> tuple[dict[str, tuple[str, ...]], dict[str, FloatArray]]:
-    """Headings of the table's columns, and their numbers, of shape (T, joints), by quantity and in its order."""
-    names, tables = _tables(trajectory, joints)
-    headings = {quantity: tuple(_column(name, k) for name in names) for k, quantity in enumerate(_QUANTITIES)}
-    return headings, dict(zip(_QUANTITIES, tables, strict=True))
-
-
-def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
+def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
     """Names of the joints, and their positions, velocities, accelerations and efforts; the feed axis is the first."""
     tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
     base = [
@@ -74,24 +69,25 @@ def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates
     )
 
 
-def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
-    headings = [_column(name, place) for place in range(len(_QUANTITIES)) for name in names]
-    yield ",".join(["time", *headings])
-    for time, *rows in zip(times, *columns, strict=True):
-        yield ",".join([f"{time:.12g}", *rows])
+def table_headings(names: tuple[str, ...]) -> list[str]:
+    """The columns of the table for joints of these names."""
+    quantities = zip(QUANTITIES, _FEED_QUANTITIES, strict=True)
+    return ["time", *(f"{name}_{feed if name == FEED else joint}" for joint, feed in quantities for name in names)]
+
+
+def _csv(time: FloatArray, names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
+    yield ",".join(table_headings(names))
+    for now, *rows in zip(time.tolist(), *columns, strict=True):
+        yield ",".join([f"{now:.12g}", *rows])
     yield ""
 
 
-def _column(name: str, place: int) -> str:
-    quantities = _FEED_QUANTITIES if name == FEED else _QUANTITIES
-    return f"{name}_{quantities[place]}"
-
-
-def _yaml(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
+def _yaml(time: FloatArray, names: tuple[str, ...], columns: list[list[str]], written: set[str]) -> Iterator[str]:
     yield f"joint_names: {json.dumps(list(names))}"
     yield "points:"
-    for time, *rows in zip(times, *columns, strict=True):
-        seconds, nanoseconds = divmod(round(time * 1e9), 1_000_000_000)
+    for now, *rows in zip(time.tolist(), *columns, strict=True):
+        seconds, nanoseconds = divmod(round(now * 1e9), 1_000_000_000)
         yield f"- time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}"
-        yield from (f"  {field}: [{row}]" for field, row in zip(_ROS_FIELDS, rows, strict=True))
+        fields = zip(ROS_FIELDS, rows, strict=True)
+        yield from (f"  {field}: [{row}]" for field, row in fields if field in written)
     yield ""

@@ -1,4 +1,4 @@
-"""The file ``arm.urdf``: the arm as URDF, three revolutes a ball, two massless links between, in the world frame."""
+"""The file ``arm.urdf``: the arm as URDF, three revolutes a ball, two frames between, in the world frame."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree as ET
@@ -25,6 +25,13 @@ UNLIMITED_EFFORT = 1e6
 """Written where there is no limit, since URDF has no way to say so [N m] or [N]."""
 UNLIMITED_VELOCITY = 1e3
 """Likewise [m/s]."""
+FRAME_MASS = 2e-15
+"""Of frames that move and carry nothing themselves [kg].
+
+Derived: twice the least that MuJoCo loads; Gazebo wants some, too. Torques change by less than their twelve digits.
+"""
+FRAME_INERTIA = 2e-14
+"""Likewise, about every axis [kg m²]."""
 
 
 def urdf_text(
@@ -42,7 +49,7 @@ def urdf_text(
     joint frames are parallel at zero angles, the straight arm along the base heading. A feed axis is the prismatic
     joint ``feed`` before all others, a payload a link of its own, and the tip a link without mass, ``tip``. Obstacles
     are links that are fixed to the world. Of the mount, which may touch walls, there is only the look. URDF has no
-    place for rotor inertia.
+    place for rotor inertia. Frames between joints have the least mass and inertia that MuJoCo and Gazebo load.
 
     Args:
         arm: the arm.
@@ -77,6 +84,9 @@ def arm_urdf(arm: DrivenArm, name: str, limits: Limits, *, bends_only: bool = Fa
 
 def urdf_of(robot: ET.Element) -> str:
     """The text of the file of an element ``robot``."""
+    if robot.find(".//mesh") is not None:
+        # MuJoCo 3 takes the last part of a name alone if not told so; others pass over what they do not know.
+        ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", strippath="false")
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
@@ -88,7 +98,7 @@ def _add_mount(robot: ET.Element, arm: DrivenArm, limits: Limits) -> str:
     mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
     _place(mount, "world", names[0], arm.base_position, _base_angles(arm))
     for axis, carrier, carried in zip(arm.base_axes, names[:-1], names[1:], strict=True):
-        ET.SubElement(robot, "link", name=carried)
+        _add_inertia(ET.SubElement(robot, "link", name=carried), 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
         slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
         _place(slide, carrier, carried, (0.0, 0.0, 0.0))
         ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
@@ -106,9 +116,7 @@ def _base_angles(arm: DrivenArm) -> tuple[float, float, float]:
 
 def _add_payload(robot: ET.Element, arm: DrivenArm, last: str) -> None:
     """A point mass at the tip."""
-    inertial = ET.SubElement(ET.SubElement(robot, "link", name="payload"), "inertial")
-    ET.SubElement(inertial, "mass", value=number(arm.payload))
-    ET.SubElement(inertial, "inertia", ixx="0", iyy="0", izz="0", ixy="0", ixz="0", iyz="0")
+    _add_inertia(ET.SubElement(robot, "link", name="payload"), 0.0, arm.payload, FRAME_INERTIA, FRAME_INERTIA)
     joint = ET.SubElement(robot, "joint", name="payload_mount", type="fixed")
     _place(joint, last, "payload", (arm.link_length, 0.0, 0.0))
 
@@ -130,18 +138,23 @@ def _add_limit(joint: ET.Element, span: tuple[float, float], velocity: float, ef
 def _add_link(robot: ET.Element, arm: DrivenArm, name: str, revolute: Revolute) -> None:
     link = ET.SubElement(robot, "link", name=name)
     if not revolute.carries_link:
+        _add_inertia(link, 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
         return
     k = revolute.ball - 1
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=numbers((0.5 * arm.link_length, 0.0, 0.0)), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=number(arm.masses[k]))
-    axial = number(arm.inertia_axial[k])
-    across = number(arm.inertia_transverse[k])
-    ET.SubElement(inertial, "inertia", ixx=axial, iyy=across, izz=across, ixy="0", ixz="0", iyz="0")
+    _add_inertia(link, 0.5 * arm.link_length, arm.masses[k], arm.inertia_axial[k], arm.inertia_transverse[k])
     _add_capsule(link, arm, "visual", 0.0)
     begin = checked_share(arm, k) * arm.link_length
     if begin < arm.link_length:
         _add_capsule(link, arm, "collision", begin)
+
+
+def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, across: float) -> None:
+    """Mass and inertia of a body of revolution about x, its centre at this x."""
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=numbers((centre, 0.0, 0.0)), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=number(mass))
+    sides = {"iyy": number(across), "izz": number(across), "ixy": "0", "ixz": "0", "iyz": "0"}
+    ET.SubElement(inertial, "inertia", {"ixx": number(axial), **sides})
 
 
 def _add_capsule(link: ET.Element, arm: DrivenArm, purpose: str, begin: float) -> None:

@@ -30,6 +30,8 @@ _WORDS = {
     "rest": "Speed of joints at rest",
     "samples": "Longest step between samples",
     "joint names": "Names of joints that differ",
+    "message limits": "Limits between points of the message",
+    "message deviation": "Message off the plan, of what it spares",
 }
 _ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
 """How the names of checks begin that a user cares about, the most important first."""

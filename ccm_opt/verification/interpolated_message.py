@@ -1,0 +1,347 @@
+"""What a controller makes of the points of a message: limits between them, and how far it leaves the proved motion.
+
+``joint_trajectory_controller`` of ROS joins two points by a cubic where both have velocities, by a quintic where both
+have accelerations too. Such a curve is looked at in short steps. In a step of length h a function f lies within
+h² / 8 · max|f''| of its chord, so the greatest |f| is that at the ends and this much more, unless f' keeps its sign;
+bounds on derivatives of a polynomial follow one from the other, and end with the last (``docs/theory.md``, theorem 17).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.base_axes import check_base_axes
+from ccm_opt.verification.bend_layout import bends_a_ball, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.checked_problem import CheckedProblem, Efforts
+from ccm_opt.verification.effort_share import UNIT
+from ccm_opt.verification.pauses import check_pauses
+from ccm_opt.verification.verification_settings import VerificationSettings
+
+LONGEST_STEP = 1e-3
+"""Curves are looked at in steps of no more [s]. Taste: what is added for the time between is some 1e-5 of a limit."""
+MOST_STEPS = 50_000
+"""Steps of a motion at most, unless it has more points; longer ones only make bounds less sharp. Taste."""
+MOST_PIECES = 32
+"""Into how many pieces a step of the proved motion is cut to bound the deviation. Taste."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """Points that a controller interpolates.
+
+    Attributes:
+        time: increasing from 0, shape (P,) [s].
+        positions: of all coordinates of the arm, shape (P, c) [rad, m].
+        velocities: shape (P, c) [rad/s, m/s].
+        accelerations: shape (P, c) [rad/s², m/s²]; None where the message has none.
+        coordinates: what the columns are.
+    """
+
+    time: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray | None
+    coordinates: Coordinates
+
+    @cached_property
+    def coefficients(self) -> FloatArray:
+        """Of the polynomial between each two points in the time from the first, shape (4 or 6, P − 1, c)."""
+        h = np.diff(self.time)[:, None]
+        v, w = self.velocities[:-1], self.velocities[1:]
+        # What is left of the way, in means over the step, once the first velocity is taken off.
+        rest = np.diff(self.positions, axis=0) / h - v
+        if self.accelerations is None:
+            parts = [self.positions[:-1], v, (3.0 * rest - (w - v)) / h, (w - v - 2.0 * rest) / h**2]
+            return np.array(parts)
+        a, b = self.accelerations[:-1], self.accelerations[1:]
+        rest, gain, growth = rest / h - 0.5 * a, (w - v) / h - a, b - a
+        parts = [
+            self.positions[:-1],
+            v,
+            0.5 * a,
+            (10.0 * rest - 4.0 * gain + 0.5 * growth) / h,
+            (-15.0 * rest + 7.0 * gain - growth) / h**2,
+            (6.0 * rest - 3.0 * gain + 0.5 * growth) / h**3,
+        ]
+        return np.array(parts)
+
+    def at(self, segments: IntArray, since: FloatArray, order: int = 0) -> FloatArray:
+        """A derivative at times since the first points of segments, shape (N, c)."""
+        found = np.zeros((len(since), self.positions.shape[1]))
+        for power in range(len(self.coefficients) - 1, order - 1, -1):
+            factor = np.prod(np.arange(power - order + 1, power + 1), dtype=np.float64)
+            found = found * since[:, None] + factor * self.coefficients[power][segments]
+        return found
+
+    def at_times(self, times: FloatArray, order: int = 0) -> FloatArray:
+        """A derivative at some times of the motion, shape (N, c)."""
+        segments = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
+        return self.at(segments, times - self.time[segments], order)
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """A motion between points in short steps.
+
+    Attributes:
+        message: the points.
+        segments: between which points a step lies, shape (n,).
+        since: time from the first of these to the step, shape (n,) [s].
+        length: of the steps, shape (n,) [s].
+    """
+
+    message: Message
+    segments: IntArray
+    since: FloatArray
+    length: FloatArray
+
+    @classmethod
+    def of(cls, message: Message) -> "_Steps":
+        long = np.diff(message.time)
+        pieces = np.ceil(long / max(LONGEST_STEP, float(message.time[-1]) / MOST_STEPS)).astype(np.intp)
+        segments = np.repeat(np.arange(len(long)), pieces)
+        number = np.arange(len(segments)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        length = (long / pieces)[segments]
+        return cls(message, segments, number * length, length)
+
+    @cached_property
+    def ends(self) -> tuple[FloatArray, ...]:
+        """Every derivative at both ends of the steps, each of shape (2, n, c)."""
+        both = (self.since, self.since + self.length)
+        orders = range(len(self.message.coefficients))
+        return tuple(np.array([self.message.at(self.segments, time, order) for time in both]) for order in orders)
+
+    def greatest(self, order: int) -> FloatArray:
+        """A bound on the size of a derivative in every step, shape (n, c)."""
+        if order >= len(self.ends):
+            return np.zeros(self.ends[0].shape[1:])
+        at_ends = np.asarray(np.max(np.abs(self.ends[order]), axis=0))
+        if order + 2 >= len(self.ends):
+            return at_ends
+        beyond = self.length[:, None] ** 2 / 8.0 * self.greatest(order + 2)
+        return np.asarray(at_ends + np.where(self._keeps_sign(order + 1), 0.0, beyond))
+
+    def _keeps_sign(self, order: int) -> BoolArray:
+        """Where f has one sign: with b = h² max|f''| it is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b."""
+        first, last = self.ends[order]
+        bow = 0.5 * self.length[:, None] ** 2 * self.greatest(order + 2)
+        return np.asarray((first * last >= 0.0) & (np.maximum(np.abs(first), np.abs(last)) >= bow))
+
+    def trajectory(self, stops: Sequence[int]) -> JointTrajectory:
+        """The states at the ends of all steps; stops are numbers of points."""
+        q, v, a = (np.concatenate((self.ends[order][0], self.ends[order][1, -1:])) for order in range(3))
+        time = np.append(self.message.time[self.segments] + self.since, self.message.time[-1])
+        first = np.searchsorted(self.segments, np.asarray(stops, dtype=np.intp))
+        return JointTrajectory(time, q, v, a, self.message.coordinates, tuple(int(k) for k in first))
+
+
+def check_message_limits(
+    problem: CheckedProblem,
+    message: Message,
+    stops: Sequence[int],
+    efforts: Callable[[FloatArray, FloatArray, FloatArray], Efforts],
+    of_points: Callable[[JointTrajectory], Sequence[Check]],
+    settings: VerificationSettings,
+) -> Check:
+    """Check that a controller that joins the points of a message keeps every limit at all times.
+
+    Args:
+        problem: what was asked.
+        message: the points.
+        stops: numbers of the points at which the arm rests at its goals on the way.
+        efforts: torques and force for positions, velocities and accelerations, by the verifier's own dynamics.
+        of_points: checks of the limits on points of the arm, for states along the motion.
+        settings: tolerances, with lengths in metres.
+
+    Returns:
+        The check for the greatest share of a limit that is used.
+    """
+    steps = _Steps.of(message)
+    found = _rate_shares(problem, steps) + _effort_shares(problem, steps, efforts)
+    dense = steps.trajectory(stops)
+    states = (dense.positions, dense.velocities, dense.accelerations)
+    needed = efforts(*states) if problem.arm.base_axes else (np.zeros((len(dense.time), 0)), np.zeros(len(dense.time)))
+    forces = np.repeat(needed[1][:, None], len(problem.arm.base_axes), axis=1)
+    drives = JointStates((), *states, needed[0], forces)
+    others = [
+        *of_points(dense),
+        *check_base_axes(problem, dense, drives, needed, settings),
+        *check_pauses(problem, dense, settings),
+    ]
+    worst, where = max(found)
+    broken = [f"{check.name} {check.worst:.6g} {check.unit}, {check.where}" for check in others if not check.passed]
+    passed = worst <= 1.0 + settings.limit_tolerance and not broken
+    return Check("message limits", worst, 1.0, UNIT, broken[0] if broken else where, passed=passed)
+
+
+def _rate_shares(problem: CheckedProblem, steps: _Steps) -> list[tuple[float, str]]:
+    """The greatest share of every limit on positions, velocities, accelerations and jerks, and where it is used."""
+    layout = steps.message.coordinates
+    limits = problem.limits
+    bends = revolutes_of_bends(layout)
+    axes = len(layout.base_names)
+    most = np.full(layout.joints, problem.arm.joint_limit)
+    most[: bends_a_ball(layout)] = problem.arm.base_limit
+
+    def both(of_joints: FloatArray | None, of_axis: float | None) -> FloatArray:
+        joints = np.full(len(bends), np.inf) if of_joints is None else of_joints[bends]
+        return np.append(joints, np.full(axes, np.inf if of_axis is None else of_axis))
+
+    bounds = {
+        "bend": np.append(most, np.full(axes, np.inf)),
+        "velocity": both(limits.velocity, limits.feed_velocity),
+        "acceleration": both(limits.acceleration, limits.feed_acceleration),
+        "jerk": both(limits.jerk, limits.feed_jerk),
+    }
+    found = []
+    for order, (kind, bound) in enumerate(bounds.items()):
+        share = steps.greatest(order) / bound
+        # Where accelerations jump at the points nothing bounds the jerk.
+        if kind == "jerk" and steps.message.accelerations is None:
+            share = np.where(np.isfinite(bound) & (share > 0.0), np.inf, share)
+        k, j = np.unravel_index(np.argmax(share), share.shape)
+        found.append((float(share[k, j]), f"{_coordinate(layout, int(j))} {kind} at {_time(steps, int(k))}"))
+    return found
+
+
+def _coordinate(layout: Coordinates, number: int) -> str:
+    return joint_of_bend(layout, number) if number < layout.joints else layout.base_names[number - layout.joints]
+
+
+def _time(steps: _Steps, k: int) -> str:
+    return f"t = {steps.message.time[steps.segments[k]] + steps.since[k]:.4f} s"
+
+
+def _effort_shares(
+    problem: CheckedProblem, steps: _Steps, efforts: Callable[[FloatArray, FloatArray, FloatArray], Efforts]
+) -> list[tuple[float, str]]:
+    """The same of torques and of the force on the base's axes, with what they can do between the ends of a step."""
+    limits = problem.limits
+    bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
+    if limits.torque is None and limits.feed_force is None:
+        return []
+    at_ends = [efforts(*(steps.ends[order][end] for order in range(3))) for end in (0, 1)]
+    found = []
+    for name, bound, values in zip(("torque", "feed force"), bounds, zip(*at_ends, strict=True), strict=True):
+        beyond = steps.length**2 / 8.0 * _effort_bow(problem, steps)
+        greatest = np.max(np.abs(values), axis=0)
+        share = np.max((greatest.T + beyond).T.reshape(len(beyond), -1) / bound, axis=1)
+        k = int(np.argmax(share))
+        found.append((float(share[k]), f"{name} at {_time(steps, k)}"))
+    return found
+
+
+def _effort_bow(problem: CheckedProblem, steps: _Steps) -> FloatArray:
+    """A bound on the second derivative of every torque, and of the force, in every step, shape (n,) [N m/s², N/s²].
+
+    No link turns at more than the sum of all rates of the bends, and so on for their derivatives. A vector of constant
+    length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³ and so on times its length, the axes
+    of the joints among them. A link counts as its mass at its farther end and its radius of gyration beyond.
+    """
+    arm = problem.arm
+    joints = steps.message.coordinates.joints
+    w, w1, w2, w3 = (np.sum(steps.greatest(order)[:, :joints], axis=1) for order in range(1, 5))
+    carried = [np.sum(steps.greatest(order)[:, joints:], axis=1) for order in range(2, 5)]
+    # Bounds of angular acceleration and its derivatives, in which the axes of the joints turn too, and of unit vectors.
+    a1 = w1 + w * w
+    e1, e2 = w, a1 + w * w
+    a2 = w2 + 2.0 * e1 * w1 + e2 * w
+    e3 = a2 + 3.0 * w * a1 + w**3
+    a3 = w3 + 3.0 * e1 * w2 + 3.0 * e2 * w1 + e3 * w
+    e4 = a3 + 4.0 * w * a2 + 3.0 * a1**2 + 6.0 * a1 * w**2 + w**4
+    masses = np.append(arm.masses, arm.payload)
+    gyration = np.sqrt(np.append(np.maximum(arm.inertia_transverse, arm.inertia_axial) / arm.masses, 0.0))
+    reach = arm.link_length * np.append(np.arange(1.0, arm.links + 1.0), arm.links) + gyration
+    gravity = float(np.linalg.norm(problem.simulation.gravity))
+    bow = np.zeros(len(w))
+    for mass, lever in zip(masses, reach, strict=True):
+        pull, pull1, pull2 = lever * e2 + carried[0] + gravity, lever * e3 + carried[1], lever * e4 + carried[2]
+        # A moment r × m (a − g) about an axis that turns: three factors, differentiated twice; a force has no lever.
+        moment = lever * pull
+        moment1 = lever * (e1 * pull + pull1)
+        moment2 = lever * (e2 * pull + 2.0 * e1 * pull1 + pull2)
+        bow += mass * np.maximum(moment2 + 2.0 * e1 * moment1 + e2 * moment, pull2)
+    rotor, friction = (float(np.max(values)) for values in (arm.rotor_inertia, arm.friction))
+    each = [np.max(steps.greatest(order), axis=1) for order in (3, 4)]
+    return np.asarray(bow + friction * each[0] + rotor * each[1])
+
+
+def check_message_deviation(
+    arm: DrivenArm, proved: JointTrajectory, message: Message, factor: float, spare: float
+) -> Check:
+    """Check that a controller that joins the points of a message stays as near to the proved motion as that spares.
+
+    Args:
+        arm: the arm.
+        proved: the motion whose coordinates are linear between samples.
+        message: the points.
+        factor: by which the message takes longer.
+        spare: how far any point of the arm may be from the proved motion [m].
+
+    Returns:
+        The check; its worst value is a distance that no point of the arm passes from where it is at some time of the
+        proved motion [m].
+    """
+    found = _deviation(arm, proved, message, factor, 1)
+    if np.max(found) > 0.5 * spare:
+        found = np.minimum(found, _deviation(arm, proved, message, factor, MOST_PIECES))
+    k = int(np.argmax(found))
+    where = f"t = {factor * proved.time[k]:.4f} s"
+    return Check("message deviation", float(found[k]), spare, "m", where, passed=bool(found[k] <= spare))
+
+
+def _deviation(arm: DrivenArm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
+    """Bounds on the deviation for every step of the proved motion, shape (T − 1,) [m].
+
+    Every place on the straight piece between two poses is held against the place of the curve as far between the two
+    times at which it is nearest to these poses; its chord between them it leaves by its acceleration.
+    """
+    numbers = np.arange(pieces * (len(proved.time) - 1) + 1) / pieces
+    samples = np.arange(len(proved.time))
+    straight = np.column_stack([np.interp(numbers, samples, column) for column in proved.positions.T])
+    times = factor * np.interp(numbers, samples, proved.time)
+    # What is nearest counts by how far a coordinate moves the tip.
+    joints = message.coordinates.joints
+    beyond = arm.links - np.arange(joints) // bends_a_ball(message.coordinates)
+    weights = np.append(arm.link_length * beyond, np.ones(len(arm.base_axes))) ** 2
+    nearest = times
+    for _ in range(3):
+        rates = message.at_times(nearest, 1)
+        square = rates**2 @ weights
+        late = (rates * (message.at_times(nearest) - straight)) @ weights / np.where(square > 0.0, square, 1.0)
+        nearest = np.clip(nearest - late, times[0], times[-1])
+    nearest[[0, -1]] = times[[0, -1]]
+    away = _travel(arm, message.coordinates, message.at_times(nearest) - straight)
+    # The curve is a mean of its Bernstein coefficients, so the greatest travel is that of one of them.
+    growth = np.append(np.max([_travel(arm, message.coordinates, each) for each in _controls(message)], axis=0), 0.0)
+    early, late = np.minimum(nearest[:-1], nearest[1:]), np.maximum(nearest[:-1], nearest[1:])
+    first = np.clip(np.searchsorted(message.time, early, side="left") - 1, 0, len(growth) - 2)
+    last = np.clip(np.searchsorted(message.time, late, side="right"), first + 1, len(growth) - 1)
+    most = np.maximum.reduceat(growth, np.stack((first, last), axis=1).ravel())[::2]
+    bounds = np.maximum(away[:-1], away[1:]) + np.diff(nearest) ** 2 / 8.0 * most
+    return np.asarray(np.max(bounds.reshape(-1, pieces), axis=1))
+
+
+def _controls(message: Message) -> list[FloatArray]:
+    """The Bernstein coefficients of the acceleration between each two points, each of shape (P − 1, c)."""
+    h = np.diff(message.time)[:, None]
+    powers = [k * (k - 1) * part * h ** (k - 2) for k, part in enumerate(message.coefficients) if k > 1]
+    if len(powers) == 2:
+        return [powers[0], powers[0] + powers[1]]
+    a, b, c, d = powers
+    return [a, a + b / 3.0, a + (2.0 * b + c) / 3.0, a + b + c + d]
+
+
+def _travel(arm: DrivenArm, layout: Coordinates, change: FloatArray) -> FloatArray:
+    """How far any point of the arm moves at most when its coordinates change, shape (N, c) to (N,) [m]."""
+    bends = change[:, : layout.joints]
+    if bends_a_ball(layout) > 1:
+        bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
+    turned = np.sum(np.abs(np.cumsum(bends, axis=1)), axis=1)
+    return np.asarray(arm.link_length * turned + np.sum(np.abs(change[:, layout.joints :]), axis=1))
