@@ -188,6 +188,7 @@ BOOLEAN = (
 ITEM = '<item objectid="1"/>'
 ELSEWHERE = model_3mf(object_3mf(), f'{ITEM}<item objectid="1" p:path="/3D/part.model"/>', f'xmlns:p="{PRODUCTION}"')
 PART = {"3D/part.model": model_3mf(object_3mf(size=3.0), "")}
+LINKED = {"3D/_rels/3dmodel.model.rels": linked("/3D/part.model")}
 
 
 @pytest.mark.parametrize(
@@ -197,7 +198,7 @@ PART = {"3D/part.model": model_3mf(object_3mf(size=3.0), "")}
         (three_mf(model_3mf(object_3mf(), ITEM, 'unit="inch"')), 12, 1.0, 0.0254),
         (three_mf(model_3mf(object_3mf(), ITEM, "")), 12, 1.0, 1e-3),
         (three_mf(model_3mf(object_3mf(attributes='type="support"'), ITEM)), 12, 1.0, 1e-3),
-        (three_mf(ELSEWHERE, **PART, **{"3D/_rels/3dmodel.model.rels": linked("/3D/part.model")}), 24, 3.0, 1e-3),
+        (three_mf(ELSEWHERE, **PART, **LINKED), 24, 3.0, 1e-3),
         (three_mf(model_3mf(object_3mf(size=2.0), ITEM), **{"a.model": PART["3D/part.model"]}), 12, 2.0, 1e-3),
         (
             three_mf(
@@ -231,11 +232,15 @@ def test_3mf_is_read_as_the_format_says(
         ),
         (three_mf(model_3mf(object_3mf(), ITEM, 'unit="parsec"')), "its unit 'parsec' is not known"),
         (three_mf(model_3mf(object_3mf(), "")), "it builds nothing"),
+        (
+            three_mf(ELSEWHERE.replace("<model ", '<model unit="inch" '), **PART, **LINKED),
+            "different units, inch, milli",
+        ),
         (three_mf(ELSEWHERE, **PART), "'/3D/part.model', which it names, counts only if the root model is linked"),
         (three_mf(model_3mf(object_3mf(), ITEM).encode("utf-16")), "UTF-16"),
         (three_mf(model_3mf(object_3mf().replace('v1="0" v2="2"', 'v1="0" v2="0"'), ITEM)), "one vertex twice"),
     ],
-    ids=range(9),
+    ids=range(10),
 )
 def test_3mf_that_is_not_read_is_refused_by_name(tmp_path: Path, content: bytes, words: str) -> None:
     """A shape that would be missing, or an item that would be another, is refused with what it is."""

@@ -76,6 +76,7 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
                 item = items.GetCurrent()
                 parts.collect(item.GetObjectResource(), _matrix(item.GetObjectTransform()))
         objects = model.GetObjects().Count()
+        root = model.RootModelPart().GetPath()
     except library.ELib3MFException as error:
         told = str(error).partition(": ")[2].strip() or str(error)
         reason = next((words for start, words in _REASONS.items() if told.startswith(start)), f"{told[:100]} (lib3mf)")
@@ -85,12 +86,12 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
         raise ProblemError(f"not readable as 3MF: {reason}") from None
     if not parts.taken:
         raise ProblemError("it builds nothing: its build section has no item that would say what stands where")
-    units = {announced[path].unit for path in parts.paths}
+    units = {announced[path].unit for path in (root, *parts.paths) if path in announced}
     if len(units) > 1:
         raise ProblemError(f"its parts are in different units, {', '.join(sorted(units))}; export it in one")
     left = objects - len(parts.taken)
     passed_over = (f"{counted(left, 'object')} that the file does not build",) if left else ()
-    return RawMesh.joined(parts.meshes, _UNITS[units.pop()] if units else None, passed_over)
+    return RawMesh.joined(parts.meshes, _UNITS[units.pop()], passed_over)
 
 
 @dataclass
