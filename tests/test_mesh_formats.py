@@ -2,6 +2,7 @@
 
 import json
 import struct
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -247,6 +248,13 @@ def test_3mf_that_is_not_read_is_refused_by_name(tmp_path: Path, content: bytes,
     with pytest.raises(ProblemError) as refused:
         read(tmp_path, "part.3mf", content)
     assert words in str(refused.value)
+
+
+def test_3mf_without_its_library_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where lib3mf has no wheel, a 3MF file is refused with a line that says what reads it and what helps."""
+    monkeypatch.setitem(sys.modules, "lib3mf", None)
+    with pytest.raises(ProblemError, match=r"read by lib3mf, which is not installed here .* export it as STL"):
+        read(tmp_path, "part.3mf", three_mf(model_3mf(object_3mf(), ITEM)))
 
 
 def test_a_mesh_that_is_used_often_is_counted_before_it_is_placed(tmp_path: Path) -> None:
