@@ -4,9 +4,11 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.statemachine import StringList
+from latex2mathml.converter import convert
 from myst_parser.parsers.sphinx_ import MystParser
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+from sphinx.writers.html5 import HTML5Translator
 
 from ccm_opt import __version__
 
@@ -31,6 +33,7 @@ html_theme_options = {
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
+html_math_renderer = "mathml"  # browsers draw it themselves, so that pages are whole without a network
 
 autodoc_member_order = "bysource"
 # Defaults as they are written: the value of a settings object fills pages, and takes most of the time of the build.
@@ -81,8 +84,16 @@ class NotebookParser(MystParser):
         super().parse(as_page(notebook), document)
 
 
+def draw_math(translator: HTML5Translator, node: nodes.Element) -> None:
+    """Write a formula as MathML, in its line or in one of its own."""
+    display = "inline" if isinstance(node, nodes.math) else "block"
+    translator.body.append(convert(node.astext(), display=display))
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
     """Make the directive and the reader of notebooks known."""
     app.add_source_suffix(".ipynb", "notebook")
     app.add_source_parser(NotebookParser)
+    app.add_html_math_renderer("mathml", (draw_math, None), (draw_math, None))
     app.add_directive("settings-modules", SettingsModules)

@@ -33,6 +33,10 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
             ("Bends in guide, of allowed", "25.0 %", "at most 100 %", "joint 1"),
         ),
         (
+            Check("goal position", 4e-8, 1e-9, "m", "tip at t = 1.0 s", passed=False),
+            ("Tip at the goal, off by", "4e-05 mm", "at most 1e-06 mm", "tip"),
+        ),
+        (
             Check("feed range", 0.0, 0.0, "m", "t = 0.0 s", passed=True),
             ("Feed axis beyond its range", "0.00 mm", "at most 0 mm", ""),
         ),

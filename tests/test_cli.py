@@ -209,13 +209,13 @@ def test_all_files_are_tried_and_the_highest_code_counts(
 def test_two_files_of_one_name_do_not_overwrite_each_other(
     problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Problems of one name are refused before any of them is solved."""
+    """The second problem of a name is refused, and that is told before the first is solved."""
     stand_in(monkeypatch, bend_a_little)
     twin = tmp_path / "twin.toml"
     twin.write_text(SMALL_PROBLEM)
     code, output = run("solve", problem_path, twin, "--out", tmp_path / "runs")
     assert (code, "the same name 'small'" in output) == (2, True)
-    assert not (tmp_path / "runs").exists()
+    assert output.index("their folders would be one, one is solved") < output.index("small: ")
 
 
 def failing(error: BaseException) -> Callable[[Problem], Solution]:

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
 import ccm_opt
+from ccm_opt.files.plotting.space_views import SIDES, SeenScene
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.problem import SpaceTipGoal
 from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
@@ -151,6 +154,15 @@ def test_maps_are_the_same_whatever_the_workers(tmp_path: Path, run: CommandLine
         assert done.code == 0
         written.append(next(out.glob("*/reach.npz")).read_bytes())
     assert written[0] == written[1]
+
+
+@pytest.mark.parametrize(("at", "length"), [(0.15, 0.0), (0.03, 0.6), (-0.15, 0.0)])
+def test_slices_show_the_bodies_that_they_cut(at: float, length: float) -> None:
+    """A box leaves the outline of its section, and nothing in planes that pass it."""
+    axes = Figure().add_subplot()
+    SeenScene(mapped().problem).draw_cut(axes, SIDES[0], 2, at)
+    drawn = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
+    assert sum(float(np.linalg.norm(np.subtract(line[1], line[0]))) for line in drawn) == pytest.approx(length)
 
 
 def test_results_may_come_in_any_order() -> None:

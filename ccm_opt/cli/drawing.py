@@ -159,11 +159,12 @@ def _drawn_in_space(plan: SavedSpacePlan, figures: Sequence[FigureName], kind: F
 
     drawers: Mapping[FigureName, Callable[[], tuple[str, bytes]]] = {
         FigureName.PLAN: lambda: (f"plan.{kind}", space_plan_picture(plan, kind)),
+        FigureName.SPACE: lambda: (f"space.{kind}", space_plan_picture(plan, kind)),
         FigureName.GIF: lambda: ("motion.gif", motion_gif(plan)),
         FigureName.MP4: lambda: ("motion.mp4", motion_mp4(plan)),
     }
-    # Where nothing is asked for, what there is is drawn.
-    asked = [name for name in figures if name in drawers or tuple(figures) != STILL_FIGURES]
+    # Where nothing is asked for, the plan is drawn, which is a picture in space itself.
+    asked = (FigureName.PLAN,) if tuple(figures) == STILL_FIGURES else figures
     if unknown := [str(name) for name in asked if name not in drawers]:
         raise ProblemError(f"{', '.join(unknown)}: drawn in the plane alone, and '{plan.problem.name}' is in space")
     return dict(drawers[name]() for name in asked)

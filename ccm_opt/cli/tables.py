@@ -96,7 +96,7 @@ def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
 
 def _signed(limit: str) -> str:
     """A limit in as few letters as a table has room for."""
-    return limit.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("no contact", "> 0")
+    return limit.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("no contact", "≥ 0")
 
 
 def _place(check: CheckWords) -> str:

@@ -83,7 +83,7 @@ class LivePlan:
 
     def __post_init__(self) -> None:
         problem = self.problem
-        Problem.expected(problem)
+        expect(problem, Problem, "a ccm_opt.Problem", "problems in space are planned live by LivePlanInSpace")
         expect_arguments(settings=self.settings)
         expect(self.live, LiveSettings, "LiveSettings for live=")
         if not self.suits(problem):

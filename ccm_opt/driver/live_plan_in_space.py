@@ -74,7 +74,7 @@ class LivePlanInSpace:
     reason: str = field(init=False, default="")
 
     def __post_init__(self) -> None:
-        expect(self.problem, SpaceProblem, "a SpaceProblem", "ccm_opt.load_problem reads one")
+        expect(self.problem, SpaceProblem, "a SpaceProblem", "problems in the plane are planned live by LivePlan")
         if not self.suits(self.problem):
             raise ProblemError(f"'{self.problem.name}' cannot be planned live: it has goals on the way")
         self._dynamics = InverseDynamics(self.problem.arm, self.problem.simulation.gravity)

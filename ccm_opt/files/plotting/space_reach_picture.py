@@ -52,7 +52,7 @@ def space_reach_figure(found: SpaceReachMap, settings: SpacePictureSettings = SP
         slice_ = np.take(colours, number, axis=across).swapaxes(0, 1)
         extent = (low[0], high[0], low[1], high[1])
         axes.imshow(slice_, origin="lower", extent=extent, interpolation="nearest", aspect="auto", zorder=0.4)
-        scene.draw(axes, side)
+        scene.draw_cut(axes, side, across, float(axes_of_cells[across][number]))
         scene.draw_room(axes, side)
         axes.set_aspect("equal", adjustable="box", anchor="NW")
         axes.plot(

@@ -100,6 +100,27 @@ class SeenScene:
         axes.imshow(picture, extent=extent, origin="lower", interpolation="bilinear", zorder=1, aspect="auto")
         self._draw_edges(axes, side)
 
+    def draw_cut(self, axes: Axes, side: Side, across: int, at: float) -> None:
+        """Draw the outlines along which a plane cuts the bodies.
+
+        Args:
+            axes: drawn on.
+            side: from which the plane is seen.
+            across: the coordinate axis that the plane is normal to.
+            at: coordinate of the plane [m].
+        """
+        for vertices, faces in self.bodies:
+            corners = vertices[faces]
+            above = corners[..., across] > at
+            cut = corners[above.any(axis=1) & ~above.all(axis=1)]
+            # Two of the three sides of such a triangle pass through the plane.
+            following = np.roll(cut, -1, axis=1)
+            height, next_height = cut[..., across] - at, following[..., across] - at
+            through = (height > 0.0) != (next_height > 0.0)
+            share = (height[through] / (height - next_height)[through])[:, None]
+            ends = (cut[through] + share * (following - cut)[through]).reshape(-1, 2, 3)
+            axes.add_collection(LineCollection(list(side(ends)), colors=style.WALL_EDGE, linewidths=0.9, zorder=1.5))
+
     def _draw_edges(self, axes: Axes, side: Side) -> None:
         """All sharp edges, each by itself: where several lie upon each other they are darker."""
         ends = side(np.concatenate([np.zeros((0, 2, 3)), *self.edges]))

@@ -24,8 +24,12 @@ _FINEST_OF_SCALE = 1e-3
 """The same share of other quantities, of the greatest there is."""
 
 
+_ROUNDING = 1e-5
+"""What is below this share of the last decimal is rounding of what was reckoned with, and told as 0."""
+
+
 def three_digits(value: float, finest: int) -> str:
-    """A number with three digits, but no more than so many decimals; a dash where there is none.
+    """A number with three digits, but no more than so many decimals unless it would be 0; a dash where there is none.
 
     Args:
         value: the number.
@@ -36,6 +40,8 @@ def three_digits(value: float, finest: int) -> str:
     size = abs(value)
     decimals = finest if size == 0.0 else min(max(2 - floor(log10(size)), 0), finest)
     text = f"{size:.{decimals}f}"
+    if not float(text) and size > _ROUNDING * 10.0**-finest:
+        text = f"{size:.2g}"
     return f"{MINUS}{text}" if value < 0.0 and float(text) else text
 
 
