@@ -176,6 +176,14 @@ def test_pinocchio_reads_the_arm_with_its_masses(folder: Path) -> None:
     assert np.allclose(tip, solution.joint_positions[sample, -1], atol=1e-12)
 
 
+def test_mujoco_loads_the_urdf_with_its_meshes(folder: Path) -> None:
+    """Frames that move have an inertia, and meshes are found in their folder."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(folder / "arm.urdf"))
+    assert model.nv == 1 + len(solved().joints.names)
+    assert model.nmesh > 0
+
+
 def test_the_film_of_solids_turns_links_as_they_turn() -> None:
     """Quaternions of a film are the links' rotations, and never jump to the other side."""
     random = np.random.default_rng(3)
