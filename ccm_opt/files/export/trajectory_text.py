@@ -1,6 +1,7 @@
 """The files ``trajectory.csv``, for spreadsheets, and ``trajectory.yaml``, in the shape of a ROS message."""
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -8,7 +9,6 @@ import numpy as np
 
 from ccm_opt.files.export.arm_description import FEED
 from ccm_opt.files.export.controller_points import ControllerPoints
-from ccm_opt.files.export.number_writing import number_rows
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.solution import JointStates, JointTrajectory
@@ -16,6 +16,8 @@ from ccm_opt.solution import JointStates, JointTrajectory
 QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
+_WHOLE = re.compile(r" (-?\d+)(?![\d.])")
+"""A number without a point, or the digits in front of its exponent, behind a space."""
 
 
 def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effort: bool = False) -> tuple[str, str]:
@@ -41,6 +43,23 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
     rows = [number_rows(table) for table in tables]
     written = {"positions", "velocities", *(["accelerations"] * points.smooth), *(["effort"] * effort)}
     return "\n".join(_csv(motion.time, names, rows)), "\n".join(_yaml(motion.time, names, rows, written))
+
+
+def number_rows(table: FloatArray) -> list[str]:
+    """Write every row of a table, its numbers of twelve digits as ``%.12g`` has them, joined by commas, with a point.
+
+    Whole numbers have a point too. Of columns of zeros alone no sign is written.
+
+    Args:
+        table: shape (rows, n).
+    """
+    # Revolutes that a plane motion leaves alone are most of the table, and need no formatting.
+    moving = np.any(table != 0.0, axis=0)
+    row = ",".join(" %.12g " if moves else "0.0" for moves in moving)
+    whole = "\n".join([row % tuple(values) for values in table[:, moving].tolist()])
+    # Most numbers without a point are zeros, of links that lie still, and a search for a text takes next to nothing.
+    whole = whole.replace(" 0 ", "0.0").replace(" -0 ", "-0.0")
+    return _WHOLE.sub(r"\1.0", whole).replace(" ", "").split("\n")
 
 
 def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
