@@ -18,6 +18,9 @@ from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_edges import Boxes, WallEdges, wall_edges
 
+TOUCHING = 1e-4
+"""Share of the radius by which a gap may differ from none that is told as a touch."""
+
 
 def check_walls(
     motion: ChainMotion, workspace: Workspace, settings: VerificationSettings = DEFAULT_VERIFICATION
@@ -35,7 +38,7 @@ def check_walls(
         near.gap,
         workspace.clearance,
         "m",
-        _where(verdict, wall),
+        _where(motion.arm, verdict, wall),
         passed=verdict.proved,
         place=NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall),
     )
@@ -103,10 +106,17 @@ def exposed_starts(arm: LinkChain) -> FloatArray:
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
-def _where(verdict: Verdict, wall: str) -> str:
+def _where(arm: LinkChain, verdict: Verdict, wall: str) -> str:
     near = verdict.nearest
     place = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
-    return f"{place}: {verdict.remark}" if verdict.remark else place
+    remark = verdict.remark or touch_beside_mount(arm, near.link, near.gap)
+    return f"{place}: {remark}" if remark else place
+
+
+def touch_beside_mount(arm: LinkChain, link: int, gap: float) -> str:
+    """Say of a link that touches a wall [m] that it is the one that leaves the mount; empty where it is not."""
+    leaves = link == int(arm.mount_length // arm.link_length)
+    return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
 
 
 def _prove(

@@ -14,6 +14,7 @@ from ccm_opt.space.verification.stretch_proof import Measured, StretchPairs, pro
 from ccm_opt.verification.bisection import Nearest, Verdict, least_allowed_gap
 from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.verification_settings import VerificationSettings
+from ccm_opt.verification.wall_clearance import touch_beside_mount
 
 
 def check_surfaces(
@@ -33,7 +34,8 @@ def check_surfaces(
     near = verdict.nearest
     wall = workspace.soup.names[surfaces.owner[near.other - surfaces.offsets[-2]]]
     where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
-    where = f"{where}: {verdict.remark}" if verdict.remark else where
+    remark = verdict.remark or touch_beside_mount(motion.arm, near.link, near.gap)
+    where = f"{where}: {remark}" if remark else where
     place = NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall)
     return Check("wall clearance", near.gap, workspace.clearance, "m", where, passed=verdict.proved, place=place)
 
