@@ -1,6 +1,7 @@
 """Why there is no plan: the checks prove nothing false, the reason is the true one, what is said to help was solved."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,28 +16,41 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.diagnosis import explain
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained
 from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.reach import least_chord
+from ccm_opt.diagnosis.reach import least_chord, out_of_reach
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
-from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, RetimingError, UnreachableGoal, sentences
+from ccm_opt.errors import (
+    Diagnosis,
+    Finding,
+    MotionNotFound,
+    ProblemError,
+    Relaxation,
+    RetimingError,
+    UnreachableGoal,
+    sentences,
+)
 from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.progress import Progress
+from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.solution import JointPath
 
-from .diagnosis_families import FAMILIES, GRAVITY, make_case, string_round
+from .diagnosis_families import FAMILIES, GRAVITY, Case, make_case, string_round
 from .diagnosis_judgement import named_rightly, relaxation_error
 from .scenes import Scene, clutter, later, make_arm, open_scene, random_headings
+from .space_diagnosis_families import make_space_case
 
 
 def ends_with(path: Path, data: dict[str, Any], *options: str) -> tuple[int, str, dict[str, Any]]:
@@ -305,6 +319,73 @@ def test_no_time_no_trial() -> None:
     assert any("arm.radius" in line for line in error.diagnosis.advice)
 
 
+@pytest.mark.parametrize(
+    ("ended", "code", "status"),
+    [(KeyboardInterrupt, 130, "cancelled"), (MemoryError, 3, "infeasible"), (ValueError, 1, "infeasible")],
+)
+@pytest.mark.parametrize("case", [make_case("contact", 1), make_space_case("contact", 1)])
+def test_the_reason_stands_whatever_ends_the_search_for_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: Case, ended: type[BaseException], code: int, status: str
+) -> None:
+    """It is printed once, before any change is tried, and recorded; memory has run out only where it did."""
+
+    def relaxed(*_: object) -> Iterator[Relaxation]:
+        raise ended
+
+    monkeypatch.setattr(explain, "relaxations", relaxed)
+    ended_with, output, record = ends_with(tmp_path, case.data)
+    assert (ended_with, record["status"]) == (code, status)
+    assert record["diagnosis"]["findings"][0]["kind"] == "contact"
+    reason, *_ = sentences(record["diagnosis"]["reason"])
+    assert output.count(f"problem.toml: {reason}") == 1
+    assert ("memory" in output) == (ended is MemoryError)
+    assert "more exactly" not in output
+
+
+def test_the_time_limit_keeps_the_reason(tmp_path: Path) -> None:
+    """Where no time is left for changes the reason is there all the same."""
+    code, output, record = ends_with(tmp_path, make_case("contact", 1).data, "--time-limit", "0.001", "--no-pictures")
+    assert (code, record["status"]) == (3, "infeasible")
+    assert "in contact" in output
+    assert record["diagnosis"]["relaxations"] == []
+
+
+def test_changes_are_told_of_before_they_are_tried_and_once_they_help() -> None:
+    """Who listens hears the reason first, then every change with the time that is spent of what may be."""
+    heard: list[object] = []
+    solver = Threshold(RADIUS, 0.03)
+
+    def solve(problem: Problem) -> object:
+        heard.append("tried")
+        return solver(problem)
+
+    error = UnreachableGoal(Diagnosis("no way", "free space"))
+    stages = Stages(heard.append)
+    with stages("diagnosis"):
+        told = explained(screened(0.05, gap=0.07), error, Trials(solve, later(900.0)), IN_PLANE, stages)
+    news = [each for each in heard if isinstance(each, Progress)]
+    known = [each.known for each in news if each.known is not None]
+    assert "too thick" in known[0].reason
+    assert known[0].relaxations == ()
+    assert known[-1].relaxations == told.diagnosis.relaxations != ()
+    first = heard.index("tried")
+    assert any(isinstance(each, Progress) and each.known is known[0] for each in heard[:first])
+    before = [heard[k - 1] for k, each in enumerate(heard) if each == "tried"]
+    assert all(isinstance(each, Progress) and each.name and each.limit == 15.0 for each in before)
+
+
+def test_figures_of_reasons_explain_those_of_changes() -> None:
+    """What helps far beyond its bound says what the reason asks for; what lacks is distance less tolerance."""
+    problem = screened(0.05, gap=0.07)
+    assert RADIUS.relaxation(problem, 0.0254, 0.0327).words.endswith("; what stands in the way asks for ≤ 0.0327 m")
+    assert RADIUS.relaxation(problem, 0.0254, 0.026).words == "arm.radius ≤ 0.0254 m"
+    finding = out_of_reach("goal", np.array([2.0, 0.0]), 2.0, 0.002, 1.5, {})
+    assert finding.reason.startswith(
+        "goal: out of reach, the arm is 0.498 m too short; the goal is 2.000 m from the base"
+    )
+    assert "less 0.002 m of tolerance" in finding.reason
+
+
 def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> None:
     """Nothing is proved: the tightest places are told as likely, first the kind that the smallest change mends."""
     problem = screened(0.03, gap=0.066)
@@ -354,7 +435,7 @@ def test_a_sound_obstacle_is_not_removed_where_that_does_not_help() -> None:
         Finding("torque", "weak", bounds={"limits.torque": 2.0, "arm.link_mass": 0.5}),
     )
     tried: list[Problem] = []
-    assert relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0)), IN_PLANE) == ()
+    assert tuple(relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0)), IN_PLANE)) == ()
     assert tried == []
 
 
@@ -407,7 +488,7 @@ def test_defects_of_the_input_are_not_explained() -> None:
         del changed
         raise ProblemError("unusable")
 
-    assert not Trials(unusable, later(900.0)).succeeds(problem)
+    assert not Trials(unusable, later(900.0)).succeeds(problem, "another goal")
 
 
 @pytest.mark.parametrize("family", FAMILIES)

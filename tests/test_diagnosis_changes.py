@@ -20,6 +20,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGo
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
@@ -46,7 +47,7 @@ def with_post(seed: int) -> Problem:
 def test_a_moved_goal_is_free_and_no_nearer_one_is(seed: int) -> None:
     """The place told is free of contact, and a step short of it, by more than the tolerance, is not."""
     problem = with_post(seed)
-    found = [each for each in moved_goals(problem, failed(problem)) if each.key == "goal.position"]
+    found = [each for each in moved_goals(problem, failed(problem), Deadline.never()) if each.key == "goal.position"]
     assert len(found) == 1
     moved = found[0]
     assert moved.bound is not None
@@ -61,7 +62,7 @@ def test_a_heading_that_cannot_be_taken_is_turned() -> None:
     workspace = Workspace(ROOM, (Obstacle("wall", shapely.box(0.55, -0.2, 0.6, 0.2)),))
     arm = make_arm()
     problem = Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(TipGoal(np.array([0.53, 0.0]), np.pi))
-    found = {each.key: each for each in moved_goals(problem, failed(problem))}
+    found = {each.key: each for each in moved_goals(problem, failed(problem), Deadline.never())}
     turned = found["goal.heading_deg"]
     assert turned.bound is not None
     assert failed(turned.write(problem, turned.bound)) == ()

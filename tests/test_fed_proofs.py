@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem, TipGoal
 
 from .benchmarks.feed_families import FAMILIES
@@ -75,7 +76,7 @@ def test_a_goal_in_a_post_is_moved_beside_it() -> None:
     """The nearest free place within reach beyond the hole is told for fed arms as well."""
     room = make_room(Obstacle("post", shapely.Point(0.5, 0.2).buffer(0.08)))
     problem = make_problem(fed_arm(), room, TipGoal(np.array([0.5, 0.15])))
-    (moved,) = moved_goals(problem, failed(problem))
+    (moved,) = moved_goals(problem, failed(problem), Deadline.never())
     assert moved.key == "goal.position"
     assert moved.bound is not None
     assert failed(moved.write(problem, moved.bound + 2e-3)) == ()

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
+from ccm_opt.files.report.drawn_findings import drawn_findings
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.failures import Failure, StrategyInVain, evidence, nothing_found
 from ccm_opt.motion.search import find_motion
@@ -29,6 +31,24 @@ def test_the_best_candidate_speaks_for_all() -> None:
     error = nothing_found(task, FAILURES, EXHAUSTED)
     assert "3 candidates; the best (near) ended with the tip 100.0 mm" in error.diagnosis.reason
     assert "'door'" in error.diagnosis.reason
+
+
+@pytest.mark.parametrize("left", [900.0, 0.0])
+def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
+    """Its joints at their limits and the wall beside it are named, with what to do; time alone is never the advice."""
+    problem = clutter(1, 5).problem()
+    task = replace(motion_task(problem), deadline=Deadline.after(left))
+    bends = np.zeros(task.arm.links)
+    bends[[2, 4]] = task.arm.bend_limits[[2, 4]] * [1.0, -1.0]
+    best = replace(failure("near", 0.1, "'door'"), headings=task.arm.headings(bends))
+    cut = StrategyInVain("trees", 0, exhausted=left > 0.0)
+    diagnosis = nothing_found(task, [best], (cut,)).diagnosis
+    assert "joints 3, 5 bent to the limit of" in diagnosis.reason
+    assert any(line.startswith("raise arm.joint_limit_deg: ") for line in diagnosis.advice)
+    assert any("'door'" in line and "link 3" in line for line in diagnosis.advice)
+    marks = drawn_findings(problem, diagnosis, PageUnits.of_page(problem))
+    (arm,) = [mark["points"] for mark in marks if mark["kind"] == "arm"]
+    assert np.array(arm) == pytest.approx(problem.arm.joint_positions(best.headings), abs=1e-5)
 
 
 def test_evidence_is_ranked_and_plain() -> None:

@@ -25,6 +25,7 @@ from ccm_opt.diagnosis.in_space.space_checks import failed_in_space
 from ccm_opt.diagnosis.in_space.tight_in_space import tight_in_space
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import UnreachableGoal, sentences
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
@@ -313,7 +314,7 @@ def test_a_goal_moved_in_space_is_free(seed: int) -> None:
         goal[0] *= -1.0  # away from the straight start
     ball = SpaceObstacle("ball", SphereBody(goal + rng.uniform(-0.02, 0.02, 3), 0.06))
     problem = problem_of(space_arm(8), SpaceTipGoal(goal), ball)
-    (moved,) = moved_space_goals(problem, failed_in_space(problem))
+    (moved,) = moved_space_goals(problem, failed_in_space(problem), Deadline.never())
     assert moved.bound is not None
     there = moved.write(problem, moved.bound)
     assert failed_in_space(there) == ()

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import tomlkit
 
+from ccm_opt.cli import surroundings
 from ccm_opt.cli.failure_record import failures_recorded
 from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.cli.stage_clock import StageClock
@@ -206,6 +207,39 @@ def test_planning_that_falls_silent_is_ended_from_outside(tmp_path: Path) -> Non
     record = json.loads((tmp_path / "open-space" / "solution.json").read_text())
     assert record["status"] == "timed-out"
     assert "nothing was heard" in record["diagnosis"]["reason"]
+    assert "memory" not in run.stderr + str(record["diagnosis"])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")
+def test_what_is_known_outlives_a_search_for_changes_that_falls_silent(tmp_path: Path) -> None:
+    """The process that listens has heard why there is no plan, and that is what stands in the record."""
+    script = SILENT.format(file=str(OPEN_SPACE), out=str(tmp_path), grace=0.5, times=0, silence=60)
+    known = (
+        'Progress("diagnosis", known=Diagnosis("in contact", "checks", findings=(Finding("contact", "in contact"),)))'
+    )
+    script = script.replace("    ctypes", f"    told({known})\n    ctypes")
+    script = f"from ccm_opt.errors import Diagnosis, Finding\nfrom ccm_opt.ground.progress import Progress\n{script}"
+    run = ended("-c", script, cwd=tmp_path)
+    assert run.returncode in {NO_PLAN, -signal.SIGKILL}
+    assert "nothing was heard of the search for changes that would help for 0.5 s" in run.stderr
+    record = json.loads((tmp_path / "open-space" / "solution.json").read_text())
+    assert (record["status"], record["diagnosis"]["reason"]) == ("infeasible", "in contact")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell")
+def test_memory_is_said_to_have_run_out_only_where_it_did(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads that are refused for their number, files of such a name and silence with memory to spare are not that."""
+    monkeypatch.setattr(surroundings, "_address_space", lambda: None)
+    assert not surroundings.out_of_memory(RuntimeError("can't start new thread"))
+    assert not surroundings.out_of_memory(ValueError("no file 'out of memory.toml'"))
+    assert not surroundings.out_of_memory(ImportError("failed to map segment from shared object: not permitted"))
+    assert surroundings.out_of_memory(RuntimeError("std::bad_alloc"))
+    assert not surroundings.used_up(os.getpid())
+    monkeypatch.setattr(surroundings, "_address_space", lambda: 1_000_000)
+    assert surroundings.out_of_memory(RuntimeError("can't start new thread"))
+    assert surroundings.used_up(os.getpid())
+    monkeypatch.setattr(surroundings, "_address_space", lambda: 1 << 60)
+    assert not surroundings.used_up(os.getpid())
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")

@@ -5,6 +5,7 @@ An earlier plan of the same name stays as it is; whatever is no whole result of 
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -66,8 +67,9 @@ def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pict
     Raises:
         NoPlanFound: its diagnosis is written to ``solution.json``.
         VerificationError: likewise.
-        KeyboardInterrupt: a record with the status ``cancelled`` is written, or the plan where there is one already.
-        MemoryError: or whatever else says that memory ran out; a record of that is written.
+        KeyboardInterrupt: a record with the status ``cancelled`` and the reason, as far as it is known, is written; or
+            the plan where there is one already.
+        MemoryError: or whatever else says that memory ran out before there was a reason; a record of that is written.
     """
     record = failure_recorder(problem, out, clock, pictures=pictures)
     try:
@@ -83,14 +85,20 @@ def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pict
         write_unfinished(out / problem.name, solution_files(cancelled.solution))
         raise
     except KeyboardInterrupt:
-        record("cancelled", Diagnosis("cancelled by the user", clock.current or "planning"))
+        record("cancelled", clock.known or Diagnosis("cancelled by the user", clock.current or "planning"))
         raise
     except Exception as error:
-        if out_of_memory(error):
+        short = out_of_memory(error)
+        known = clock.known
+        if known is None and short:
+            known = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
+        if known is not None:
             # What was being made is free again by now; without the room for a record, the error alone has to do.
-            short = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
             with suppress(MemoryError):
-                failure_recorder(problem, out, clock, pictures=False)(NoPlanFound.unproved_status, short)
+                failure_recorder(problem, out, clock, pictures=False)(NoPlanFound(known).status, known)
+        if clock.known is not None and short:
+            advice = (*clock.known.advice, "more memory, which ran out while changes that would help were sought")
+            raise NoPlanFound(replace(clock.known, advice=advice)) from error
         raise
 
 

@@ -21,7 +21,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TextIO, TypeVar
 
 from rich.console import Console
@@ -37,7 +37,14 @@ from ccm_opt.cli.cancelling import (
 from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
 from ccm_opt.cli.surroundings import out_of_memory
-from ccm_opt.errors import NativeLibraryError, NoPlanFound, ProblemError, ProblemFileError, VerificationError
+from ccm_opt.errors import (
+    Diagnosis,
+    NativeLibraryError,
+    NoPlanFound,
+    ProblemError,
+    ProblemFileError,
+    VerificationError,
+)
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import SimulationVerdict
 
@@ -78,6 +85,27 @@ def complain(message: str) -> None:
     """Print an error for people, on stderr."""
     output().add_message("errors", message)
     _print_on_stderr("error:", "red", message)
+
+
+def tell_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
+    """Print why the item under way has no plan, on stderr: at once what is known, later what has been added.
+
+    Args:
+        diagnosis: as far as it is known.
+        last: whether nothing will be added; only then advice is printed, which may not be the last word before.
+    """
+    shown = diagnosis if last else replace(diagnosis, advice=())
+    item = output()
+    told = item.told
+    new = [line for line in str(shown).splitlines() if line not in told]
+    if new and not told:
+        _print_on_stderr("error:", "red", "\n".join((f"{item.item}: {new[0]}", *new[1:])))
+    elif new:
+        # Another first line is a reason that says more than the one before.
+        new[0] = new[0] if new[0].startswith(" ") else f"  more exactly: {new[0]}"
+        _print_on_stderr("", "red", "\n".join(new))
+    item.told = [*told, *new]
+    item.note({"diagnosis": asdict(diagnosis), "errors": [f"{item.item}: {diagnosis}"]})
 
 
 def warn(message: str) -> None:
@@ -135,7 +163,7 @@ def _print_on_stderr(label: str, colour: str, message: str) -> None:
     """Print on stderr, folded where it is a terminal's; nothing happens when nobody reads it."""
     try:
         console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
-        text = f"{label} {message}"
+        text = f"{label} {message}" if label else message
         # What is no terminal gets whole lines, for other programs to read.
         text = folded(text, console.width) if console.is_terminal else text
         console.print(f"[{colour}]{label}[/{colour}]{escape(text[len(label) :])}")
@@ -161,8 +189,8 @@ def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
         complain(str(error))
         return BAD_INPUT
     except NoPlanFound as error:
-        output().note({"status": error.status, "diagnosis": asdict(error.diagnosis)})
-        complain(f"{name}: {error}")
+        output().note({"status": error.status})
+        tell_reason(error.diagnosis, last=True)
         return NO_PLAN
     except VerificationError as error:
         output().note({"status": "refused"})

@@ -18,6 +18,7 @@ class Output:
         quiet: whether standard output gets no tables and standard error no progress; errors and warnings are told.
         verbose: whether every stage is told, with the package's own log, and every check in closing tables.
         results: one for every item so far, a file or a folder as a rule; the last may be under way.
+        told: lines that were printed so far of why the item under way has no plan.
     """
 
     command: str = ""
@@ -25,6 +26,7 @@ class Output:
     quiet: bool = False
     verbose: bool = False
     results: list[dict[str, object]] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
 
     @property
     def tables(self) -> bool:
@@ -34,6 +36,12 @@ class Output:
     def begin(self, item: str) -> None:
         """Note that the work on an item begins."""
         self.results.append({"item": item})
+        self.told = []
+
+    @property
+    def item(self) -> str:
+        """What is under way, in words; the command where there are no items."""
+        return str(self.results[-1]["item"]) if self.results else self.command
 
     def note(self, data: Mapping[str, object]) -> None:
         """Note what came of the item under way, or of the command where there are no items."""
@@ -66,12 +74,13 @@ class Output:
         }
 
 
+_WITHOUT_COMMAND = Output()
 _CURRENT: ContextVar[Output | None] = ContextVar("output of the command", default=None)
 
 
 def output() -> Output:
     """That of the command that is running; tables for people where none is."""
-    return _CURRENT.get() or Output()
+    return _CURRENT.get() or _WITHOUT_COMMAND
 
 
 @contextmanager

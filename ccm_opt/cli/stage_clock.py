@@ -6,13 +6,18 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 
 from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import output
 from ccm_opt.ground.progress import Progress
+
+if TYPE_CHECKING:
+    from ccm_opt.errors import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -36,12 +41,14 @@ class StageClock:
         current: the present stage; empty before the first and after ``finish``.
         wall: wall time by stage [s].
         cpu: user and system time by stage, of finished child processes too [s].
+        known: why there is no plan, as far as the solve has told; None while it seeks one.
     """
 
     def __init__(self, show: Callable[[Progress], None] | None = None) -> None:
         self.current = ""
         self.wall: dict[str, float] = {}
         self.cpu: dict[str, float] = {}
+        self.known: Diagnosis | None = None
         self._show = show
         self._since = _Moment.present()
 
@@ -55,7 +62,10 @@ class StageClock:
         if stage != self.current:
             self.finish()
             self.current = stage
-        if self._show is not None:
+        if progress.known is not None:
+            self.known = progress.known
+            tell_reason(progress.known)
+        elif self._show is not None:
             self._show(progress)
 
     def finish(self) -> None:

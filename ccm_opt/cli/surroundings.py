@@ -3,6 +3,7 @@
 import os
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 LEAST_ADDRESS_SPACE = 300_000_000
 """Address space below which libraries cannot even be loaded [bytes]; some of them would try without end. Measured:
@@ -45,12 +46,8 @@ def _fill_up_to(number: int) -> None:
 
 def too_little_memory() -> str:
     """Why nothing can be loaded, in a line; empty where it can."""
-    try:
-        import resource  # noqa: PLC0415 - not on every system
-    except ImportError:
-        return ""
-    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if allowed in {-1, resource.RLIM_INFINITY} or allowed >= LEAST_ADDRESS_SPACE:
+    allowed = _address_space()
+    if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
     return (
         f"out of memory: {allowed / 1e6:.0f} MB of address space are allowed (ulimit -v), and loading the libraries "
@@ -58,11 +55,38 @@ def too_little_memory() -> str:
     )
 
 
+def _address_space() -> int | None:
+    """Return how much address space this process is allowed [bytes]; None where that is not limited."""
+    try:
+        import resource  # noqa: PLC0415 - not on every system
+    except ImportError:
+        return None
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return None if allowed in {-1, resource.RLIM_INFINITY} else allowed
+
+
+def used_up(process: int) -> bool:
+    """Return whether a process, allowed as much as this one, has taken all but a tenth of its address space."""
+    allowed = _address_space()
+    if allowed is None:
+        return False
+    try:
+        status = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    peak = next((int(line.split()[1]) for line in status.splitlines() if line.startswith("VmPeak:")), 0)
+    return 1024 * peak > 0.9 * allowed
+
+
 def out_of_memory(error: BaseException | None) -> bool:
     """Whether an error, or what it came from, says that memory is used up, in any of the ways in which that is said."""
     seen = 0
     while error is not None and seen < _DEEPEST:
-        if isinstance(error, MemoryError) or any(words in str(error) for words in _SAID):
+        said = isinstance(error, _SAYERS) and any(words in str(error) for words in _SAID)
+        if isinstance(error, MemoryError) or (said and "permitted" not in str(error)):
+            return True
+        # The system refuses threads for want of address space, or because a user has too many of them.
+        if "can't start new thread" in str(error) and _address_space() is not None:
             return True
         error = error.__cause__ or error.__context__
         seen += 1
@@ -71,8 +95,10 @@ def out_of_memory(error: BaseException | None) -> bool:
 
 _SAID = (
     *("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "std::bad_alloc"),
-    *("can't start new thread", "bad allocation", "Unable to allocate", "out of memory"),
+    *("bad allocation", "Unable to allocate", "out of memory"),
 )
 """How libraries say it."""
+_SAYERS = (RuntimeError, OSError, ImportError, SystemError)
+"""Errors in which they say it; the same words in others are about something else, say a file of that name."""
 _DEEPEST = 50
 """Errors that came from each other are followed no further."""

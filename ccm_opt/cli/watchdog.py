@@ -3,23 +3,28 @@
 Time limits are kept by code that looks at the clock. IPOPT does not where memory runs out: it spins inside its linear
 solver, where neither Python nor a handler of Python's gets a turn. So a small process, forked while planning lasts, is
 told of every stage and every candidate; when it has heard nothing for far longer than the time limit, it says so in a
-line, leaves the record of a problem that was timed out, and ends the command with exit code 3.
+line, leaves a record, and ends the command with exit code 3. Where it had been told why there is no plan, and changes
+that would help were sought, the record has that reason.
 """
 
 import ctypes
 import os
-import select
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import NoReturn
+from multiprocessing import Pipe
+from typing import TYPE_CHECKING, NoReturn
 
 from ccm_opt.cli.display_settings import WATCHDOG, WatchdogSettings
-from ccm_opt.cli.surroundings import MORE_MEMORY
-from ccm_opt.errors import Diagnosis, TimeLimitReached
+from ccm_opt.cli.surroundings import MORE_MEMORY, used_up
+from ccm_opt.errors import Diagnosis, NoPlanFound, TimeLimitReached
+from ccm_opt.ground.progress import Progress
 from ccm_opt.problem import PlannerOptions
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 Recorder = Callable[[str, Diagnosis], None]
 """Writes the record of a status and its diagnosis."""
@@ -51,17 +56,18 @@ def ended_when_silent(
         yield progress
         return
     silence = settings.limits * planner.time_limit + settings.grace
-    hears, tells = os.pipe()
+    hears, tells = Pipe(duplex=False)
     command = os.getpid()
     listener = os.fork()
     if listener == 0:
-        os.close(tells)
+        tells.close()
         _listen(command, hears, silence, name, record, settings)
-    os.close(hears)
+    hears.close()
 
     def told(*news: object) -> None:
+        known = [each.known for each in news if isinstance(each, Progress)]
         with suppress(OSError):
-            os.write(tells, b".")
+            tells.send(known[0] if known else None)
         progress(*news)
 
     try:
@@ -69,7 +75,7 @@ def ended_when_silent(
             yield told
     finally:
         # Whoever hears the end of the pipe has nothing more to do.
-        os.close(tells)
+        tells.close()
         with suppress(OSError):
             os.kill(listener, signal.SIGKILL)
             os.waitpid(listener, 0)
@@ -99,33 +105,53 @@ def _ended_by_signal() -> Iterator[None]:
 
 
 def _listen(
-    command: int, hears: int, silence: float, name: str, record: Recorder | None, settings: WatchdogSettings
+    command: int,
+    hears: "Connection[None, Diagnosis | None]",
+    silence: float,
+    name: str,
+    record: Recorder | None,
+    settings: WatchdogSettings,
 ) -> NoReturn:
     """The process that listens; it never returns."""
+    known: Diagnosis | None = None
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         # Who reads what the command prints is not to wait for this process.
         nothing = os.open(os.devnull, os.O_RDWR)
         os.dup2(nothing, 1)
-        while True:
-            ready, _, _ = select.select([hears], [], [], silence)
-            if not ready:
-                _end(command, name, silence, record, settings)
-                break
-            if not os.read(hears, 65536):
-                break
+        with suppress(EOFError):
+            while hears.poll(silence):
+                known = hears.recv() or known
+            _end(command, name, silence, record, known, settings)
     finally:
         os._exit(0)
 
 
-def _end(command: int, name: str, silence: float, record: Recorder | None, settings: WatchdogSettings) -> None:
-    """Say why, leave the record, and end the command, which is the last that anybody waits for."""
-    reason = f"nothing was heard of planning for {silence:g} s, so it was ended; memory may have run out"
+def _end(
+    command: int,
+    name: str,
+    silence: float,
+    record: Recorder | None,
+    known: Diagnosis | None,
+    settings: WatchdogSettings,
+) -> None:
+    """Say why, leave the record, and end the command, which is the last that anybody waits for.
+
+    Where there is a reason already, it has been printed, and stands in the record.
+    """
+    what = "planning" if known is None else "the search for changes that would help"
+    reason = f"nothing was heard of {what} for {silence:g} s, so it was ended"
+    advice: tuple[str, ...] = ("report it, with the problem file",)
+    if used_up(command):
+        reason += "; memory ran out"
+        advice = (MORE_MEMORY,)
+    known = known or Diagnosis(reason, "planning", advice)
+    status = NoPlanFound(known).status if known.proved else TimeLimitReached.unproved_status
     with suppress(OSError):  # whoever read it may have gone, and the command is to end all the same
         os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
     try:
         if record is not None:
-            record(TimeLimitReached.unproved_status, Diagnosis(reason, "planning", advice=(MORE_MEMORY,)))
+            record(status, known)
     finally:
         for ending in (ENDING, signal.SIGKILL):
             with suppress(ProcessLookupError):

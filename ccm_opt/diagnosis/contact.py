@@ -145,7 +145,7 @@ def _touch(
     else:
         near = gap_words(-free)
         how = f"{what} comes within {near} of '{wall.name}', the clearance is {short_length(clearance)}"
-    return contact_finding(problem, key, f"the {name} is in contact: {how}", where, wall.name, gap, play)
+    return contact_finding(problem, key, f"{name} is in contact: {how}", where, wall.name, gap, play)
 
 
 def _outermost(body: shapely.Geometry, room: shapely.Polygon) -> FloatArray:
@@ -170,8 +170,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     crossing = distances[k] == 0.0 and not play.any()
     yield Finding(
         "contact",
-        f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by "
-        f"{short_length(overlap)}",
+        f"{pose.key}: {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {short_length(overlap)}",
         proved=bool(crossing or overlap > play[i[k]] + play[j[k]] + contact_missed(arm)),
         key=pose.key,
         place=point(points[i[k]]),

@@ -134,7 +134,8 @@ class TrialSettings:
         try_share: share of the time left that one try may use. Taste.
         longest_try: CPU time that one try may use at most [s]. Taste.
         longest_further_try: the same when something that helps is known [s]. Taste.
-        longest_search: CPU time that all tries may use together, however much is left [s]. Taste.
+        longest_search: CPU time for causes and tries together, from when there is a reason on [s]. Taste: who waits
+            for changes has the reason already.
         patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
         enough: relaxations that are reported. Taste.
         most_dropped: constraints and costs of the user's that are dropped in a try of their own. Taste.
@@ -151,7 +152,7 @@ class TrialSettings:
     try_share: float = 0.5
     longest_try: float = 2.5
     longest_further_try: float = 0.6
-    longest_search: float = 8.0
+    longest_search: float = 15.0
     patience: float = 2.0
     enough: int = 4
     most_dropped: int = 3
@@ -201,6 +202,8 @@ class WaySettings:
         pull_steps: halvings of how far one of its corners is moved then. Taste.
         places: along each straight part of a way that are looked at. Taste.
         narrow: a way narrower than this multiple of what the arm needs is told. Taste.
+        seconds: CPU time after which nothing more is looked at about one goal [s]. Taste: half of all the time for
+            reasons and changes.
     """
 
     cells: int = 20_000
@@ -224,6 +227,7 @@ class WaySettings:
     pull_steps: int = 5
     places: int = 9
     narrow: float = 1.5
+    seconds: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -252,7 +256,7 @@ class MovedSpaceGoalSettings:
 
 def _space_trials() -> TrialSettings:
     """In space a motion takes some times as long to find as in the plane."""
-    return TrialSettings(longest_try=4.0, longest_further_try=2.0, longest_search=14.0, patience=6.0)
+    return TrialSettings(longest_try=4.0, longest_further_try=2.0, patience=6.0)
 
 
 @dataclass(frozen=True)

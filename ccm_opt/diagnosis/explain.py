@@ -1,6 +1,5 @@
 """What the driver asks where there is no plan: why, and what change would help."""
 
-import time
 from dataclasses import replace
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
@@ -10,6 +9,8 @@ from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.stages import Stages
 from ccm_opt.space.problem import AnyProblem
 
 
@@ -23,22 +24,34 @@ def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge) ->
     return type(error)(replace(error.diagnosis, reason=reason, findings=findings, advice=advice))
 
 
-def explained(problem: AnyProblem, error: NoPlanFound, trials: Trials, knowledge: Knowledge) -> NoPlanFound:
-    """The same error with all that is known of why, and the changes with which the problem was solved.
+def explained(
+    problem: AnyProblem, error: NoPlanFound, trials: Trials, knowledge: Knowledge, stages: Stages | None = None
+) -> NoPlanFound:
+    """Return the same error with all that is known of why, and the changes with which the problem was solved.
 
     Args:
         problem: what was asked.
         error: how the pipeline ended.
         trials: solves changed problems in the time that is left.
         knowledge: of problems of its kind.
+        stages: told what is known as soon as it is.
     """
+    stages = stages or Stages()
     checked = knowledge.proved(problem)
     # What is proved leaves no use for what is likely; an overload is known of the path that was found, no more.
     known = checked or _overloads(problem, error) or knowledge.likely(problem)
-    # What it took to find the causes is not taken from the tries.
-    solved = relaxations(problem, known, replace(trials, begun=time.process_time()), knowledge)
-    findings = ranked(known, solved)
-    return type(error)(_diagnosis(problem, error.diagnosis, findings, solved, knowledge))
+    old = error.diagnosis
+    hints = knowledge.hints(problem)
+    stages.tell_known(_diagnosis(old, ranked(known), (), (*hints, *(() if binding(known) else old.advice))))
+    solved: tuple[Relaxation, ...] = ()
+    with stages("changes that would help"):
+        telling = replace(trials, tell=stages.tell_change)
+        for relaxation in relaxations(problem, known, telling, knowledge):
+            solved = tuple(sorted((*solved, relaxation), key=lambda each: each.change))
+            stages.tell_known(_diagnosis(old, ranked(known, solved), solved, hints))
+        # What would be needed at least is of interest where no change is known that helps.
+        advice = () if solved else _advice(problem, known, knowledge, trials.until) or old.advice
+    return type(error)(_diagnosis(old, ranked(known, solved), solved, (*hints, *advice)))
 
 
 def _overloads(problem: AnyProblem, error: NoPlanFound) -> tuple[Finding, ...]:
@@ -52,28 +65,26 @@ def _overloads(problem: AnyProblem, error: NoPlanFound) -> tuple[Finding, ...]:
 
 
 def _diagnosis(
-    problem: AnyProblem,
-    old: Diagnosis,
-    findings: tuple[Finding, ...],
-    solved: tuple[Relaxation, ...],
-    knowledge: Knowledge,
+    old: Diagnosis, findings: tuple[Finding, ...], solved: tuple[Relaxation, ...], advice: tuple[str, ...]
 ) -> Diagnosis:
-    """The old diagnosis with what was found: a proof takes the place of its reason."""
-    known = bool(binding(findings[:1]))
-    reason = findings[0].reason if known else old.reason
-    advice = () if solved else _advice(problem, findings, knowledge) or old.advice
-    advice = (*knowledge.hints(problem), *advice)
+    """Return the old diagnosis with what was found; a proof takes the place of its reason."""
+    reason = findings[0].reason if binding(findings[:1]) else old.reason
     return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
 
 
-def _advice(problem: AnyProblem, findings: tuple[Finding, ...], knowledge: Knowledge) -> tuple[str, ...]:
+def _advice(
+    problem: AnyProblem, findings: tuple[Finding, ...], knowledge: Knowledge, until: Deadline
+) -> tuple[str, ...]:
     """What would be needed at least, as far as is known, when no try of it succeeded.
 
     Nothing is advised of which the necessary checks prove that it is not enough.
     """
     proved = tuple(finding for finding in findings if finding.proved)
     words = []
-    for candidate in candidates(problem, proved, knowledge) if proved else ():
+    enough = Deadline.after(1.0)
+    for candidate in candidates(problem, proved, knowledge, until) if proved else ():
+        if enough.passed():
+            break
         if isinstance(candidate, WholeChange):
             words += [] if knowledge.hopeless(candidate.changed(problem)) else [candidate.words]
         elif (bound := candidate.bound or hardest_bound(candidate, proved)) is not None:

@@ -28,7 +28,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))
         if load[number] > torque[number]:
-            where = f"{pose.key}: at the {pose.name} {joint_words(problem.arm, number)}"
+            where = f"{pose.key}: at {pose.name} {joint_words(problem.arm, number)}"
             proved = bool(np.any(load - _lighter(problem, pose) > torque))
             yield replace(overloaded(problem, where, number, float(load[number])), proved=proved)
 

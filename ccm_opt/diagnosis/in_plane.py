@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.checks import failed, hopeless
 from ccm_opt.diagnosis.knowledge import Knowledge, heading_may_mend
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.parameters import WholeChange, without_heading
@@ -21,9 +21,5 @@ def _left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Whole
         yield heading
 
 
-def _hopeless(problem: Problem) -> bool:
-    return any(finding.proved for finding in failed(problem))
-
-
-IN_PLANE = Knowledge(failed, _hopeless, tight_places, wider_room, moved_goals, _left_out, unit_hints, BOUNDARY_NAME)
+IN_PLANE = Knowledge(failed, hopeless, tight_places, wider_room, moved_goals, _left_out, unit_hints, BOUNDARY_NAME)
 """Of arms in the plane."""

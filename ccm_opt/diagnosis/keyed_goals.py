@@ -57,6 +57,7 @@ class KeyedGoal(Generic[GoalT_co]):
 def keyed_goals(problem: ProblemOfGoals[GoalT_co]) -> Iterator[KeyedGoal[GoalT_co]]:
     """All goals in order."""
     for k, stop in enumerate(problem.stops):
-        yield KeyedGoal(f"stop {k + 1}", f"goal[{k}]", stop.goal, stop.tolerances)
-    last = f"goal[{len(problem.stops)}]" if problem.stops else "goal"
-    yield KeyedGoal("goal", last, problem.goal, problem.tolerances)
+        yield KeyedGoal(f"goal {k + 1} of {len(problem.stops) + 1}", f"goal[{k}]", stop.goal, stop.tolerances)
+    number = len(problem.stops)
+    name, key = (f"goal {number + 1} of {number + 1}", f"goal[{number}]") if number else ("the goal", "goal")
+    yield KeyedGoal(name, key, problem.goal, problem.tolerances)

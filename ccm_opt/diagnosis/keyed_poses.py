@@ -48,7 +48,7 @@ TipPlace: TypeAlias = KeyedGoal[TipGoal]
 
 def whole_poses(problem: Problem) -> Iterator[WholePose]:
     """The start, then every goal that says where all links are."""
-    yield _whole(problem, "start", "start", problem.start)
+    yield _whole(problem, "the start", "start", problem.start)
     for asked in keyed_goals(problem):
         if not isinstance(asked.goal, TipGoal):
             play = asked.tolerances.heading if isinstance(asked.goal, JointPose) else np.inf

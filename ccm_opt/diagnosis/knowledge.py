@@ -6,6 +6,7 @@ from typing import Any, TypeAlias
 
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.errors import Finding
+from ccm_opt.ground.deadline import Deadline
 
 Findings: TypeAlias = tuple[Finding, ...]
 
@@ -19,7 +20,7 @@ class Knowledge:
         hopeless: whether anything is proved, which takes less than to say what.
         likely: what is tight though nothing is proved, the tightest first.
         wider_room: the room made wide enough, by what is proved; None where that would not help.
-        moved_goals: the goal moved or turned, by what is proved.
+        moved_goals: the goal moved or turned, by what is proved; until when it is looked for.
         left_out: what the goal asks for besides a place, left out, by what stands in the way.
         hints: advice where numbers look as if they were in another unit.
         room_name: what the walls of the room are called; they cannot be removed.
@@ -29,7 +30,7 @@ class Knowledge:
     hopeless: Callable[[Any], bool]
     likely: Callable[[Any], Findings]
     wider_room: Callable[[Any, Findings], WholeChange | None]
-    moved_goals: Callable[[Any, Findings], Iterator[Parameter]]
+    moved_goals: Callable[[Any, Findings, Deadline], Iterator[Parameter]]
     left_out: Callable[[Any, Findings], Iterator[WholeChange]]
     hints: Callable[[Any], tuple[str, ...]]
     room_name: str

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.diagnosis.beyond_hole import beyond_hole
-from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.checks import hopeless
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
 from ccm_opt.diagnosis.keyed_poses import TipPlace
@@ -16,17 +16,22 @@ from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.diagnosis.reach import supple_enough
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem, TipGoal
 
 
 def moved_goals(
-    problem: Problem, findings: tuple[Finding, ...], settings: MovedGoalSettings = DEFAULT_DIAGNOSIS.moved_goal
+    problem: Problem,
+    findings: tuple[Finding, ...],
+    until: Deadline,
+    settings: MovedGoalSettings = DEFAULT_DIAGNOSIS.moved_goal,
 ) -> Iterator[Parameter]:
     """By how far, and which way, the goal's position or its heading may have to be moved; at most one of each.
 
     Args:
         problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
         findings: what is proved.
+        until: when places are looked at no longer.
         settings: numbers.
     """
     goal = problem.goal
@@ -37,16 +42,14 @@ def moved_goals(
         yield _heading(goal, turn, settings)
     asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
-    found = None if fixed is None else nearest_place(fixed, goal, lambda place: _hopeless(problem, place), settings)
+
+    def refused(place: FloatArray) -> bool:
+        return until.passed() or hopeless(replace(problem, goal=TipGoal(place, goal.heading)))
+
+    found = None if fixed is None else nearest_place(fixed, goal, refused, settings)
     if found is not None:
         place, inside = found
         yield _position(problem, goal, place, settings, inside=inside)
-
-
-def _hopeless(problem: Problem, place: FloatArray) -> bool:
-    """Whether it is proved that the tip cannot be brought to a place, with the heading that is asked for."""
-    heading = problem.goal.heading if isinstance(problem.goal, TipGoal) else None
-    return any(finding.proved for finding in failed(replace(problem, goal=TipGoal(place, heading))))
 
 
 def _position(

@@ -25,6 +25,10 @@ Write = Callable[[Any, float], Any]
 """A problem with another number, of the same kind as before."""
 
 
+_FAR = 0.05
+"""Share of its bound by which a value lies beyond it that does not go without saying: more than the first step."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of a problem.
@@ -74,6 +78,10 @@ class Parameter:
         sign = "≥" if self.easier > 0 else "≤"
         change = abs(value - given) / max(abs(given if self.whole is None else self.whole), 1e-300)
         words = self.words(problem, value).replace("?", sign, 1)
+        if bound is not None and self.bound is None and abs(value - bound) > _FAR * abs(bound):
+            # Else the figures of the reason and of what helps against it seem to have nothing to do with each other.
+            needed = self.words(problem, bound).rpartition("? ")[2].partition(" (")[0]
+            words += f"; what stands in the way asks for {sign} {needed}"
         unit = self.unit(problem)
         return Relaxation(words, self.key, unit * value, None if bound is None else unit * bound, change)
 

@@ -12,6 +12,7 @@ from ccm_opt.diagnosis.contact import tip_has_room
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
 from ccm_opt.diagnosis.reach import within_reach
+from ccm_opt.diagnosis.refusal import diameter_words
 from ccm_opt.diagnosis.wide_space import WideSpace, wide_space
 from ccm_opt.diagnosis.words import listed, point
 from ccm_opt.errors import Finding
@@ -27,6 +28,17 @@ from ccm_opt.problem import Problem
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip without a way that is wide and short enough: from the base, or from the hole of a feed axis."""
+    for key, search in _searches_in_vain(problem):
+        yield _too_long(search, key, problem.arm) if search.space.connected else _closed(search, key)
+
+
+def closed_in_plane(problem: Problem) -> bool:
+    """Return whether to some goal of the tip there is no such way, which takes far less than to say what closes it."""
+    return next(_searches_in_vain(problem), None) is not None
+
+
+def _searches_in_vain(problem: Problem) -> Iterator[tuple[str, "PassageSearch"]]:
+    """Yield key and search of every goal of the tip to which no way is wide and short enough."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is None:
@@ -39,9 +51,9 @@ def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
             if problem.arm.base_axes and not any(finding.key == place.key for finding in within_reach(problem)):
                 straight_way = 0.0
             if search.shortest > max(fixed.arm.length * (1.0 + search.settings.touching), straight_way):
-                yield _too_long(search, place.key, problem.arm)
+                yield place.key, search
         elif tip_has_room(problem, search.goal, search.tolerance):
-            yield _closed(search, place.key)
+            yield place.key, search
 
 
 @dataclass(frozen=True)
@@ -177,16 +189,16 @@ def _walls_round(search: PassageSearch, corners: FloatArray) -> tuple[str, ...]:
 def _closed(search: PassageSearch, key: str) -> Finding:
     """No way is wide enough: the widest there is, or none for an arm of any width."""
     problem = search.problem
-    diameter = f"diameter {short_length(2.0 * problem.arm.radius)}"
-    if problem.workspace.clearance:
-        diameter += f" and clearance {short_length(problem.workspace.clearance)} on either side"
     if search.widest > 0.0:
         place, walls = _narrowest(search, search.at(search.settings.beyond * search.widest))
         gap = 2.0 * search.widest
         reason = (
             f"{key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of "
-            f"{short_length(gap)} between {listed(walls)} at {at(place)}; the arm has {diameter}"
+            f"{short_length(gap)} between {listed(walls)} at {at(place)}; the arm has {diameter_words(problem)}"
         )
+        within = 2.0 * search.widest_within_length
+        if 0.0 < within < 0.99 * gap:
+            reason += f"; of the ways that are no longer than the arm the widest leads through {short_length(within)}"
         return _blocking("too thick", reason, search, key, place, walls, gap)
     place, walls = _narrowest(search, search.at(SHORTEST))
     opened = search.opened_without(place)

@@ -7,11 +7,12 @@ import shapely
 from scipy.optimize import brentq
 
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
-from ccm_opt.diagnosis.words import degrees, point
+from ccm_opt.diagnosis.words import degrees, listed, point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.angles import heading_of, wrap
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import long_length
+from ccm_opt.ground.length_words import in_metres, long_length, short_length
+from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
@@ -24,17 +25,36 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
         distance = float(shapely.distance(_base_places(arm), shapely.Point(place.goal.position)))
         least = distance - place.tolerances.position
         if least > arm.length + ROUNDING:
-            yield Finding(
-                "too short",
-                f"{place.key}: out of reach, the arm is {long_length(least - arm.length)} too short; the goal is "
-                f"{long_length(distance)} from the base{_allowed(place)}; the arm is only "
-                f"{long_length(arm.length)} long",
-                key=place.key,
-                place=point(place.goal.position),
-                measured=least,
-                allowed=arm.length,
-                bounds={"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)},
-            )
+            bounds = {"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)}
+            yield out_of_reach(place.key, place.goal.position, distance, place.tolerances.position, arm.length, bounds)
+
+
+def out_of_reach(
+    key: str, goal: FloatArray, distance: float, tolerance: float, length: float, bounds: Mapping[str, float]
+) -> Finding:
+    """Return the finding of a goal that is farther from every place of the base than the arm is long.
+
+    Args:
+        key: of the goal in the problem file.
+        goal: its place, shape (2,) or (3,) [m].
+        distance: from the base [m].
+        tolerance: of the goal's position [m].
+        length: of the arm [m].
+        bounds: values that would do, by their keys [m].
+    """
+    least = distance - tolerance
+    # Distances are told to a millimetre: a tolerance that shows there belongs to the sum.
+    tolerated = f" less {long_length(tolerance)} of tolerance" if in_metres(tolerance) >= 5e-4 else ""
+    return Finding(
+        "too short",
+        f"{key}: out of reach, the arm is {long_length(least - length)} too short; the goal is "
+        f"{long_length(distance)} from the base{tolerated}; the arm is only {long_length(length)} long",
+        key=key,
+        place=point(goal),
+        measured=least,
+        allowed=length,
+        bounds=bounds,
+    )
 
 
 def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
@@ -50,11 +70,6 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
     return {"arm.feed.range": along - float(np.sqrt(reach**2 - aside**2))}
 
 
-def _allowed(place: TipPlace) -> str:
-    """The tolerance of a goal's position, where it is worth a word."""
-    return f" less {long_length(place.tolerances.position)} of tolerance" if place.tolerances.position >= 5e-3 else ""
-
-
 def within_joint_limits(problem: Problem) -> Iterator[Finding]:
     """Poses at which a joint is beyond its limit."""
     arm = problem.arm
@@ -66,7 +81,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
         key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
         yield Finding(
             "joint limit",
-            f"{pose.key}: the {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.2f}°, its limit is "
+            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.2f}°, its limit is "
             f"{np.rad2deg(arm.bend_limits[joint]):.2f}°",
             key=pose.key,
             proved=bool(np.max(bends - arm.bend_limits) > pose.bend_play + ROUNDING),
@@ -184,6 +199,35 @@ def cannot_curl_up(
         measured=distance,
         allowed=nearest,
         bounds=bounds,
+    )
+
+
+def tight_turn(
+    way: str, turn: float, walls: tuple[str, ...], corner: FloatArray, room: float, tightest: float, limit: float
+) -> Finding:
+    """Return the finding of a turn with hardly the room for the arm's tightest bend, or with less.
+
+    Args:
+        way: on which it is, in words.
+        turn: by how much [rad].
+        walls: round which.
+        corner: where, shape (2,) or (3,) [m].
+        room: radius for which there is room [m].
+        tightest: radius to which the arm bends with every joint at its limit [m].
+        limit: of the joints [rad].
+    """
+    compared = "less than" if room < tightest else "hardly more than"
+    return Finding(
+        "too stiff",
+        f"{way} turns by {degrees(turn)} round {listed(walls)} at {at(corner)}, where there is room for a radius of "
+        f"{short_length(room)}, {compared} the {short_length(tightest)} of the arm with every joint at its limit of "
+        f"{degrees(limit)}",
+        proved=False,
+        place=point(corner),
+        measured=room,
+        allowed=tightest,
+        obstacles=walls,
+        bounds={"arm.joint_limit_deg": limit},
     )
 
 

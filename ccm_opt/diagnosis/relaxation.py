@@ -44,7 +44,8 @@ class Trials:
         terms: kind and name of each constraint and cost of the user's, the likelier ones to be in the way first.
         solve_without: solves a problem less one of these, or raises.
         hold_again: holds what solved one problem against another.
-        begun: CPU time of this process at which the trials began [s].
+        begun: CPU time of this process from which on the time for reasons and changes counts [s].
+        tell: told of every change before it is tried, in words, with the time spent so far and the most [s].
         ended: the configuration in which what was returned for a problem ends, shape (c,).
         settings: steps, and shares of the time.
         plans: what solved the problems that were tried, in their order.
@@ -57,24 +58,26 @@ class Trials:
     hold_again: HoldAgain = _never_holds
     ended: Callable[[object], FloatArray] = lambda _: np.zeros(0)
     begun: float = field(default_factory=time.process_time)
+    tell: Callable[[str, float, float], None] = lambda *_: None
     settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
     plans: list[object] = field(default_factory=list)
 
     @property
     def spent(self) -> float:
-        """CPU time since the trials began [s]."""
+        """CPU time since the trials were set up, as soon as there was a reason [s]."""
         return time.process_time() - self.begun
 
     @property
     def left(self) -> float:
         """CPU time that is left [s]."""
-        return min(self.until.left, self.settings.longest_search - self.spent)
+        return self.until.left
 
-    def succeeds(self, problem: AnyProblem, dropped: str = "", *, hurried: bool = False) -> bool:
+    def succeeds(self, problem: AnyProblem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
         """Whether a problem, perhaps less a term of the user's, is solved within its share of the time.
 
         Args:
             problem: what is tried.
+            words: what is changed in it.
             dropped: name of a constraint or cost that is left out besides.
             hurried: whether something else helps already.
         """
@@ -85,6 +88,7 @@ class Trials:
         if limit < settings.least_time:
             return False
         limited = _in_haste(problem, limit)
+        self.tell(words, self.spent, settings.longest_search)
         try:
             plan = self.solve_without(limited, dropped) if dropped else self.solve(limited)
         except (NoPlanFound, VerificationError, ProblemError):
@@ -110,8 +114,8 @@ def _in_haste(problem: AnyProblem, limit: float) -> AnyProblem:
 
 def relaxations(
     problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials, knowledge: Knowledge
-) -> tuple[Relaxation, ...]:
-    """Changes of one thing with which the problem is solved, the smallest first.
+) -> Iterator[Relaxation]:
+    """Find changes of one thing with which the problem is solved, the most promising first.
 
     Args:
         problem: what was asked.
@@ -121,11 +125,11 @@ def relaxations(
     """
     certain = binding(findings)
     settings = trials.settings
-    found: list[Relaxation] = []
+    found = 0
     # Nothing of the user's own mends what is known of the arm and the room.
     dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[: settings.most_dropped]]
-    for candidate in chain(dropped, candidates(problem, findings, knowledge, settings.most_omitted)):
-        if len(found) >= settings.enough or trials.left < settings.least_time:
+    for candidate in chain(dropped, candidates(problem, findings, knowledge, trials.until, settings.most_omitted)):
+        if found >= settings.enough or trials.left < settings.least_time:
             break
         if found and trials.spent > settings.patience:
             break
@@ -135,15 +139,15 @@ def relaxations(
             bound = hardest_bound(candidate, certain) if candidate.bound is None else candidate.bound
             relaxed = least_change(candidate, problem, bound, trials, hurried=bool(found))
         if relaxed is not None:
-            found.append(relaxed)
-    return tuple(sorted(found, key=lambda relaxed: relaxed.change))
+            found += 1
+            yield relaxed
 
 
 def _as_little_as_helps(
     change: WholeChange, problem: AnyProblem, trials: Trials, *, hurried: bool
 ) -> Relaxation | None:
     """A change with which the problem is solved, or as much of it as is needed; None where it is not solved."""
-    if not trials.succeeds(change.changed(problem), change.term, hurried=hurried):
+    if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
     if part is None:
@@ -162,6 +166,7 @@ def candidates(
     problem: AnyProblem,
     findings: tuple[Finding, ...],
     knowledge: Knowledge,
+    until: Deadline,
     most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted,
 ) -> Iterator[Parameter | WholeChange]:
     """What may mend all that is proved, or else all that is likely, most promising first.
@@ -170,6 +175,7 @@ def candidates(
         problem: what was asked.
         findings: what stands in its way.
         knowledge: of problems of its kind.
+        until: when nothing more is looked for.
         most_omitted: obstacles that are left out, each alone.
     """
     proved = binding(findings)
@@ -187,7 +193,7 @@ def candidates(
     # Where no number of the arm helps, what closes the way is more to the point than a goal on this side of it.
     if not fitting:
         yield from in_the_way
-    yield from knowledge.moved_goals(problem, proved)
+    yield from knowledge.moved_goals(problem, proved, until)
     yield from knowledge.left_out(problem, relevant)
     if fitting:
         yield from in_the_way
@@ -236,7 +242,8 @@ def least_change(
         if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
         changed = parameter.write(problem, value)
-        if (solved and trials.holds(changed)) or trials.succeeds(changed, hurried=hurried):
+        words = parameter.relaxation(problem, value, bound).words
+        if (solved and trials.holds(changed)) or trials.succeeds(changed, words, hurried=hurried):
             nearest = _closed_in(parameter, problem, failed, value, trials, hurried=hurried)
             return parameter.relaxation(problem, nearest, bound)
         failed.append(value)
@@ -265,11 +272,12 @@ def _closed_in(
     while abs(worked - worst) > settings.close * abs(worked) and trials.left > settings.least_time:
         middle = parameter.rounded(problem, 0.5 * (worst + worked))
         changed = parameter.write(problem, middle)
+        words = parameter.relaxation(problem, middle, None).words
         # What is known already is worth being told more exactly, but not worth waiting for.
         late = trials.spent > settings.patience
         if hurried and late:
             return worked
-        if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed, hurried=hurried or late):
+        if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed, words, hurried=hurried or late):
             worked = middle
         else:
             worst = middle

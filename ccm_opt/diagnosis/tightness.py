@@ -6,7 +6,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TightnessSettings
-from ccm_opt.diagnosis.words import degrees, listed, point
+from ccm_opt.diagnosis.reach import tight_turn
+from ccm_opt.diagnosis.words import listed, point
 from ccm_opt.errors import ConfigurationNotFound, Finding, NoPlanFound
 from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
 from ccm_opt.freespace.corridor import Route
@@ -67,10 +68,11 @@ def _narrow(
     gap = narrow.width + 2.0 * room.inflation
     need = 2.0 * (problem.arm.radius + problem.workspace.clearance)
     if gap <= settings.narrow * need:
+        compared = "narrower" if gap < need else "hardly wider"
         yield Finding(
             "too thick",
             f"the narrowest gap on route {number}, {short_length(gap)} between {listed(narrow.walls)} at "
-            f"{at(narrow.place)}, is hardly wider than the arm's diameter with its clearance, {short_length(need)}",
+            f"{at(narrow.place)}, is {compared} than the arm's diameter with its clearance, {short_length(need)}",
             proved=False,
             place=point(narrow.place),
             measured=gap,
@@ -114,18 +116,7 @@ def _stiff(
         radius = _depth(room, corner, outwards, arm.length) * half / (1.0 - half)
         if radius <= settings.stiff * tightest:
             wall = nearest_walls(problem.workspace, corner, 1)
-            yield Finding(
-                "too stiff",
-                f"route {number} turns by {degrees(abs(turn))} round {listed(wall)} at {at(corner)}, where there is "
-                f"room for a radius of {short_length(radius)}; the arm bends to {short_length(tightest)} at the "
-                "tightest",
-                proved=False,
-                place=point(corner),
-                measured=radius,
-                allowed=float(tightest),
-                obstacles=wall,
-                bounds={"arm.joint_limit_deg": arm.joint_limit},
-            )
+            yield tight_turn(f"route {number}", abs(turn), wall, corner, radius, float(tightest), arm.joint_limit)
 
 
 def _turns(taut: FloatArray, together: float, least: float) -> Iterator[tuple[FloatArray, float, FloatArray]]:

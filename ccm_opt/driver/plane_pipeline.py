@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Sequence
 
-from ccm_opt.diagnosis.explain import with_proof
-from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
@@ -66,10 +64,8 @@ def solve_in_plane(
         # What a motion survives is explained already, and further searches would not know of it.
         if failure.diagnosis.stage == STAGE:
             raise
-        if not explain:
-            raise with_proof(problem, failure, IN_PLANE) from failure
-        with stages("diagnosis"):
-            explanation = run.explained(failure, deadline)
+        with stages("diagnosis" if explain else "necessary checks"):
+            explanation = run.explained(failure, deadline, changes=explain)
         raise explanation from failure
 
     # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.

@@ -1,6 +1,6 @@
 """Which planner a problem is given to when the user brings none."""
 
-from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
+from ccm_opt.diagnosis.refusals_in_plane import refuse_hopeless
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages
@@ -31,4 +31,4 @@ def default_planner(
         from ccm_opt.planners.feed.feed_planner import FeedPlanner  # noqa: PLC0415 - likewise
 
         return OwnUnitsPlanner(FeedPlanner(stages, settings.feed, terms))
-    return OwnUnitsPlanner(CurvePlanner(stages, terms, refuse_closed, settings.curve))
+    return OwnUnitsPlanner(CurvePlanner(stages, terms, refuse_hopeless, settings.curve))

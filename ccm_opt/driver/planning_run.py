@@ -1,10 +1,11 @@
 """Plans of one problem, made and made again: in several tries, for lowered costs, for changed problems."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from ccm_opt.diagnosis.explain import explained
+from ccm_opt.diagnosis.explain import explained, with_proof
 from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
@@ -83,20 +84,31 @@ class PlanningRun:
         finally:
             self.recorded[:] = chosen.paths
 
-    def explained(self, failure: NoPlanFound, deadline: Deadline) -> NoPlanFound:
-        """A failure of the same kind, with its causes and the changes that would help.
+    def explained(self, failure: NoPlanFound, deadline: Deadline, *, changes: bool) -> NoPlanFound:
+        """Return a failure of the same kind, with its causes and the changes that would help.
 
         Args:
-            failure: why there is no plan.
+            failure: why there is no plan; told at once.
             deadline: until which changes are tried.
+            changes: whether they are tried at all; without them nothing is told that is not proved.
         """
+        self.stages.tell_known(failure.diagnosis)
+        if not changes:
+            return with_proof(self.problem, failure, IN_PLANE)
+        begun = time.process_time()
         named = with_constraint_first(failure, self.problem, self.terms, self.settings)
         droppable = named_terms(str(named), self.constraints, self.costs)
         settings = self.settings.diagnosis.trials
         trials = Trials(
-            self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, settings=settings
+            self._solve_changed,
+            deadline.within(settings.longest_search),
+            droppable,
+            self._solve_changed,
+            self._held_again,
+            begun=begun,
+            settings=settings,
         )
-        return explained(self.problem, named, trials, IN_PLANE)
+        return explained(self.problem, named, trials, IN_PLANE, self.stages)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> object:
         """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""

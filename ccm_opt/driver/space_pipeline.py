@@ -73,13 +73,8 @@ def solve_in_space(
         # What a motion survives is explained already, and further searches would not know of it.
         if failure.diagnosis.stage == STAGE:
             raise
-        if not explain:
-            from ccm_opt.diagnosis.explain import with_proof  # noqa: PLC0415 - most problems have a plan
-            from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE  # noqa: PLC0415
-
-            raise with_proof(problem, failure, IN_SPACE) from failure
-        with stages("diagnosis"):
-            explanation = run.explained(failure, deadline)
+        with stages("diagnosis" if explain else "necessary checks"):
+            explanation = run.explained(failure, deadline, changes=explain)
         raise explanation from failure
     figures = {"cost_share": cost_share} if terms is not None and terms.all_costs else {}
     return described_in_space(problem, plan, stages, numbers, figures)

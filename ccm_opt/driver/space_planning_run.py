@@ -114,24 +114,34 @@ class SpacePlanningRun:
         finally:
             self.recorded[:] = chosen.paths
 
-    def explained(self, failure: NoPlanFound, deadline: Deadline) -> NoPlanFound:
-        """A failure of the same kind, with its causes and the changes that would help.
+    def explained(self, failure: NoPlanFound, deadline: Deadline, *, changes: bool) -> NoPlanFound:
+        """Return a failure of the same kind, with its causes and the changes that would help.
 
         Args:
-            failure: why there is no plan.
+            failure: why there is no plan; told at once.
             deadline: until which changes are tried.
+            changes: whether they are tried at all; without them nothing is told that is not proved.
         """
+        self.stages.tell_known(failure.diagnosis)
         from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS  # noqa: PLC0415 - as below
-        from ccm_opt.diagnosis.explain import explained  # noqa: PLC0415 - most problems have a plan
+        from ccm_opt.diagnosis.explain import explained, with_proof  # noqa: PLC0415 - most problems have a plan
         from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE  # noqa: PLC0415
         from ccm_opt.diagnosis.relaxation import Trials  # noqa: PLC0415
 
+        if not changes:
+            return with_proof(self.problem, failure, IN_SPACE)
         droppable = named_terms(str(failure), self.constraints, self.costs)
         settings = self.settings.trials or DEFAULT_DIAGNOSIS.space_trials
         trials = Trials(
-            self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, _ended, settings=settings
+            self._solve_changed,
+            deadline.within(settings.longest_search),
+            droppable,
+            self._solve_changed,
+            self._held_again,
+            _ended,
+            settings=settings,
         )
-        return explained(self.problem, failure, trials, IN_SPACE)
+        return explained(self.problem, failure, trials, IN_SPACE, self.stages)
 
     def _solve_changed(self, changed: SpaceProblem, dropped: str = "") -> VerifiedPlan:
         """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from ccm_opt.errors import Diagnosis
 from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.ground.length_words import in_metres, short_length, words_in
 
@@ -23,9 +24,10 @@ class Progress:
         elapsed: CPU time since the beginning [s].
         limit: CPU time after which planning ends [s]; infinite where there is no such limit.
         candidate: number of the candidate that is being tried, from 1; 0 where none is.
-        name: what that candidate is.
+        name: what that candidate is, or the change of a problem without a plan that is tried.
         distance: least distance from the goal at which an earlier candidate ended [m]; infinite where there is none.
         unit: in which lengths are said.
+        known: why there is no plan, told as soon as it is known, and again when more is; else None.
     """
 
     stage: str
@@ -35,6 +37,7 @@ class Progress:
     name: str = ""
     distance: float = math.inf
     unit: LengthUnit = "m"
+    known: Diagnosis | None = None
 
     def __str__(self) -> str:
         words = self.stage
@@ -43,6 +46,8 @@ class Progress:
             words += f", {self.elapsed:.1f}{limit} s"
         if self.candidate:
             words += f", candidate {self.candidate} ({self.name})"
+        elif self.name:
+            words += f": {self.name}"
         if math.isfinite(self.distance):
             # Who prints it may be in another thread, where nobody has said what the file counts in.
             with words_in(self.unit):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
+from ccm_opt.errors import Diagnosis
 from ccm_opt.ground.length_words import said_unit
 from ccm_opt.ground.progress import CandidateNews, Progress, listening
 
@@ -40,6 +41,22 @@ class Stages:
             self._account()
             self._running.pop()
             self._announce()
+
+    def tell_known(self, diagnosis: Diagnosis) -> None:
+        """Tell why there is no plan, as far as that is known."""
+        if self.progress is not None and self._running:
+            self.progress(replace(self._present(), known=diagnosis))
+
+    def tell_change(self, words: str, spent: float, most: float) -> None:
+        """Tell which change of a problem without a plan is tried.
+
+        Args:
+            words: what is changed.
+            spent: CPU time that the search for changes has taken so far [s].
+            most: that it may take [s].
+        """
+        if self.progress is not None and self._running:
+            self.progress(replace(self._present(), elapsed=spent, limit=most, name=words))
 
     def _account(self) -> None:
         """Note the time since the last change for the stage that is running."""

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ccm_opt.collision.room_advice import room_advice
+from ccm_opt.collision.room_advice import joints_at_limits, room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length
@@ -64,6 +64,7 @@ def nothing_found(
     """
     tried = sorted(failures, key=lambda f: f.remaining)
     trees = [f.message for f in failures if f.candidate == TREES]
+    held: tuple[str, ...] = ()
     if tried:
         best = tried[0]
         what = "the tip" if task.goal_headings is None else "a joint"
@@ -71,18 +72,31 @@ def nothing_found(
             f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with {what} "
             f"{short_length(best.remaining)} from the goal: {best.message}; tightest there: {best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
+        joints, held = joints_at_limits(task.arm.bends(best.headings), task.arm.bend_limits)
+        reason += f"; {joints}" if joints else ""
     else:
         reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"
     reason += _limits_in_the_way(task, tried)
     reason += _how_far(strategies)
     figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}
+    first = tuple(words for limit in task.user_limits for words in limit.advice)
+    what_held = (*first, *held, *_way_made(tried), *room_advice(task.arm, task.workspace))
     if any(not each.exhausted for each in strategies):
         reason = f"{task.deadline.what_passed()}: {reason}"
-        return TimeLimitReached(Diagnosis(reason, "motion", ("raise planner.time_limit",), figures))
-    room = room_advice(task.arm, task.workspace)
-    advice = ("raise planner.routes", *room, "raise arm.joint_limit_deg", "use a longer arm")
-    first = [words for limit in task.user_limits for words in limit.advice]
-    return MotionNotFound(Diagnosis(reason, "motion", (*first, *advice), figures))
+        advice = (*what_held, "raise planner.time_limit")
+        return TimeLimitReached(Diagnosis(reason, "motion", advice, figures))
+    advice = (*what_held, "raise planner.routes", *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
+    return MotionNotFound(Diagnosis(reason, "motion", advice, figures))
+
+
+def _way_made(tried: Sequence[Failure]) -> tuple[str, ...]:
+    """Return what is advised about the wall that the best attempt nearly touched where it ended."""
+    if not tried or tried[0].tightest is None:
+        return ()
+    link, name, gap = tried[0].tightest
+    if name.startswith("link "):
+        return ()
+    return (f"make room at {name}: link {link} was {short_length(gap)} from it where the best attempt ended",)
 
 
 def _how_far(strategies: Sequence[StrategyInVain]) -> str:

@@ -1,5 +1,7 @@
 """The ways of the arm's axis from its base to one goal of the tip: the widest, the shortest, what is beside them."""
 
+import math
+import time
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,6 +15,7 @@ from ccm_opt.diagnosis.in_space.keyed_space_poses import SpaceTipPlace
 from ccm_opt.diagnosis.in_space.obstacle_gaps import ObstacleGaps, stands_out
 from ccm_opt.diagnosis.in_space.way_search import Answer, WayEnds, WaySearch
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.polyline import leg_lengths
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.grid_ways import shortened
@@ -54,15 +57,19 @@ class AxisWays:
         place: the goal of the tip.
         settings: numbers.
         gaps: distances from the obstacles.
+        until: when nothing more is looked at.
     """
 
     problem: SpaceProblem
     place: SpaceTipPlace
     settings: WaySettings = DEFAULT_DIAGNOSIS.ways
     gaps: ObstacleGaps = field(init=False)
+    until: Deadline = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gaps", ObstacleGaps(self.problem.workspace))
+        # What is proved does not depend on what else the machine does.
+        object.__setattr__(self, "until", Deadline(time.process_time() + self.settings.seconds, math.inf))
 
     @property
     def room(self) -> float:
@@ -95,7 +102,7 @@ class AxisWays:
         box = reach_box(longer, workspace.bounds)
         need = max(self.room, 1e-3 * arm.length)
         cells = CellTree.over(tree, box, self.settings.cells, self.settings.reach * need)
-        return WaySearch(workspace, self.ends, box, cells, self.settings)
+        return WaySearch(workspace, self.ends, box, cells, self.until, self.settings)
 
     @cached_property
     def answer(self) -> Answer:
@@ -151,7 +158,9 @@ class AxisWays:
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles):
             return None
         search = self._search_in(workspace, SurfaceTree.of(workspace.soup))
-        return None if search.answer(self.room, self.problem.arm.length) == "closed" else search
+        answer = search.answer(self.room, self.problem.arm.length)
+        # Nothing is said of an obstacle that there was no time for.
+        return None if answer == "closed" or self.until.passed() else search
 
     @cached_property
     def closing(self) -> tuple[str, ...]:

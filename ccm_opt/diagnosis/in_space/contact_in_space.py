@@ -110,7 +110,7 @@ def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: Obstacl
     else:
         near = gap_words(-free)
         how = f"{what} comes within {near} of '{found.name}' at {at(place)}, the clearance is {short_length(clearance)}"
-    return contact_finding(problem, key, f"the {name} is in contact: {how}", place, found.name, gap, play)
+    return contact_finding(problem, key, f"{name} is in contact: {how}", place, found.name, gap, play)
 
 
 def _self_touched(arm: SpaceArm, pose: WholeSpacePose) -> Iterator[Finding]:
@@ -127,8 +127,7 @@ def _self_touched(arm: SpaceArm, pose: WholeSpacePose) -> Iterator[Finding]:
     play = pose.link_play(arm)
     yield Finding(
         "contact",
-        f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by "
-        f"{short_length(overlap)}",
+        f"{pose.key}: {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {short_length(overlap)}",
         proved=bool(overlap > play[i[k]] + play[j[k]] + overlap_missed(arm)),
         key=pose.key,
         place=point(points[i[k]]),

@@ -27,7 +27,7 @@ def strong_enough_in_space(problem: SpaceProblem) -> Iterator[Finding]:
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))
         if load[number] > torque[number]:
-            where = f"{pose.key}: at the {pose.name} {joint_words(arm, number)}"
+            where = f"{pose.key}: at {pose.name} {joint_words(arm, number)}"
             proved = bool(np.any(load - _lighter(problem, pose) > torque))
             yield replace(overloaded(problem, where, number, float(load[number])), proved=proved)
 

@@ -49,7 +49,7 @@ SpaceTipPlace: TypeAlias = KeyedGoal[SpaceTipGoal]
 def whole_space_poses(problem: SpaceProblem) -> Iterator[WholeSpacePose]:
     """The start, then every goal that says where all links are."""
     arm = problem.arm
-    yield WholeSpacePose("start", "start", problem.start.configuration(arm))
+    yield WholeSpacePose("the start", "start", problem.start.configuration(arm))
     for asked in keyed_goals(problem):
         if isinstance(asked.goal, SpaceJointPose):
             q = asked.goal.configuration(arm)

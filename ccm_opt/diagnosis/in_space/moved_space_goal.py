@@ -14,6 +14,7 @@ from ccm_opt.diagnosis.moved_position import about_the_goal, moved_position
 from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.reach_boxes import reach_box
@@ -22,6 +23,7 @@ from ccm_opt.space.reach_boxes import reach_box
 def moved_space_goals(
     problem: SpaceProblem,
     findings: tuple[Finding, ...],
+    until: Deadline,
     settings: MovedSpaceGoalSettings = DEFAULT_DIAGNOSIS.moved_space_goal,
 ) -> Iterator[Parameter]:
     """By how far, and which way, the goal's position may have to be moved; at most one.
@@ -29,22 +31,25 @@ def moved_space_goals(
     Args:
         problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
         findings: what is proved.
+        until: when places are looked at no longer.
         settings: numbers.
     """
     goal = problem.goal
     if not about_the_goal(findings) or not isinstance(goal, SpaceTipGoal) or problem.stops:
         return
-    place = _nearest_place(problem, goal, settings)
+    place = _nearest_place(problem, goal, until, settings)
     if place is not None:
         yield _position(problem, goal, place, settings)
 
 
-def _nearest_place(problem: SpaceProblem, goal: SpaceTipGoal, settings: MovedSpaceGoalSettings) -> FloatArray | None:
+def _nearest_place(
+    problem: SpaceProblem, goal: SpaceTipGoal, until: Deadline, settings: MovedSpaceGoalSettings
+) -> FloatArray | None:
     """The nearest place (3,) of some grids that no necessary check refuses; None where none is found."""
     looked = 0
     ways = 0
     for place in _by_distance(problem, goal, settings):
-        if looked >= settings.most_places or ways >= settings.most_ways:
+        if until.passed() or looked >= settings.most_places or ways >= settings.most_ways:
             return None
         looked += 1
         moved = replace(problem, goal=replace(goal, position=place))

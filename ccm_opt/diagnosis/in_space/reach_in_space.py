@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, SpaceReachSettings
 from ccm_opt.diagnosis.in_space.keyed_space_poses import SpaceTipPlace, space_tip_places, whole_space_poses
-from ccm_opt.diagnosis.reach import cannot_curl_up, cannot_turn_enough, least_chord
+from ccm_opt.diagnosis.reach import cannot_curl_up, cannot_turn_enough, least_chord, out_of_reach
 from ccm_opt.diagnosis.words import degrees, point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
@@ -25,18 +25,8 @@ def within_space_reach(problem: SpaceProblem) -> Iterator[Finding]:
         distance = _from_base(arm, place.goal.position)
         least = distance - place.tolerances.position
         if least > arm.length + ROUNDING:
-            allowed = place.tolerances.position
-            tolerated = f" less {long_length(allowed)} of tolerance" if allowed >= 5e-3 else ""
-            yield Finding(
-                "too short",
-                f"{place.key}: out of reach, the arm is {long_length(least - arm.length)} too short; the goal is "
-                f"{long_length(distance)} from the base{tolerated}; the arm is only {long_length(arm.length)} long",
-                key=place.key,
-                place=point(place.goal.position),
-                measured=least,
-                allowed=arm.length,
-                bounds={"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)},
-            )
+            bounds = {"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)}
+            yield out_of_reach(place.key, place.goal.position, distance, place.tolerances.position, arm.length, bounds)
 
 
 def _from_base(arm: SpaceArm, place: FloatArray) -> float:
@@ -72,7 +62,7 @@ def within_space_joint_limits(problem: SpaceProblem) -> Iterator[Finding]:
         key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
         yield Finding(
             "joint limit",
-            f"{pose.key}: the {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, its limit is "
+            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, its limit is "
             f"{np.rad2deg(limits[worst]):.2f}°",
             key=pose.key,
             proved=bool(np.max(bends - limits) > pose.bend_play + ROUNDING),

@@ -2,8 +2,7 @@
 
 from ccm_opt.diagnosis.in_space.checks_at_once import AT_ONCE_IN_SPACE, found_in_space
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.refusal import refuse
-from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.diagnosis.refusal import closed_off, refuse
 from ccm_opt.space.problem import SpaceProblem
 
 
@@ -27,5 +26,4 @@ def refuse_closed_in_space(problem: SpaceProblem) -> None:
     from ccm_opt.diagnosis.in_space.ways_in_space import closed_in_space  # noqa: PLC0415 - most searches never ask
 
     if closed_in_space(problem):
-        reason = "no way to the goal is wide enough and as short as the arm"
-        raise UnreachableGoal(Diagnosis(reason, "necessary checks"))
+        raise closed_off(problem)

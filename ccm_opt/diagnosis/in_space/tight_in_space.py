@@ -9,7 +9,8 @@ from ccm_opt.diagnosis.in_space.axis_ways import AxisWays, free_depth, way_lengt
 from ccm_opt.diagnosis.in_space.keyed_space_poses import space_tip_places
 from ccm_opt.diagnosis.in_space.reach_in_space import angle_between, most_turn
 from ccm_opt.diagnosis.in_space.ways_in_space import between
-from ccm_opt.diagnosis.words import degrees, listed, point
+from ccm_opt.diagnosis.reach import tight_turn
+from ccm_opt.diagnosis.words import point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import long_length, short_length
@@ -95,18 +96,7 @@ def _stiff(ways: AxisWays, way: FloatArray, settings: TightnessSettings) -> Iter
         radius = depth * half / (1.0 - half)
         if radius <= settings.stiff * tightest:
             walls = ways.walls_beside(corner)[:1]
-            yield Finding(
-                "too stiff",
-                f"the shortest way turns by {degrees(turn)} round {listed(walls)} at {at(corner)}, where there is room "
-                f"for a radius of {short_length(radius)}; the arm bends to {short_length(float(tightest))} at the "
-                "tightest",
-                proved=False,
-                place=point(corner),
-                measured=radius,
-                allowed=float(tightest),
-                obstacles=walls,
-                bounds={"arm.joint_limit_deg": arm.joint_limit},
-            )
+            yield tight_turn("the shortest way", turn, walls, corner, radius, float(tightest), arm.joint_limit)
 
 
 def simplified(way: FloatArray, tolerance: float) -> FloatArray:

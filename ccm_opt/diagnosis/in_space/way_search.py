@@ -18,6 +18,7 @@ from scipy.sparse import csgraph
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.diagnosis.in_space.cell_tree import CellTree
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.scene.enclosures import deepest_enclosure
 from ccm_opt.space.scene.scene import SpaceWorkspace
 
@@ -54,6 +55,7 @@ class WaySearch:
         ends: of the ways.
         box: where places are looked at, shape (2, 3) [m].
         cells: the cubes so far.
+        until: when what is asked is answered with "not known".
         settings: numbers.
         sides: of each cube whether it is inside of a closed body: 1 yes, −1 no, 0 not looked at.
     """
@@ -62,6 +64,7 @@ class WaySearch:
     ends: WayEnds
     box: FloatArray
     cells: CellTree
+    until: Deadline = field(default_factory=Deadline.never)
     settings: WaySettings = DEFAULT_DIAGNOSIS.ways
     sides: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
@@ -88,7 +91,7 @@ class WaySearch:
             if state.freely_joined:
                 return "open"
             chosen = state.to_split(self.cells.sides > finest, self.settings.spread)
-            if not chosen.any() or len(self.cells) + 8 * int(chosen.sum()) > most:
+            if self.until.passed() or not chosen.any() or len(self.cells) + 8 * int(chosen.sum()) > most:
                 return "not known"
             self._split(chosen)
         return "not known"

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.diagnosis.in_space.axis_ways import AxisWays, WidestWay, way_length
 from ccm_opt.diagnosis.in_space.contact_in_space import contact_at_space_tips
 from ccm_opt.diagnosis.in_space.keyed_space_poses import space_tip_places
 from ccm_opt.diagnosis.in_space.reach_in_space import within_space_reach
+from ccm_opt.diagnosis.refusal import diameter_words
 from ccm_opt.diagnosis.words import listed, point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
@@ -27,9 +29,10 @@ def wide_and_short_enough_in_space(problem: SpaceProblem) -> Iterator[Finding]:
             yield _closed(ways)
 
 
-def closed_in_space(problem: SpaceProblem) -> bool:
-    """Whether to some goal of the tip there is no such way."""
-    every = (AxisWays(problem, place) for place in space_tip_places(problem))
+def closed_in_space(problem: SpaceProblem, settings: WaySettings = DEFAULT_DIAGNOSIS.ways) -> bool:
+    """Return whether to some goal of the tip there is no such way; within half of the problem's time limit."""
+    hurried = replace(settings, seconds=min(settings.seconds, 0.5 * problem.planner.time_limit))
+    every = (AxisWays(problem, place, hurried) for place in space_tip_places(problem))
     return any(ways.room > 0.0 and ways.answer == "closed" for ways in every)
 
 
@@ -82,7 +85,7 @@ def _too_thick(ways: AxisWays, widest: WidestWay) -> Finding:
     known = short_length(gap) if widest.exact else f"{short_length(gap)} at most"
     reason = (
         f"{ways.place.key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a "
-        f"gap of {known} {between(widest.walls)} at {at(widest.place)}; the arm has {_diameter(ways)}"
+        f"gap of {known} {between(widest.walls)} at {at(widest.place)}; the arm has {diameter_words(ways.problem)}"
     )
     return _blocking("too thick", reason, ways, widest, opened, gap)
 
@@ -90,14 +93,6 @@ def _too_thick(ways: AxisWays, widest: WidestWay) -> Finding:
 def between(walls: tuple[str, ...]) -> str:
     """Where a gap is: between several obstacles, or in one that has a hole."""
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
-
-
-def _diameter(ways: AxisWays) -> str:
-    problem = ways.problem
-    diameter = f"diameter {short_length(2.0 * problem.arm.radius)}"
-    if problem.workspace.clearance:
-        diameter += f" and clearance {short_length(problem.workspace.clearance)} on either side"
-    return diameter
 
 
 def _blocked(ways: AxisWays, widest: WidestWay) -> Finding:

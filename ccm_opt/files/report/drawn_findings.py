@@ -1,6 +1,6 @@
 """What stands in the way of a plan, as the page draws it: the gap, the circle of reach, the way that is too long."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -8,7 +8,9 @@ import shapely
 from ccm_opt.errors import Diagnosis, Finding
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 Mark = dict[str, object]
 """A mark of the scene: its ``kind``, its places [m], and perhaps words with the place ``at`` which they stand."""
@@ -44,7 +46,27 @@ def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> 
             if number:
                 mark.pop("at", None)
             marks.append(mark)
+    pose = best_attempt(problem, diagnosis)
+    if pose is not None:
+        marks.append({"kind": "arm", "points": pose.round(6).tolist()})
+        marks.append({"kind": "words", "at": _listed(pose[-1]), "words": "the best attempt ended here"})
     return marks
+
+
+def best_attempt(problem: AnyProblem, diagnosis: Diagnosis) -> FloatArray | None:
+    """Return joints and tip where the best attempt of a search in vain ended, shape (links + 1, d) [m].
+
+    Returns:
+        None where nothing was searched for, or where it is proved that nothing could have been found.
+    """
+    found = diagnosis.evidence.get("nearest_pose")
+    if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
+        return None
+    pose = np.asarray(found, dtype=float)
+    if isinstance(problem, SpaceProblem):
+        fits = len(pose) == 2 * problem.arm.links + len(problem.arm.base_axes)
+        return np.asarray(joint_positions(problem.arm, pose)) if fits else None
+    return problem.arm.joint_positions(pose) if len(pose) == problem.arm.links else None
 
 
 def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
@@ -137,6 +159,8 @@ def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
             found.append(points)
     found += [np.array(finding.place)[None] for finding in diagnosis.findings if finding.place is not None]
     found += [np.array(finding.way) for finding in diagnosis.findings if finding.way]
+    attempt = best_attempt(problem, diagnosis)
+    found += [] if attempt is None else [attempt]
     return np.concatenate(found)
 
 

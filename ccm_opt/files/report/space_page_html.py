@@ -82,6 +82,7 @@ def space_failure_html(
     settings: ReportSettings = REPORT,
 ) -> str:
     """The report of a problem in space without a plan: why there is none, beside the scene with start and goal."""
+    from ccm_opt.files.report.drawn_findings import best_attempt  # noqa: PLC0415 - as below
     from ccm_opt.files.report.failure_page import (  # noqa: PLC0415 - loads the plane's scene, and most have a plan
         STATUS,
         help_section,
@@ -95,12 +96,14 @@ def space_failure_html(
     start = joint_positions(arm, problem.start.configuration(arm))
     goals = np.stack([_place_of(problem, stop.goal) for stop in problem.goals])
     places = [finding.place for finding in diagnosis.findings if finding.place is not None]
-    seen = np.concatenate((start, goals, np.array(places).reshape(-1, 3)))
+    attempt = best_attempt(problem, diagnosis)
+    seen = np.concatenate((start, goals, np.array(places).reshape(-1, 3), *(() if attempt is None else (attempt,))))
     data = {
         "unit": _unit_data(units),
         "scene": space_scene_data(problem, seen, goals, settings),
         "blocking": [name for finding in diagnosis.findings[:1] for name in finding.obstacles],
         "findings": findings_in_space(diagnosis),
+        "attempt": None if attempt is None else attempt.round(6).tolist(),
     }
     facts = (
         reason_section(diagnosis),
@@ -109,7 +112,10 @@ def space_failure_html(
         search_section(problem, diagnosis, timings or {}),
     )
     header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
-    stage = space_stage(f"The problem {problem.name}, the arm at its start, and what stands in the way", moves=False)
+    ended = "" if attempt is None else ", where the best attempt ended,"
+    stage = space_stage(
+        f"The problem {problem.name}, the arm at its start{ended} and what stands in the way", moves=False
+    )
     body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
     return html_document(f"{problem.name}: {status}", body, data, SCRIPTS)
 

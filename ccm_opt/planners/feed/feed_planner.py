@@ -271,12 +271,12 @@ class _FeedSearch:
             broken = next((words for words in self.refused if "constraint" in words), None)
             reason = f"{reason} under {names}" + ("" if broken is None else f"; {broken}")
         evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
-        if self.query.deadline.passed():
-            slow = Diagnosis(
-                f"{self.query.deadline.what_passed()}: {reason}", "motion", ("raise planner.time_limit",), evidence
-            )
-            return TimeLimitReached(slow)
         room = room_advice(self.query.arm, self.query.problem.workspace)
+        if self.query.deadline.passed():
+            advice = (*room, "widen arm.feed.range", "raise planner.time_limit")
+            return TimeLimitReached(
+                Diagnosis(f"{self.query.deadline.what_passed()}: {reason}", "motion", advice, evidence)
+            )
         advice = ("raise planner.routes", *room, "widen arm.feed.range")
         return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ccm_opt.collision.room_advice import joints_at_limits
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length
@@ -67,12 +68,16 @@ def nothing_found(task: SpaceTask, failures: Sequence[SpaceFailure]) -> MotionNo
         failures: of every candidate.
     """
     tried = sorted(failures, key=lambda failure: failure.remaining)
+    held: tuple[str, ...] = ()
     if tried:
         best = tried[0]
         reason = (
             f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended with the tip "
             f"{short_length(best.remaining)} from the goal: {best.message}{_tightest(task, best)}"
         )
+        bends = best.pose[: 2 * task.arm.links].reshape(-1, 2)
+        joints, held = joints_at_limits(bends, task.arm.bend_limits)
+        reason += f"; {joints}" if joints else ""
         reason += _constraints_elsewhere(task, tried)
     else:
         reason = "no motion found: there is no way through free space that the arm is thin enough for"
@@ -80,14 +85,20 @@ def nothing_found(task: SpaceTask, failures: Sequence[SpaceFailure]) -> MotionNo
         "tried": [f"{each.candidate}: {each.message}{_tightest(task, each)}" for each in tried],
         "nearest_pose": tried[0].pose.tolist() if tried else [],
     }
-    if task.deadline.passed():
-        reason = f"{task.deadline.what_passed()}: {reason}"
-        return TimeLimitReached(Diagnosis(reason, "motion", ("raise planner.time_limit",), figures))
     advice = [] if task.user is None else ["relax the constraints, or make them soft"]
+    advice += held
+    if tried and tried[0].owner >= 0:
+        best = tried[0]
+        near = f"link {best.link} was {short_length(best.gap)} from it where the best attempt ended"
+        advice.append(f"make room at '{_wall_name(task, best)}': {near}")
     advice += ["use a smaller arm.radius"] if task.arm.radius > 0.0 else []
     if task.clearance > 0.0:
         advice.append("use a smaller workspace.clearance")
-    advice += ["raise arm.joint_limit_deg", "use a longer arm", "add goal.via places on the way"]
+    if task.deadline.passed():
+        reason = f"{task.deadline.what_passed()}: {reason}"
+        return TimeLimitReached(Diagnosis(reason, "motion", (*advice, "raise planner.time_limit"), figures))
+    advice += [] if held else ["raise arm.joint_limit_deg"]
+    advice += ["use a longer arm", "add goal.via places on the way"]
     return MotionNotFound(Diagnosis(reason, "motion", tuple(advice), figures))
 
 
@@ -103,5 +114,8 @@ def _tightest(task: SpaceTask, failure: SpaceFailure) -> str:
     """What a candidate nearly touched where it ended, in words."""
     if failure.owner < 0:
         return ""
-    name = task.names[failure.owner] if failure.owner < len(task.names) else "a wall"
-    return f"; tightest there: link {failure.link}, {short_length(failure.gap)} from '{name}'"
+    return f"; tightest there: link {failure.link}, {short_length(failure.gap)} from '{_wall_name(task, failure)}'"
+
+
+def _wall_name(task: SpaceTask, failure: SpaceFailure) -> str:
+    return task.names[failure.owner] if failure.owner < len(task.names) else "a wall"

@@ -72,7 +72,11 @@ function fillView(view, data, motion) {
   } else {
     view.setRods("start", armRods(arm, data.scene.start, "arm", 1));
   }
-  if (data.findings) view.setRods("findings", data.findings.flatMap(finding => findingRods(finding, arm, arm.links * arm.link)));
+  if (data.findings) {
+    const rods = data.findings.flatMap(finding => findingRods(finding, arm, arm.links * arm.link));
+    if (data.attempt) rods.push(...armRods(arm, data.attempt, "bad", 0.4));
+    view.setRods("findings", rods);
+  }
   view.setRods("goals", data.scene.goals.flatMap(goal => goalRods(goal, arm, arm.links * arm.link)));
 }
 
