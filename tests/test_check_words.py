@@ -37,6 +37,10 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
             ("Tip at the goal, off by", "4e-05 mm", "at most 1e-06 mm", "tip"),
         ),
         (
+            Check("feed velocity", 0.089, 0.1, "m/s", "t = 4.6 s", passed=True),
+            ("Feed velocity", "89.0 mm/s", "at most 100 mm/s", ""),
+        ),
+        (
             Check("feed range", 0.0, 0.0, "m", "t = 0.0 s", passed=True),
             ("Feed axis beyond its range", "0.00 mm", "at most 0 mm", ""),
         ),

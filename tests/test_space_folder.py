@@ -13,7 +13,8 @@ import pytest
 from PIL import Image, ImageSequence
 
 from ccm_opt.cli.checking import check_folders
-from ccm_opt.cli.drawing import space_pictures
+from ccm_opt.cli.choices import FigureName
+from ccm_opt.cli.drawing import drawn_files, space_pictures
 from ccm_opt.cli.exporting import ExportOptions, exported_files
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.export.folder import write_solution
@@ -103,6 +104,14 @@ def test_a_folder_is_read_back_as_it_was(folder: Path) -> None:
     assert np.allclose(plan.problem.limits.velocity, asked.limits.velocity, rtol=1e-15)
     assert isinstance(plan.problem.goal, SpaceTipGoal)
     assert len(plan.problem.goal.via) == 1
+
+
+def test_the_figure_in_space_is_drawn(folder: Path) -> None:
+    """It is the plan's own picture under the name that was asked for; figures of the plane are refused by name."""
+    (name,) = drawn_files(folder, [FigureName.SPACE], "svg")
+    assert name == "space.svg"
+    with pytest.raises(ProblemError, match="curves: drawn in the plane alone"):
+        drawn_files(folder, [FigureName.CURVES])
 
 
 def test_check_accepts_a_folder_and_refuses_a_changed_one(

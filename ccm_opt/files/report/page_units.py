@@ -99,11 +99,11 @@ class PageUnits:
 
         Args:
             value: in ``unit``.
-            unit: in SI: lengths become those of the page, angles degrees.
+            unit: in SI: lengths and their rates become those of the page, angles degrees.
             scale: the greatest of the values that are compared; what is far below is nothing.
         """
-        if unit == "m":
-            return self.length(value)
+        if unit in {"m", "m/s", "m/s²", "m/s³"}:
+            return f"{self.length(value)}{unit[1:]}"
         if unit == "rad":
             return f"{three_digits(degrees(value), 2)}°"
         if unit == "of the limit":

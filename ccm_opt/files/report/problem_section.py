@@ -31,7 +31,12 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
         problem: what was asked.
         units: of the page.
     """
-    rows = [*_arm_rows(problem, units), *limit_rows(problem), *_room_rows(problem, units), *_goal_rows(problem, units)]
+    rows = [
+        *_arm_rows(problem, units),
+        *limit_rows(problem, units),
+        *_room_rows(problem, units),
+        *_goal_rows(problem, units),
+    ]
     rows += [("gravity", f"({', '.join(f'{value:g}' for value in problem.simulation.gravity)}) m/s²")]
     return element("section", element("h2", "The problem"), table((), rows, cls="pairs"))
 
@@ -50,7 +55,7 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         yield "feed axis", f"{low} to {high}, hole at {units.given(arm.feed.hole, 'm')}"
 
 
-def limit_rows(problem: AnyProblem) -> Iterable[Row]:
+def limit_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     """The limits that the motion keeps, and what plans use of them."""
     """The limits that the motion keeps, and what plans use of them."""
     limits = problem.limits
@@ -65,10 +70,10 @@ def limit_rows(problem: AnyProblem) -> Iterable[Row]:
         ("feed force", limits.feed_force, "N"),
     ):
         if value is not None:
-            yield name, f"{value:g} {unit}"
+            yield name, units.given(value, unit)
     for point in limits.points:
         bounds = ((point.velocity, "m/s"), (point.acceleration, "m/s²"))
-        yield point.name, ", ".join(f"{value:g} {unit}" for value, unit in bounds if np.isfinite(value))
+        yield point.name, ", ".join(units.given(value, unit) for value, unit in bounds if np.isfinite(value))
     yield "share that plans use", f"{100.0 * problem.planner.effort_share:g} %"
 
 

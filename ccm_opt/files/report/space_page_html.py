@@ -146,7 +146,12 @@ def _place_of(problem: SpaceProblem, goal: SpaceGoal) -> FloatArray:
 
 def _problem_section(problem: SpaceProblem, units: PageUnits) -> Markup:
     """What was asked: arm, limits, room, bodies, goals."""
-    rows = [*_arm_rows(problem, units), *limit_rows(problem), *_room_rows(problem, units), *_goal_rows(problem, units)]
+    rows = [
+        *_arm_rows(problem, units),
+        *limit_rows(problem, units),
+        *_room_rows(problem, units),
+        *_goal_rows(problem, units),
+    ]
     rows += [("gravity", f"({', '.join(f'{value:g}' for value in problem.simulation.gravity)}) m/s²")]
     return element("section", element("h2", "The problem"), table((), rows, cls="pairs"))
 
