@@ -149,6 +149,7 @@ def test_a_flattened_spline_stays_within_the_distance(control: list[tuple[float,
     """Points of a clamped cubic B-spline, a rational one, are within the distance of the polyline."""
     points, weights = np.array(control)[:, :2], np.array(control)[:, 2]
     inner = np.linspace(0.0, 1.0, len(control) - 2)
+    inner[1 : len(inner) // 2] = inner[1]  # knots may be repeated
     knots = np.concatenate(([0.0] * 3, inner, [1.0] * 3))
     flat = flatten_spline(knots, points, weights, 3, 1e-2)
     t = np.linspace(0.0, 1.0, 300)
@@ -404,12 +405,28 @@ def test_dxf_annotations_may_be_broken_and_lines_without_length_are_told(write: 
         space.add_line((3, 3), (3, 3))
         space.add_leader([(0, 0), (1, 1)])
         space.new_entity("DIMENSION", {"text": "40"})
+        space.add_text("gone").set_placement((1, 1))
 
-    found = import_drawing(write("a.dxf", dxf(draw)), ImportOptions())
+    text = dxf(draw)
+    broken = text.replace("AcDbText", "AcDbNothing").replace("AcDbLeader", "AcDbNothing")
+    assert import_drawing(write("b.dxf", broken), ImportOptions()).drawing.obstacles == 3
+    found = import_drawing(write("a.dxf", text), ImportOptions())
     assert [obstacle.core.geom_type for obstacle in found.obstacles] == ["Point", "LineString", "LineString"]
     told = {item.what.split(" ")[0]: item.reason for item in found.drawing.left_out}
     assert told["LINE"] == "it has no length"
     assert {"LEADER", "DIMENSION"} <= set(told)
+
+
+def test_dxf_blocks_within_blocks_may_have_no_height(write: Writer) -> None:
+    """A scale of 0 along z, which some programs write, does not matter."""
+
+    def draw(document: object, space: object) -> None:
+        document.blocks.new("hole").add_circle((0, 0), 1)
+        document.blocks.new("plate").add_blockref("hole", (1, 0), {"zscale": 0.0, "xscale": 2.0, "yscale": 2.0})
+        space.add_blockref("plate", (0, 0), {"zscale": 0.0})
+
+    found = import_drawing(write("a.dxf", dxf(draw)), ImportOptions())
+    assert found.drawing.box == (-1.0, -2.0, 3.0, 2.0)
 
 
 @pytest.mark.parametrize("form", ["asc", "bin"])

@@ -362,3 +362,11 @@ def test_outlines_within_outlines_are_holes_where_nothing_is_filled(tmp_path: Pa
     boxes = '<rect width="4" height="4"/><path d="M1 1h2v2h-2z"/></g>'
     found = imported(tmp_path, head + boxes)
     assert shapely.union_all([obstacle.core for obstacle in found.obstacles]).area == area
+
+
+def test_what_is_cut_or_covered_is_taken_whole_and_told(tmp_path: Path) -> None:
+    """Clip paths and masks of shapes and groups, by attribute or style, are told by name."""
+    cut = '<g id="panel" clip-path="url(#c)">' + BOX + '</g><rect id="lid" width="2" height="1" style="mask:url(#m)"/>'
+    found = imported(tmp_path, cut)
+    assert {"the clipping of 'panel'", "the masking of 'lid'"} == set(reasons(found))
+    assert len(found.obstacles) == 2

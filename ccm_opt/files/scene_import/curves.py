@@ -131,9 +131,8 @@ def flatten_spline(
 ) -> FloatArray:
     """A B-spline curve, which may be rational, as a polyline.
 
-    Derivatives of B-splines are such too, and no larger than the largest of their control points. A rational curve is a
-    quotient p = n / w, so that p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS
-    Book, equation 4.8).
+    Between two knots the curve is a quotient p = n / w of polynomials, whose coefficients bound their derivatives:
+    p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS Book, equation 4.8).
 
     Args:
         knots: shape (k + degree + 1,), not decreasing.
@@ -148,32 +147,34 @@ def flatten_spline(
     Raises:
         ProblemError: the curve would need more than ``MAX_STEPS`` chords, or a weight is not positive.
     """
-    from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to load and seldom needed
+    from scipy.interpolate import PPoly  # noqa: PLC0415 - slow to load and seldom needed
 
     if not np.all(weights > 0.0):
         raise ProblemError("it is a spline with a weight that is not positive; explode it into a polyline or arcs")
     weights = weights / weights.max()
-    middle = control.mean(axis=0)
-    # Columns: n about the middle of the control points, and w.
-    spline = BSpline(knots, np.column_stack((weights[:, None] * (control - middle), weights)), degree)
-
-    def greatest(order: int) -> tuple[float, float]:
-        """Bounds of a derivative of n and of w."""
-        if order > degree:
-            return 0.0, 0.0
-        found = np.atleast_2d(spline.derivative(order).c)
-        return float(np.linalg.norm(found[:, :2], axis=1).max()), float(np.abs(found[:, 2]).max())
-
-    reach = float(np.linalg.norm(control - middle, axis=1).max())
-    (n_slope, w_slope), (n_bend, w_bend) = greatest(1), greatest(2)
-    least = float(weights.min())
-    slope = (n_slope + w_slope * reach) / least
-    bend = (n_bend + 2.0 * w_slope * slope + w_bend * reach) / least
-    spans = np.unique(knots[degree : len(knots) - degree])
-    # Over a span of width w the parameter from 0 to 1 makes the second derivative w² times as large.
-    counts = [_steps(bend * width**2, distance) for width in np.diff(spans)]
-    if sum(counts) > MAX_STEPS:
-        raise ProblemError(f"a curve needs {sum(counts)} chords; check the scale, or allow a larger curve_tolerance")
-    edges = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(spans[:-1], spans[1:], counts, strict=True)]
-    values = spline(np.append(np.concatenate(edges), spans[-1]))
-    return np.asarray(middle + values[:, :2] / values[:, 2:])
+    # Columns: n and w.
+    columns = np.column_stack((weights[:, None] * control, weights))
+    coefficients = np.stack([PPoly.from_spline((knots, column, degree)).c for column in columns.T], axis=-1)
+    powers = np.arange(degree, -1, -1)  # from the highest on
+    pieces: list[FloatArray] = []
+    for k in range(degree, len(knots) - degree - 1):
+        width = float(knots[k + 1] - knots[k])
+        if width <= 0.0:
+            continue
+        # Over a span of width 1, places seen from where it begins.
+        terms = coefficients[:, k] * width ** powers[:, None]
+        whole = terms.copy()
+        terms[:, :2] -= terms[:, 2:] * (terms[-1, :2] / terms[-1, 2])
+        terms = np.abs(terms)
+        slopes = powers @ terms
+        bends = (powers * (powers - 1)) @ terms
+        least = float(weights[k - degree : k + 1].min())
+        reach = float(np.hypot(*terms[:, :2].sum(axis=0))) / least
+        slope = (np.hypot(slopes[0], slopes[1]) + slopes[2] * reach) / least
+        bend = (np.hypot(bends[0], bends[1]) + 2.0 * slopes[2] * slope + bends[2] * reach) / least
+        values = np.linspace(0.0, 1.0, _steps(float(bend), distance) + 1)[:, None] ** powers @ whole
+        values = values[1:] if pieces else values
+        pieces.append(values[:, :2] / values[:, 2:])
+        if sum(map(len, pieces)) > MAX_STEPS:
+            raise ProblemError("a spline needs too many chords; check the scale, or allow a larger curve_tolerance")
+    return np.concatenate(pieces)

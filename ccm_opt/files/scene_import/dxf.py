@@ -82,6 +82,11 @@ _PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VE
 """What is no entity by itself."""
 _KIND = re.compile(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(\d*[A-Z][A-Z0-9_]*)[ \t]*\r?$")
 """The type of an entity in the text of a file: what follows the group code 0."""
+_ANNOTATIONS = re.compile(
+    rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(?:M|MULTI|ARC_|LARGE_RADIAL_)?(?:TEXT|LEADER|DIMENSION|TOLERANCE)[ \t]*\r?\n"
+    rb"(?:(?![ \t]*0[ \t]*\r?\n).*\n.*\n)*"
+)
+"""Annotations in the text of a file, each up to the next group code 0."""
 _BINARY = b"AutoCAD Binary DXF"
 _DEEPEST = 32
 """Blocks nested deeper than this are taken for blocks that hold themselves."""
@@ -199,7 +204,12 @@ def _parsed(content: bytes, found: _Findings, settings: ImportSettings) -> "Draw
                 drawing = Drawing.load(binary_tags_loader(content))
                 auditor = drawing.audit()
             else:
-                drawing, auditor = recover.read(io.BytesIO(content))
+                try:
+                    drawing, auditor = recover.read(io.BytesIO(content))
+                except Exception:  # noqa: BLE001 - maybe over an annotation, without which it can be read
+                    content, number = _ANNOTATIONS.subn(b"", content)
+                    drawing, auditor = recover.read(io.BytesIO(content))
+                    found.left_out.append(LeftOut(f"{number} annotations", "one of them at least is broken"))
         except Exception as error:  # whatever the parser stumbles over
             raise ProblemError(f"not readable as DXF: {error}") from error
     # The parser only logs that it skips parts of a damaged file, and obstacles may be among them.
@@ -304,6 +314,8 @@ def _parts(inserted: _Inserted, found: _Findings, settings: ImportSettings) -> l
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
         raise ProblemError(f"block '{block}' holds blocks more than {_DEEPEST} deep; explode it")
+    if entity.dxf.zscale == 0.0:  # seen along z that does not matter, and without height nothing can be turned
+        entity.dxf.zscale = 1.0
     definition = entity.block()
     if definition is not None and definition.block.is_xref:
         found.refusals.append(f"INSERT '{block}' draws another file; bind that file to the drawing")

@@ -1,7 +1,7 @@
 """Single entities of a DXF drawing as pieces; what is drawn on the back of the plane was turned upright before."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -132,18 +132,17 @@ def _boundary(path: Entity, distance: float) -> Piece:
         return _polygonal(table[:, :2], table[:, 2], closed=True, distance=distance)
     pieces = [_edge(edge, distance) for edge in path.edges]
     # An edge that closes by itself, a full circle, needs no other.
-    loops = [piece for piece in pieces if piece.closed] or joined_pieces(pieces, max(distance, _gap(pieces)))
+    loops = [piece for piece in pieces if piece.closed]
+    if pieces and not loops:
+        extent = float(np.ptp(np.concatenate([piece.points for piece in pieces]), axis=0).max())
+        # Ends meet exactly, or as nearly as six digits tell, or within what a drawing may be off.
+        for gap in (1e-12 * extent, 1e-6 * extent, max(distance, 1e-6 * extent)):
+            loops = joined_pieces(pieces, gap)
+            if len(loops) == 1 and loops[0].closed:
+                break
     if len(loops) != 1 or not loops[0].closed:
         raise ProblemError("a boundary of the hatch is not closed; close it, or draw a closed polyline")
     return loops[0]
-
-
-def _gap(pieces: Sequence[Piece]) -> float:
-    """Distance up to which ends of a boundary's edges meet: what programs that write six digits leave between them."""
-    if not pieces:
-        return 0.0
-    points = np.concatenate([piece.points for piece in pieces])
-    return 1e-6 * float(np.ptp(points, axis=0).max())
 
 
 def _edge(edge: Entity, distance: float) -> Piece:

@@ -159,6 +159,10 @@ class Picture:
                 self.leave_out(node, f"hidden by display: none{several}")
             return []
         place = self._entered(place, style, outermost=outermost)
+        for key, what in (("clip-path", "clipping"), ("mask", "masking")):
+            if style.get(key, "none") != "none":
+                cut = f"the {what} of '{place.name or node.tag}'"
+                self.left_out.append(LeftOut(cut, "what is cut or covered in part is taken whole"))
         if node.tag == "use":
             return self._used(place)
         if node.tag in SHAPES:
@@ -176,8 +180,6 @@ class Picture:
             self.leave_out(place.node, "hidden by visibility")
             return
         self.places.append(place)
-        if place.node.attributes.get("clip-path", "none") != "none":
-            self.left_out.append(LeftOut(f"the clipping of '{place.name}'", "clipped shapes are taken whole"))
 
     def _entered(self, place: Place, style: dict[str, str], *, outermost: bool) -> Place:
         """The place with what the element itself says: transform, name, style."""

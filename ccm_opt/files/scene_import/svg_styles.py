@@ -12,7 +12,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.import_settings import ImportSettings
 from ccm_opt.files.scene_import.svg_document import Node
 
-PROPERTIES = frozenset(("display", "visibility", "fill", "fill-rule", "transform"))
+PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
 """Those that matter; of fills only whether there is one, and strokes do not."""
 _SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
 _PART = re.compile(r"[.#][\w-]+")
