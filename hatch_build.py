@@ -27,7 +27,7 @@ DYNAMICS = ROOT / "ccm_opt" / "dynamics" / "runtime"
 # Every operation is rounded by itself, as IEEE 754 has it: no product is fused with a sum, no sum reordered. So all
 # processors, compilers and vector widths give the same numbers to the last bit. Nobody reads errno or floating-point
 # traps, and without them loops can be vectorised; no value changes.
-FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
+FLAGS = ("-O3", "-g0", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
 STRUCT = re.compile(r"typedef struct \{([^{}]*)\}\s*(\w+)\s*;")
 FUNCTION = re.compile(r"\bvoid\s+(\w+)\s*\(\s*(?:const\s+)?(\w+)\s*\*\s*\w+\s*\)\s*\{")
 PUBLIC = re.compile(r"^PUBLIC void (\w+)\(", re.MULTILINE)
@@ -47,7 +47,10 @@ def find_compiler() -> list[str]:
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
     libc = "gnu.2.28" if platform.libc_ver()[0] == "glibc" else "musl"
     system = {"win32": "windows-gnu", "darwin": "macos.11.0"}.get(sys.platform, f"linux-{libc}")
-    return [sys.executable, "-m", "ziglang", "cc", "-target", f"{machine}-{system}"]
+    # Without zig's own runtime sines are those of the C library, to the last bit those of other compilers' code; what
+    # chooses wide vectors is in that runtime, too.
+    options = ("-rtlib=none", "-DWIDE=") if sys.platform == "linux" else ()
+    return [sys.executable, "-m", "ziglang", "cc", *options, "-target", f"{machine}-{system}"]
 
 
 def build(library: Path, work: Path, flags: Sequence[str] = ()) -> None:

@@ -25,6 +25,10 @@ class Stretches:
     end: FloatArray
     owner: IntArray
 
+    def __post_init__(self) -> None:
+        if self.start.shape[1:] != (self.arm.links,) or self.end.shape != self.start.shape:
+            raise ValueError(f"stretches have the shapes {self.start.shape} and {self.end.shape}")
+
     @cached_property
     def a(self) -> FloatArray:
         """Joint positions at the start, shape (m, links + 1, 2) [m]."""

@@ -13,6 +13,9 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.expected import in_words
 from ccm_opt.ground.length_units import METRES
 
+LARGEST = 1e15
+"""Places and angles beyond have no digits left for what moves, and areas of them none in single precision."""
+
 
 @dataclass
 class Arguments:
@@ -122,13 +125,14 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 
 def finite_array(value: object) -> FloatArray | None:
-    """A value as an array of finite numbers, or None where it is none."""
+    """A value as an array of numbers of at most ``LARGEST``, or None where it is none."""
     if isinstance(value, (str, bytes)):
         return None
     try:
         found = np.asarray(value)
     except (TypeError, ValueError):
         return None
-    if found.dtype.kind not in "iuf" or not np.all(np.isfinite(found)):
+    if found.dtype.kind not in "iuf":
         return None
-    return found.astype(np.float64)
+    numbers = found.astype(np.float64)
+    return numbers if np.all(np.abs(numbers) <= LARGEST) else None

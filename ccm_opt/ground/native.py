@@ -6,6 +6,7 @@ in the library (``hatch_build.py``), so that Python never repeats it and the two
 
 import ctypes
 import json
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +19,11 @@ import numpy.typing as npt
 
 from ccm_opt.errors import NativeLibraryError
 
-LIBRARY = Path(__file__).parents[1] / ("_native.dll" if sys.platform == "win32" else "_native.so")
+LIBRARY = Path(
+    os.environ.get("CCM_OPT_NATIVE")
+    or Path(__file__).parents[1] / f"_native.{'dll' if sys.platform == 'win32' else 'so'}"
+)
+"""The library's file; ``CCM_OPT_NATIVE`` names another, as `tests.sanitizers` does."""
 _HOW_TO_BUILD = "install ccm_opt anew (pip install .), or run 'python hatch_build.py' in its source folder"
 _NUMBERS: dict[str, Any] = {"int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32, "double": ctypes.c_double,
                             "float": ctypes.c_float}  # fmt: skip

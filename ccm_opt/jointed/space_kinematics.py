@@ -47,6 +47,8 @@ def link_rotations(arm: SpaceArm, q: FloatArray) -> FloatArray:
 def _poses(arm: SpaceArm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) of configurations of shape (..., c)."""
     links = arm.links
+    if q.shape[-1:] != (len(arm.coordinates),):
+        raise ValueError(f"configurations have the shape {q.shape}; expected (..., {len(arm.coordinates)})")
     positions = np.empty((*q.shape[:-1], links + 1, 3))
     rotations = np.empty((*q.shape[:-1], links, 3, 3))
     NativeCall(

@@ -23,6 +23,7 @@ class CompiledLoop:
     def __init__(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> None:
         p = parameters
         believed = arm_for_c(model)
+        self._width = plant.structure.joints + 1
         variant = plant.structure.variant
         self._call = NativeCall(
             f"simulate__{variant}",
@@ -48,10 +49,14 @@ class CompiledLoop:
             States at the ends of the steps, shape (N, 2, W), and efforts held over them, shape (N, W).
         """
         count, _, width = reference.shape
+        if width != self._width or reference.shape[1] != 3 or np.shape(state) != (2, width):
+            raise ValueError(f"got shapes {np.shape(state)} and {reference.shape}; expected (N, 3, {self._width})")
+        if noise.shape != (count, 2, width - 1):
+            raise ValueError(f"noise has the shape {noise.shape}; expected {(count, 2, width - 1)}")
         states = np.empty((count, 2, width))
         efforts = np.empty((count, width))
         self._call.set(
-            count=count, held=min(held, count), reference=reference, noise=noise,
+            count=count, held=min(max(held, 0), count), reference=reference, noise=noise,
             x=np.array(state, dtype=np.float64, order="C"),  # a copy: C moves it on
             states=states, efforts=efforts,
         )  # fmt: skip

@@ -5,6 +5,8 @@
 
 #include "native.h"
 
+#define MOST_POSES (INT64_C(1) << 31) /* on a motion */
+
 typedef struct {
     int64_t links, mount_link, parts, first_self_pair, side, stride; /* parts: of a link between places looked up */
     double mount_at, link_length, radius, base_x, base_y, corner_x, corner_y, cell, spacing;
@@ -18,8 +20,8 @@ typedef struct {
 
 static int blocked_at(const Shares *s, double x, double y)
 {
-    int64_t column = (int64_t)((x - s->corner_x) / s->cell + 1.0);
-    int64_t row = (int64_t)((y - s->corner_y) / s->cell + 1.0);
+    int64_t column = whole_within((x - s->corner_x) / s->cell + 1.0, -1, s->side);
+    int64_t row = whole_within((y - s->corner_y) / s->cell + 1.0, -1, s->side);
     if (column < 0 || row < 0 || column >= s->side || row >= s->side) return 1;
     return s->blocked[row * s->side + column];
 }
@@ -62,8 +64,7 @@ static int on_itself(const Shares *s, const double *joints)
             double apart = x * x + y * y;
             if (apart >= close * close) {
                 /* Nothing comes nearer by more than a link's length from one link to the next. */
-                int64_t far = (int64_t)((sqrt(apart) - close) / s->link_length);
-                j += far;
+                j += whole_within((sqrt(apart) - close) / s->link_length, 0, s->links);
                 continue;
             }
             if (links_meet(p, p + 2, r, r + 2, square)) return 1;
@@ -125,8 +126,11 @@ PUBLIC void free_shares(Shares *s)
         const double *start = s->start + m * s->links, *end = s->end + m * s->links;
         double travel = 0.0;
         for (int64_t j = 0; j < s->links; ++j) travel += fabs(end[j] - start[j]);
-        int64_t count = (int64_t)ceil(s->link_length * travel / s->spacing);
-        if (count < 1) count = 1;
+        int64_t count = whole_within(ceil(s->link_length * travel / s->spacing), 1, MOST_POSES);
+        if (!(travel < INFINITY) || count == MOST_POSES) { /* no motion of an arm */
+            s->share[m] = 0.0;
+            continue;
+        }
         /* Few poses on the way first: most motions that touch do so in a wide stretch. Then what lies before. */
         int64_t last = first_refuted(s, start, end, count, s->stride, s->stride, count, 0);
         if (last > count) last = count + 1;

@@ -79,6 +79,8 @@ class SampledCheck:
         arm = self.arm
         raster = self.raster
         link, at = arm.mount_end
+        if start.shape[1:] != (arm.links,) or end.shape != start.shape:
+            raise ValueError(f"motions have the shapes {start.shape} and {end.shape}; expected (m, {arm.links})")
         shares = np.empty(len(start))
         NativeCall(
             "free_shares",

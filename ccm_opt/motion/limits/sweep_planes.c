@@ -31,11 +31,14 @@ typedef struct {
     double *normal, *bound;
 } Query;
 
+/* What is no number comes last: without one order for all, sorting may leave its array. */
+static int compared(double a, double b) { return isnan(a) || isnan(b) ? isnan(a) - isnan(b) : (a > b) - (a < b); }
+
 static int by_place(const void *one, const void *two)
 {
     const double *a = one, *b = two;
-    if (a[0] != b[0]) return a[0] < b[0] ? -1 : 1;
-    return (a[1] > b[1]) - (a[1] < b[1]);
+    int first = compared(a[0], b[0]);
+    return first ? first : compared(a[1], b[1]);
 }
 
 /* The convex hull, counter-clockwise (Andrew's monotone chain); returns the number of its corners. */
@@ -133,8 +136,8 @@ static int64_t near_walls(const Query *q, int64_t sweep, Plane *planes)
 static int by_gap(const void *one, const void *two)
 {
     const Plane *a = one, *b = two;
-    if (a->gap != b->gap) return a->gap < b->gap ? -1 : 1;
-    return (a->wall > b->wall) - (a->wall < b->wall);
+    int first = compared(a->gap, b->gap);
+    return first ? first : (a->wall > b->wall) - (a->wall < b->wall);
 }
 
 PUBLIC void sweep_planes(Query *q)

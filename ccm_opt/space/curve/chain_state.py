@@ -39,6 +39,10 @@ class ChainEvaluator:
     def __init__(self, arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> None:
         links = arm.links
         coordinates, p = matrix.shape
+        if coordinates != len(arm.coordinates) or offset.shape != (coordinates,):
+            raise ValueError(
+                f"the map has the shapes {matrix.shape} and {offset.shape} for {len(arm.coordinates)} rows"
+            )
         self._v = np.empty(p)
         # All results stand in one block, so that one copy hands them out.
         self._shapes = ((coordinates,), (links + 1, 3), (links, 3, 3), (links, 3, p), (links + 1, 3, p))

@@ -203,6 +203,7 @@ static int planes_about(PlaneQuery *q, int64_t number)
     Segment segment = segment_between(q->segments + 6 * number);
     Probe probe = probe_of(&segment);
     int64_t first = q->rows;
+    if (!isfinite(segment.square + dot(segment.start, segment.start))) return 1; /* nothing is near what is none */
     q->size = 0;
     double whole = least_gap(&probe, q->surfaces.nodes, q->reach);
     if (!push(q, whole, whole, 0, 0)) return 0;

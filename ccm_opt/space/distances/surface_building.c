@@ -86,6 +86,12 @@ static int best_cut(const Bin *bins)
     return best;
 }
 
+static inline int bin_of(const Item *item, int axis, float low, float scale)
+{
+    int bin = (int)((centre(item, axis) - low) * scale);
+    return bin < CUTS ? bin : CUTS - 1;
+}
+
 /* How many of some items belong into the first half; they are moved to the front. */
 static int64_t parted(Item *items, int64_t count)
 {
@@ -105,14 +111,14 @@ static int64_t parted(Item *items, int64_t count)
     Bin bins[CUTS];
     for (int k = 0; k < CUTS; k++) bins[k] = EMPTY;
     for (int64_t k = 0; k < count; k++)
-        enclose(bins + (int)((centre(items + k, axis) - low[axis]) * scale), items[k].low, items[k].high, 1);
+        enclose(bins + bin_of(items + k, axis, low[axis], scale), items[k].low, items[k].high, 1);
     int cut = best_cut(bins);
 
     /* Every item changes places, so that nothing hangs on which half it belongs to before that is known. */
     int64_t first = 0;
     for (int64_t k = 0; k < count; k++) {
         Item item = items[k];
-        int64_t below = (int)((centre(&item, axis) - low[axis]) * scale) <= cut;
+        int64_t below = bin_of(&item, axis, low[axis], scale) <= cut;
         items[k] = items[first];
         items[first] = item;
         first += below;

@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arguments import LARGEST
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES, DistanceSettings
 from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
@@ -38,10 +40,16 @@ class SurfaceTree:
         """The tree over the surfaces of a scene.
 
         Raises:
+            ProblemError: a place is no number, or too far away.
             MemoryError: there is too little.
         """
         if len(soup) == 0:
             return cls(np.zeros(0, dtype=np.intp), None, settings)
+        farthest = max(float(np.abs(soup.triangles).max()), float(np.abs(soup.rounding).max()))
+        if not farthest <= LARGEST:
+            raise ProblemError(
+                f"the scene reaches to {farthest:g} m, at most {LARGEST:g} m are taken: is its unit meant?"
+            )
         if len(soup) >= _MOST_TRIANGLES:
             raise MemoryError(f"a scene of {len(soup)} triangles: at most {_MOST_TRIANGLES} are taken")
         boxes = SurfaceBoxes.of(soup.triangles, soup.rounding, settings.leaf)
@@ -61,7 +69,7 @@ class SurfaceTree:
         """
         if self.search is None:
             return np.full(len(segments), float(reach))
-        return self.search.distances(segments, reach, slack)
+        return self.search.distances(_checked(segments), reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
         """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach.
@@ -76,7 +84,7 @@ class SurfaceTree:
             k = len(segments)
             none = np.full(k, -1, dtype=np.intp)
             return Witnesses(np.full(k, float(reach)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)), none)
-        found = self.search.nearest(segments, reach, together)
+        found = self.search.nearest(_checked(segments, together), reach, together)
         return replace(found, owner=np.where(found.owner < 0, -1, self.owner[found.owner]))
 
     def planes(
@@ -100,7 +108,7 @@ class SurfaceTree:
         most = self.settings.most_planes if most is None else most
         behind = self.settings.behind * reach if behind is None else behind
         slack = self.settings.slack * reach
-        found = self.search.planes(segments, reach, most, behind, slack)
+        found = self.search.planes(_checked(segments), reach, most, behind, slack)
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
@@ -120,3 +128,14 @@ class SurfaceTree:
         if self.search is None:
             return np.full(counts, float(reach))
         return self.search.grid(low, cell, counts, reach)
+
+
+def _checked(segments: FloatArray, together: int = 1) -> FloatArray:
+    """The segments, which C takes so many in a row.
+
+    Raises:
+        ValueError: they have another shape.
+    """
+    if segments.ndim != 3 or segments.shape[1:] != (2, 3) or together < 1 or len(segments) % together:
+        raise ValueError(f"segments have the shape {segments.shape}; expected (k, 2, 3), k a multiple of {together}")
+    return segments

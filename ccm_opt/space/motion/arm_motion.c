@@ -1,5 +1,5 @@
 /* How far the points of an arm of universal joints move while its joints turn evenly, and how near its links are to each
-   other. link_motion.py says what is computed; numpy does the same there where there is no compiling. */
+   other. space_link_motion.py says what is computed. */
 
 #include "link_places.h"
 

@@ -51,6 +51,8 @@ class Chains:
         arm = self._arm
         n = arm.links
         p = slopes.shape[1]
+        if q.shape != (len(arm.coordinates),) or slopes.shape != (len(q), p):
+            raise ValueError(f"got shapes {q.shape} and {slopes.shape}; expected {len(arm.coordinates)} coordinates")
         chain = SpaceChain(np.empty((n + 1, 3)), np.empty((n, 3, 3)), np.empty((n, 3, p)), np.empty((n + 1, 3, p)))
         NativeCall(
             "chain",

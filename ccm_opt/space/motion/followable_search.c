@@ -1,5 +1,4 @@
-/* The search for ways that an arm can follow behind its tip (hybrid A* in space): followable_search.py says of what, and
-   does the same in Python where there is no compiling, sum by sum in the same order. */
+/* The search for ways that an arm can follow behind its tip (hybrid A* in space): followable_search.py says of what. */
 
 #include "native.h"
 
@@ -38,25 +37,25 @@ static int64_t cell_of(const FollowQuery *q, const double *place)
     const int64_t counts[3] = {q->nx, q->ny, q->nz};
     int64_t cell = 0;
     for (int64_t d = 0; d < 3; d++) {
-        double at = rint((place[d] - q->low[d]) / q->cell);
-        double last = (double)(counts[d] - 1);
-        cell = cell * counts[d] + (int64_t)(at < 0.0 ? 0.0 : at > last ? last : at);
+        cell = cell * counts[d] + whole_within(rint((place[d] - q->low[d]) / q->cell), 0, counts[d] - 1);
     }
     return cell;
 }
+
+static int32_t bin_of(double x) { return (int32_t)whole_within(floor(x), INT32_MIN, INT32_MAX); }
 
 static void bins_of(const FollowQuery *q, const State *state, int32_t *bins)
 {
     const double t[3] = {state->frame[0], state->frame[3], state->frame[6]};
     int64_t face = 0, next = 5;
     for (int64_t d = 0; d < 3; d++) {
-        bins[d] = (int32_t)floor(state->place[d] / q->place_bin);
+        bins[d] = bin_of(state->place[d] / q->place_bin);
         if (fabs(t[d]) > fabs(t[face])) face = d;
     }
     bins[3] = (int32_t)face;
     bins[4] = t[face] > 0.0;
     for (int64_t d = 0; d < 3; d++)
-        if (d != face) bins[next++] = (int32_t)floor(t[d] / t[face] * (double)q->direction_bins);
+        if (d != face) bins[next++] = bin_of(t[d] / t[face] * (double)q->direction_bins);
 }
 
 /* The slot of some bins in the table, or the empty one where they belong. */
@@ -123,11 +122,10 @@ static Arc arc_over(const double *direction, const double *chord)
 /* Whether there is room along an arc from a place on; the place and the direction become those at its end. */
 static int free_along(const FollowQuery *q, double *place, double *direction, const Arc *arc)
 {
-    int64_t count = (int64_t)ceil(arc->length / q->spacing);
+    int64_t count = whole_within(ceil(arc->length / q->spacing), 2, INT32_MAX);
     double start[3], t[3], turn = 2.0 * arc->half;
     memcpy(start, place, sizeof start);
     memcpy(t, direction, sizeof t);
-    if (count < 2) count = 2;
     for (int64_t k = 1; k <= count; k++) {
         double s = (double)k / (double)count, angle = turn * s;
         /* sin(x) / x and (1 − cos(x)) / x, also where the arc is straight */
@@ -171,8 +169,8 @@ static int lands(const FollowQuery *q, const State *state)
     for (int64_t d = 0; d < 3; d++) direction[d] = cos(turn) * start[d] + sin(turn) * arcs[0].side[d];
     arcs[1] = arc_over(direction, second);
     for (int64_t k = 0; k < 2; k++)
-        if (2.0 * arcs[k].half * q->radius > 1.001 * arcs[k].length) return 0;
-    if (arcs[0].length + arcs[1].length > q->longest * away) return 0;
+        if (!(2.0 * arcs[k].half * q->radius <= 1.001 * arcs[k].length)) return 0;
+    if (!(arcs[0].length + arcs[1].length <= q->longest * away)) return 0;
     return free_along(q, place, start, &arcs[0]) && free_along(q, place, start, &arcs[1]);
 }
 

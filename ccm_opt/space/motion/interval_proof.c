@@ -1,5 +1,5 @@
-/* The proof that an arm touches nothing while its coordinates change evenly: space_certificate.py says why it holds, and
-   does the same where there is no compiling. */
+/* The proof that an arm touches nothing while its coordinates change evenly: space_certificate.py says why it
+   holds. */
 
 #include "link_places.h"
 #include "surface_nodes.h"

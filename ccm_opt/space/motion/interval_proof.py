@@ -7,6 +7,9 @@ from ccm_opt.ground.native import NativeCall
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 
+_DEEPEST = 60
+"""Halvings after which numbers have no middle any more."""
+
 
 class IntervalProof:
     """Proves intervals of one arm's motions safe; not for use by two threads at once.
@@ -43,6 +46,6 @@ class IntervalProof:
         """
         self._ends[0] = before
         self._ends[1] = after
-        self._call.fields.depth = depth
+        self._call.fields.depth = min(max(depth, 0), _DEEPEST)
         self._call()
         return bool(self._call.fields.safe)

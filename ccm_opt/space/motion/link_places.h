@@ -101,7 +101,7 @@ static inline int64_t next_in_reach(const double *points, int64_t links, int64_t
         double apart[3] = {r[0] - p[0], r[1] - p[1], r[2] - p[2]};
         double square = dot(apart, apart), most = reach + 2.0 * length;
         if (square <= most * most) return j;
-        j += (int64_t)fmax((sqrt(square) - most) / fmax(length, 1e-300) - 1.0, 0.0);
+        j += whole_within((sqrt(square) - most) / fmax(length, 1e-300) - 1.0, 0, links);
     }
     return links;
 }

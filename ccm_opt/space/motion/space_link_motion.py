@@ -81,6 +81,9 @@ class LinkMotion:
             rotations: of the links in the middle of the interval, shape (links, 3, 3).
             turns: of the joints over the interval, shape (2 links,) [rad].
         """
+        n = self._arm.links
+        if rotations.shape != (n, 3, 3) or turns.shape != (2 * n,):
+            raise ValueError(f"got shapes {rotations.shape} and {turns.shape} for {n} links")
         self._motion.set(rotations=rotations, turns=turns)
         self._motion()
         return self._bow.copy()
@@ -92,7 +95,7 @@ class LinkMotion:
             points: joints and tip, shape (links + 1, 3) [m].
             reach: distance of the axes from which on they are left out [m].
         """
-        self._pairs.set(points=points, reach=reach)
+        self._pairs.set(points=self._checked(points[None])[0], reach=reach)
         self._pairs()
         if self._pairs.fields.count > self._pairs.fields.capacity:
             self._make_room(2 * self._pairs.fields.count)
@@ -109,7 +112,7 @@ class LinkMotion:
             points: joints and tip, shape (T, links + 1, 3) [m].
             reach: distance of the axes from which on they are left out [m].
         """
-        poses = len(points)
+        poses = len(self._checked(points))
         nearest = NearestPairs(
             np.full(poses, -1, dtype=np.int64), np.full(poses, -1, dtype=np.int64), np.full(poses, float(reach))
         )
@@ -119,6 +122,11 @@ class LinkMotion:
             **vars(nearest),
         )()  # fmt: skip
         return nearest
+
+    def _checked(self, points: FloatArray) -> FloatArray:
+        if points.ndim != 3 or points.shape[1:] != (self._arm.links + 1, 3):
+            raise ValueError(f"joints have the shape {points.shape[1:]}; expected ({self._arm.links + 1}, 3)")
+        return points
 
     def _make_room(self, capacity: int) -> None:
         """Room for so many pairs."""

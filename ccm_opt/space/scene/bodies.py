@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.ground.arguments import Arguments, finite_array
+from ccm_opt.ground.arguments import LARGEST, Arguments, finite_array
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.scene.closed_surfaces import is_closed
 from ccm_opt.space.scene.rigid_placement import RigidPlacement
@@ -215,7 +215,8 @@ class MeshBody:
         places = finite_array(vertices)
         corners = np.asarray(faces)
         given.must(
-            places is not None and places.ndim == 2 and places.shape[1] == 3, "vertices: expected rows (x, y, z)"
+            places is not None and places.ndim == 2 and places.shape[1] == 3,
+            f"vertices: expected rows (x, y, z) of numbers within {LARGEST:g}",
         )
         whole = corners.ndim == 2 and corners.shape[1] == 3 and corners.dtype.kind in "iu" and len(corners) > 0
         given.must(whole, "faces: expected rows of three whole numbers")
