@@ -236,6 +236,29 @@ def test_no_pose_is_farther_from_the_plan_than_is_told(seed: int) -> None:
         assert np.min(np.max(np.linalg.norm(places - pose, axis=2), axis=1)) <= told + piece
 
 
+def test_quintics_through_accelerations_that_jump_are_refused(written: Mapping[str, Folder]) -> None:
+    """The same points with the plan's accelerations, which a controller would join by quintics, pass the limits."""
+    solution = written["pausing"].solution
+    motion = (solution.problem, solution.trajectory)
+    found = controller_points(*motion, solution.joints, solution.checks)
+    limits, _ = message_checks(*motion, replace(found, smooth=True).message, found.samples, 1.0, 1.0)
+    assert not limits.passed
+    assert limits.worst > 1.3
+
+
+def test_torques_between_points_are_held_against_their_limits() -> None:
+    """A torque limit just below what the curve needs is passed, and one just above is not."""
+    case = fixed(0.3 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]))
+    plan = case.trajectory
+    samples = np.append(np.arange(0, len(plan.time) - 1, 20), len(plan.time) - 1)
+    message = Message(plan.time[samples], plan.positions[samples], plan.velocities[samples], None, plan.coordinates)
+    motion = JointTrajectory(plan.time, *(message.at_times(plan.time, order) for order in range(3)), plan.coordinates)
+    peak = float(np.max(np.abs(replace(case, trajectory=motion).states.torques)))
+    for share, passed in ((0.99, False), (1.01, True)):
+        limited = case.limited(torque=share * peak).problem
+        assert message_checks(limited, plan, message, samples, 1.0, 1.0)[0].passed == passed
+
+
 def test_efforts_are_written_where_they_are_asked_for(written: Mapping[str, Folder]) -> None:
     """Controllers refuse points with efforts, so that only who asks gets them, and then they are the plan's."""
     solution = written["fed"].solution

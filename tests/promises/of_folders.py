@@ -2,10 +2,14 @@
 
 import re
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ccm_opt.files.export.controller_points import controller_points, points_at, slowed
+import ccm_opt
+from ccm_opt.files.export.controller_points import points_at, slowed
+from ccm_opt.files.export.folder import write_solution
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from tests.corruption.plans import Folder
 
@@ -106,13 +110,14 @@ def _without_accelerations(folder: Folder) -> None:
     folder.texts["trajectory.yaml"] = re.sub(r"  accelerations: .*\n", "", folder.texts["trajectory.yaml"])
 
 
-def _few_and_slow(folder: Folder) -> None:
-    """Every second point is missing, and a thirtieth of the speed leaves the curves between the others room."""
-    solution = folder.solution
-    motion = (solution.problem, solution.trajectory, solution.joints)
-    points = controller_points(*motion, solution.checks)
-    kept = np.union1d(points.samples[::2], points.samples[-1:])
-    slow = points_at(*slowed(*motion, 30.0), kept, 30.0, smooth=points.smooth)
+def _two_points(folder: Folder) -> None:
+    """Of the points of the swan's neck, which winds under a wall, the first and the last alone, three times slower."""
+    problem = ccm_opt.load_problem(Path(__file__).parents[2] / "problems" / "swan-neck.toml")
+    solution = ccm_opt.solve(problem)
+    with TemporaryDirectory() as place:
+        vars(folder).update(vars(Folder.of(write_solution(solution, Path(place)), solution)))
+    ends = np.array([0, len(solution.trajectory.time) - 1])
+    slow = points_at(*slowed(problem, solution.trajectory, solution.joints, 3.0), ends, 3.0, smooth=False)
     folder.texts["trajectory.yaml"] = trajectory_texts(slow)[1]
 
 
@@ -153,7 +158,7 @@ FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
     "table against arrays": (_row("trajectory.csv", ","),),
     "ROS message against arrays": (_row("trajectory.yaml", "positions"), _row("trajectory.yaml", "velocities")),
     "message limits": (_without_accelerations,),
-    "message deviation": (_few_and_slow,),
+    "message deviation": (_two_points,),
     "URDF against problem": (_text("arm.urdf", 'upper="', 'upper="1'), _text("arm.urdf", "ball03_roll", "ball03")),
     "MJCF against problem": (_text("arm.mjcf.xml", 'mass="', 'mass="1'), _text("arm.mjcf.xml", "link03", "link3")),
 }
