@@ -92,7 +92,7 @@ def bodies() -> tuple[SpaceObstacle, ...]:
         SpaceObstacle("ball", SphereBody(np.array([0.5, 0.0, 0.8]), 0.1)),
         SpaceObstacle("bar", CapsuleBody(np.array([1.4, -0.5, -0.6]), np.array([1.4, 0.5, -0.6]), 0.05)),
         SpaceObstacle("tube", CylinderBody(np.array([0.3, -0.5, -0.8]), np.array([0.9, 0.5, -0.8]), 0.05)),
-        SpaceObstacle("mesh", MeshBody(corners, BOX_FACES, closed=True)),
+        SpaceObstacle("mesh", MeshBody(corners, BOX_FACES)),
     )
 
 

@@ -44,9 +44,13 @@ def test_what_is_told_of_a_mesh(tmp_path: Path) -> None:
 
 
 def test_a_mesh_with_a_hole_is_told_to_be_open(tmp_path: Path) -> None:
-    """Of a mesh that is not closed the surface alone counts, and that is said."""
-    problem, body = read(written(tmp_path, binary_stl(faces=BOX_FACES[1:])))
-    assert "not closed: its surface alone counts" in next(iter(mesh_lines("part", body, problem)))
+    """Of a mesh that is not closed the open edges are told, and of one that is no solid that its surface counts."""
+    content = binary_stl(faces=BOX_FACES[1:])
+    problem, body = read(written(tmp_path, content))
+    told = next(iter(mesh_lines("part", body, problem)))
+    assert "not closed: it has 3 open edges, one near (0.000, 0.500, 0.000) m" in told
+    problem, body = read(written(tmp_path, content, extra="solid = false"))
+    assert "its surface alone counts (solid = false)" in next(iter(mesh_lines("part", body, problem)))
 
 
 def in_millimetres(folder: Path, name: str, content: bytes, extra: str = "") -> tuple[list[str], FloatArray]:

@@ -198,7 +198,7 @@ def test_what_passes_between_two_samples_is_seen() -> None:
 @settings(max_examples=60)
 @given(seed=seeds)
 def test_the_side_is_told_by_the_body(seed: int) -> None:
-    """A base inside a turned box is on the wrong side by its depth; outside of it, or in an open mesh, it is not."""
+    """A base inside a turned box is on the wrong side by its depth; outside, or where its surface alone counts, not."""
     rng = np.random.default_rng(seed)
     size = rng.uniform(0.05, 0.3, 3)
     turn = RigidPlacement.turned(rng.normal(0.0, 0.2, 3), rng.uniform(-3.0, 3.0, 3))
@@ -206,12 +206,12 @@ def test_the_side_is_told_by_the_body(seed: int) -> None:
     own = turn.rotation.T @ (np.zeros(3) - turn.position)
     depth = float(np.min(size - np.abs(own)))
     corners = turn.points(box_corners(-size, size))
-    bodies = (BoxBody(-size, size, turn), MeshBody(corners, BOX_FACES, closed=True))
+    bodies = (BoxBody(-size, size, turn), MeshBody(corners, BOX_FACES))
     for body in bodies:
         check = check_side(motion, SpaceWorkspace(None, (SpaceObstacle("box", body),)))
         assert check.passed == (depth <= 0.0)
         assert check.worst == pytest.approx(-max(depth, 0.0), abs=1e-9)
-    opened = MeshBody(corners, BOX_FACES[1:], closed=False)
+    opened = MeshBody(corners, BOX_FACES, solid=False)
     assert check_side(motion, SpaceWorkspace(None, (SpaceObstacle("box", opened),))).passed
 
 

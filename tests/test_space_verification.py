@@ -74,7 +74,7 @@ def room(plan: SpacePlan, **changes: object) -> SpacePlan:
 def shell(plan: SpacePlan) -> SpacePlan:
     """The same inside of a closed mesh that it never touches."""
     corners = box_corners(np.full(3, -0.45), np.array([1.55, 0.55, 0.55]))
-    return with_body(plan, "shell", MeshBody(corners, BOX_FACES, closed=True))
+    return with_body(plan, "shell", MeshBody(corners, BOX_FACES))
 
 
 def under_roof(plan: SpacePlan) -> FloatArray:

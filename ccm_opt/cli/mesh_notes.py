@@ -9,7 +9,9 @@ from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console
 from ccm_opt.files.problem_file.space_placement import odd_mesh_size
-from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_units import METRES, LengthUnit
+from ccm_opt.ground.length_words import words_in
+from ccm_opt.space.distances.enclosures import open_words
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.bodies import MeshBody
 from ccm_opt.space.scene.surfaces import box_about
@@ -54,8 +56,7 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
     low, high = box_about(body.vertices) / METRES[unit]
     size = f" {TIMES} ".join(f"{length:.4g}" for length in high - low)
     corners = f"from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
-    inside = "closed" if body.closed else "not closed: its surface alone counts"
-    yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {inside}"
+    yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {_inside(body, unit)}"
     for words in body.notes:
         yield f"  {words}"
     for words in body.mended:
@@ -63,6 +64,16 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
     room = problem.workspace.bounds
     if room is not None and np.any((low * METRES[unit] < room[0]) | (high * METRES[unit] > room[1])):
         yield "  parts of it lie outside the room"
+
+
+def _inside(body: MeshBody, unit: LengthUnit) -> str:
+    """Whether a mesh is closed, and what counts as its inside."""
+    if not body.solid:
+        return "its surface alone counts (solid = false)"
+    if body.closed:
+        return "closed"
+    with words_in(unit):
+        return f"not closed: it {open_words(body)}; what it goes round by more than a half counts as inside"
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
@@ -76,6 +87,7 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
         "triangles": len(body.faces),
         "box": box.tolist(),
         "closed": body.closed,
+        "solid": body.solid,
         "mended": list(body.mended),
         "notes": list(body.notes),
     }

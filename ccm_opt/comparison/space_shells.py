@@ -69,7 +69,7 @@ def sheet(vertices: FloatArray, faces: IntArray) -> MeshBody:
     vertices = vertices.astype(np.float32).astype(np.float64)  # as the file has them
     content = _binary_stl(vertices[faces])
     digest = hashlib.sha256(content).hexdigest()
-    return MeshBody(vertices, faces, "sheet.stl", digest, content=content, triangles_read=len(faces))
+    return MeshBody(vertices, faces, "sheet.stl", digest, solid=False, content=content, triangles_read=len(faces))
 
 
 def _lifted(plane: FloatArray, middle: FloatArray, normal: FloatArray) -> MeshBody:

@@ -14,6 +14,7 @@ from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.ground.stages import Stages
 from ccm_opt.ground.threads import on_one_thread
+from ccm_opt.space.distances.enclosures import enclosed
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.task import SpaceTask
@@ -21,7 +22,6 @@ from ccm_opt.space.pose_beginnings import any_motion
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.reach_boxes import reach_box
 from ccm_opt.space.refused_ends import contact_words
-from ccm_opt.space.scene.enclosures import enclosed
 from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
 from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH, SpaceReachSettings
 from ccm_opt.space.tip_cells import SpaceReachQuestion, TipLooker, look_at_cell

@@ -8,10 +8,10 @@ from ccm_opt.ground.length_words import place, short_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.space_kinematics import exposed_links, joint_positions
 from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
+from ccm_opt.space.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.scene.enclosures import Enclosure, deepest_enclosure
 from ccm_opt.space.scene.scene import ROOM_NAME
 
 
@@ -60,15 +60,18 @@ def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
     """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
     contact = contact_of(task, q)
     joints = joint_positions(task.arm, q)
-    # An arm that touches nothing is inside of a body as a whole, as its tip tells.
+    _, exposed = exposed_links(task.arm, joints)
+    # An arm that touches nothing is inside of a closed body as a whole; of an open one both its ends tell.
     first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else task.arm.links
-    found = deepest_enclosure(problem.workspace, joints[first:])
+    found = deepest_enclosure(problem.workspace, np.concatenate((joints[first:], exposed[:1, 0])))
     if found is None:
         return contact
     number = first + found.number
     point = "the tip" if number == task.arm.links else f"joint {number + 1}"
+    point = "the end of the mount" if number > task.arm.links else point
     deep = f"{point} is {_depth_words(found)}"
-    return f"{contact}; {deep}" if contact else deep
+    ways = ways_out(problem.workspace, found.name, "the arm")[1:] if found.name else ()
+    return "; ".join((*([contact] if contact else []), deep, *ways))
 
 
 def _depth_words(found: Enclosure) -> str:
@@ -81,7 +84,8 @@ def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: Spac
     found = deepest_enclosure(problem.workspace, goal.position[None])
     if found is not None:
         reason = f"the goal is {_depth_words(found)}"
-        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal out of it",)))
+        ways = ways_out(problem.workspace, found.name, "the goal") if found.name else ("move the goal into it",)
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ways))
     kept = task.arm.radius + task.clearance
     # Any place within the tolerance will do for a goal.
     least = kept - problem.tolerances.position

@@ -155,7 +155,7 @@ def without_two_samples() -> SpacePlan:
 def inside_a_shell() -> SpacePlan:
     """The whole arm lies inside of a closed mesh that it never touches."""
     corners = box_corners(np.full(3, -2.0), np.full(3, 2.0))
-    return with_body(fixed(), "shell", MeshBody(corners, BOX_FACES, closed=True))
+    return with_body(fixed(), "shell", MeshBody(corners, BOX_FACES))
 
 
 def bumped(plan: SpacePlan, column: int, size: float) -> SpacePlan:

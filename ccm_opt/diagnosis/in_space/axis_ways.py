@@ -17,11 +17,11 @@ from ccm_opt.diagnosis.in_space.way_search import Answer, WayEnds, WaySearch
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.polyline import leg_lengths
+from ccm_opt.space.distances.insides import depth_inside
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.grid_ways import shortened
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.reach_boxes import reach_box
-from ccm_opt.space.scene.insides import depth_inside
 from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
 
 

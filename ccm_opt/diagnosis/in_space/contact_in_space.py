@@ -22,9 +22,9 @@ from ccm_opt.ground.length_words import short_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import exposed_links, joint_positions
+from ccm_opt.space.distances.enclosures import deepest_enclosure
 from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.scene.enclosures import deepest_enclosure
 
 
 def contact_at_space_poses(problem: SpaceProblem) -> Iterator[Finding]:

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.distances.insides import depth_inside
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.scene.bodies import CylinderBody
-from ccm_opt.space.scene.insides import depth_inside
 from ccm_opt.space.scene.scene import ROOM_NAME, SpaceObstacle, SpaceWorkspace
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 

@@ -19,7 +19,7 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.diagnosis.in_space.cell_tree import CellTree
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.scene.enclosures import deepest_enclosure
+from ccm_opt.space.distances.enclosures import deepest_enclosure
 from ccm_opt.space.scene.scene import SpaceWorkspace
 
 Answer: TypeAlias = Literal["closed", "open", "not known"]
@@ -164,7 +164,7 @@ class WaySearch:
                 side = int(known[0])
             else:
                 middle = cells.middles[members][int(np.argmax(cells.gap[members]))]
-                side = -1 if deepest_enclosure(self.workspace, middle[None]) is None else 1
+                side = -1 if deepest_enclosure(self.workspace, middle[None], closed_only=True) is None else 1
             self.sides[members & clear] = side
             news = news or side == 1
         return news

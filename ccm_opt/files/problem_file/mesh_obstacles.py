@@ -104,7 +104,7 @@ class MeshObstacles:
             mesh.faces,
             file=file,
             digest=read.digest,
-            closed=mended.closed,
+            solid=table.solid is not False,
             scale=scale,
             placement=placement,
             up=table.up or "z",

@@ -16,10 +16,12 @@ from ccm_opt.files.problem_file.schema import (
 )
 from ccm_opt.files.problem_file.space_build import build_space_arm, build_space_pose, build_space_workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_units import METRES, LengthUnit
+from ccm_opt.ground.length_words import words_in
 from ccm_opt.problem.imported_drawing import ODD_RATIO
+from ccm_opt.space.distances.enclosures import ways_out
+from ccm_opt.space.distances.insides import depth_inside
 from ccm_opt.space.scene.bodies import MeshBody
-from ccm_opt.space.scene.insides import depth_inside
 from ccm_opt.space.scene.scene import ROOM_NAME, SpaceWorkspace
 from ccm_opt.space.scene.surfaces import box_about
 
@@ -40,7 +42,7 @@ def check_space_base(
     meshes: Mapping[int, MeshBody],
     arm: SpaceArmTable,
     start: SpaceStartTable,
-    units: str,
+    units: LengthUnit,
     issues: Issues,
 ) -> None:
     """The base may touch walls, as the mount does, but not stand inside an obstacle or outside the room."""
@@ -56,7 +58,9 @@ def check_space_base(
     for obstacle in room.obstacles:
         if (depth := depth_inside(obstacle.body, base)) > rounding:
             where = f"the base at {_place(base, units)} is {_length(depth, units)} inside '{obstacle.name}'"
-            issues.add(("arm", "base"), f"{where}; move it out")
+            with words_in(units):
+                ways = " or ".join(ways_out(room, obstacle.name, "it"))
+            issues.add(("arm", "base"), f"{where}; {ways}")
     if (depth := depth_outside_room(room, base)) > rounding:
         place = _place(base, units)
         issues.add(

@@ -68,10 +68,11 @@ def _workspace(problem: SpaceProblem, mesh_files: Sequence[str], unit: LengthUni
 def _body(body: Body, file: str, unit: LengthUnit) -> Table:
     """An obstacle without its name; bodies that are round stand where they are without being placed."""
     if isinstance(body, MeshBody):
+        surface: Table = {} if body.solid else {"solid": False}
         if not body.content:
             # Made in Python: written in metres, where it stands.
-            return {"mesh": file, "scale": 1.0 / METRES[unit]}
-        table: Table = {"mesh": file, "scale": body.scale / METRES[unit], "sha256": body.digest}
+            return {"mesh": file, "scale": 1.0 / METRES[unit]} | surface
+        table: Table = {"mesh": file, "scale": body.scale / METRES[unit], "sha256": body.digest} | surface
         # Of GLB it is said that y is up where the key is not there.
         if body.up == "y" or body.file.lower().endswith(".glb"):
             table["up"] = body.up

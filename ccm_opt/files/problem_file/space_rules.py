@@ -28,7 +28,7 @@ def check_space_alternatives(data: Mapping[str, object], issues: Issues) -> None
         for k in range(len(obstacles)):
             path: KeyPath = ("workspace", "obstacles", k)
             exactly_one(data, path, BODY_KINDS, issues)
-            for key in ("scale", "up", "sha256"):
+            for key in ("scale", "up", "solid", "sha256"):
                 _needs(data, path, key, ("mesh",), issues)
             _one_turn(data, path, issues)
         refuse_equal_names(obstacles, issues)

@@ -1,19 +1,18 @@
-"""What is put right in a mesh before it is used, and whether it is closed; every change is counted and told."""
+"""What is put right in a mesh before it is used; every change is counted and told."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.mesh_settings import MESHES, MeshSettings
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.space.scene.closed_surfaces import edge_keys, is_closed
+from ccm_opt.space.scene.shells import find_shells, repeated
 
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 """Odd numbers without a pattern, by which the three coordinates of a vertex become one number."""
-_WHOLE_NUMBERS = 2**64
-"""That many fit into 64 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,17 +21,22 @@ class MendedMesh:
 
     Attributes:
         mesh: vertices, each once, and triangles.
-        closed: whether every edge is one of an even number of triangles, so that the mesh has an inside.
         mended: what was put right, in words.
     """
 
     mesh: RawMesh
-    closed: bool
     mended: tuple[str, ...]
+
+    @property
+    def closed(self) -> bool:
+        """Whether every edge joins two triangles."""
+        return bool(find_shells(self.mesh.vertices, self.mesh.faces).closed.all())
 
 
 def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> MendedMesh:
     """Join equal vertices, and leave out what is there twice or has no area and is the edge of another triangle.
+
+    Where two bodies touch, the triangles of both stay.
 
     No place that belonged to the surface is lost: a triangle without area stays unless it covers nothing else than an
     edge of another.
@@ -52,15 +56,13 @@ def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> MendedMesh:
         raise ProblemError(f"{count} of {len(faces)} triangles have no area; the file is broken, or no mesh")
     kept = faces[~flat]
     needed = faces[flat][~_on_edges(vertices, faces[flat], kept)] if count else faces[:0]
-    once = _distinct_faces(kept)
+    once = kept[~find_shells(vertices, kept).copies] if repeated(kept).any() else kept
     mended = []
     if count > len(needed):
         mended.append(f"left out {_counted(count - len(needed), 'triangle')} without area")
     if len(once) < len(kept):
         mended.append(f"left out {_counted(len(kept) - len(once), 'repeated triangle')}")
-    closed = len(needed) == 0 and is_closed(once)
-    mesh = _with_used_vertices(vertices, np.concatenate((once, needed)))
-    return MendedMesh(mesh, closed, tuple(mended))
+    return MendedMesh(_with_used_vertices(vertices, np.concatenate((once, needed))), tuple(mended))
 
 
 def _counted(number: int, what: str) -> str:
@@ -108,26 +110,17 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
     base = np.uint64(len(vertices) + 1)
     low = np.minimum(first, second).astype(np.uint64)
     high = np.maximum(first, second).astype(np.uint64)
-    edges = np.unique(edge_keys(others, int(base)))
+    edges = np.unique(_edge_keys(others, int(base)))
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[others] = True
     return np.asarray(np.where(low == high, used[first], np.isin(low * base + high, edges)))
 
 
-def _distinct_faces(faces: IntArray) -> IntArray:
-    """Each triangle once, in order, whichever vertex it begins with and whichever way it turns."""
-    if len(faces) == 0:
-        return faces
-    ordered = np.sort(faces, axis=1)
-    low, middle, high = ordered.T.astype(np.uint64)
-    count = int(faces.max()) + 1
-    if count**3 < _WHOLE_NUMBERS:
-        # Three small numbers make one, which is sorted far faster.
-        step = np.uint64(count)
-        _, first = np.unique((low * step + middle) * step + high, return_index=True)
-    else:
-        _, first = np.unique(ordered, axis=0, return_index=True)
-    return faces if len(first) == len(faces) else faces[np.sort(first)]
+def _edge_keys(faces: IntArray, base: int) -> npt.NDArray[np.uint64]:
+    """Every edge of every triangle as one number, whichever way it runs, shape (3 m,); base: more than any vertex."""
+    starts = faces.ravel().astype(np.uint64)
+    ends = np.roll(faces, -1, axis=1).ravel().astype(np.uint64)
+    return np.minimum(starts, ends) * np.uint64(base) + np.maximum(starts, ends)
 
 
 def _with_used_vertices(vertices: FloatArray, faces: IntArray) -> RawMesh:

@@ -3,7 +3,7 @@
 A body gives ``triangles``, shape (m, 3, 3) [m], and ``rounding`` [m]: it is contained in the set of points that are
 within ``rounding`` of a triangle, together with what the triangles enclose. Boxes, spheres, capsules and meshes are met
 exactly; a cylinder is met by the prism about it, which stands out of it by ``SceneSettings.cylinder_error`` radii at
-most. Bodies are solid, but for meshes that are not closed, which are surfaces alone.
+most. Bodies are solid, but for meshes of which the user says that they are surfaces alone.
 """
 
 from dataclasses import dataclass, field
@@ -14,9 +14,9 @@ import numpy as np
 
 from ccm_opt.ground.arguments import LARGEST, Arguments, finite_array
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.scene.closed_surfaces import is_closed
 from ccm_opt.space.scene.rigid_placement import RigidPlacement
 from ccm_opt.space.scene.scene_settings import SCENE, SceneSettings
+from ccm_opt.space.scene.shells import Shells, find_shells
 
 BOX_FACES = np.array(
     [
@@ -49,6 +49,7 @@ class BoxBody:
     placement: RigidPlacement = field(default_factory=RigidPlacement)
 
     rounding = 0.0
+    solid = True
     closed = True
 
     @property
@@ -74,6 +75,7 @@ class SphereBody:
     center: FloatArray
     radius: float
 
+    solid = True
     closed = True
 
     @property
@@ -101,6 +103,7 @@ class CapsuleBody:
     end: FloatArray
     radius: float
 
+    solid = True
     closed = True
 
     @property
@@ -131,6 +134,7 @@ class CylinderBody:
     settings: SceneSettings = SCENE
 
     rounding = 0.0
+    solid = True
     closed = True
 
     @property
@@ -176,7 +180,7 @@ class MeshBody:
         faces: vertices of each triangle, shape (m, 3).
         file: path of the mesh's file as the problem file gives it.
         digest: SHA-256 of that file, in hexadecimal digits.
-        closed: whether it has an inside: every edge is one of an even number of triangles.
+        solid: whether what it encloses belongs to it; otherwise its surface alone counts.
         scale: metres in the mesh's unit.
         placement: where it stands in the room, and how it is turned; the vertices are there already.
         up: the axis of the mesh that points up, ``y`` or ``z``; where it was y, the vertices are turned already.
@@ -190,7 +194,7 @@ class MeshBody:
     faces: IntArray
     file: str = ""
     digest: str = ""
-    closed: bool = False
+    solid: bool = True
     scale: float = 1.0
     placement: RigidPlacement = field(default_factory=RigidPlacement)
     up: str = "z"
@@ -225,12 +229,22 @@ class MeshBody:
         numbers = corners.astype(np.intp)
         given.must(bool(numbers.min() >= 0 and numbers.max() < len(known)), "faces: a vertex is not there")
         given.refuse()
-        return cls(known, numbers, closed=is_closed(numbers), triangles_read=len(numbers))
+        return cls(known, numbers, triangles_read=len(numbers))
 
     @cached_property
     def triangles(self) -> FloatArray:
         """Its triangles, shape (m, 3, 3) [m]."""
         return np.ascontiguousarray(self.vertices[self.faces], dtype=np.float64)
+
+    @cached_property
+    def shells(self) -> Shells:
+        """The closed and open pieces of its surface."""
+        return find_shells(self.vertices, self.faces)
+
+    @property
+    def closed(self) -> bool:
+        """Whether every edge joins two triangles, so that it has an inside beyond doubt."""
+        return bool(self.shells.closed.all())
 
 
 Body: TypeAlias = BoxBody | SphereBody | CylinderBody | CapsuleBody | MeshBody

@@ -6,6 +6,7 @@ from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.space.verification.body_sides import depth_enclosed
 from ccm_opt.space.verification.checked_surfaces import CheckedSurfaces
 from ccm_opt.space.verification.separation import separations
 from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, TimeStretches
@@ -113,9 +114,9 @@ class SurfaceProof:
 
 
 def check_side(motion: SpaceChainMotion, workspace: SpaceWorkspace) -> Check:
-    """Check that the arm lies inside the room and outside of all closed obstacles.
+    """Check that the arm lies inside the room and outside of all solid obstacles.
 
-    One point decides: an arm that never meets a surface cannot change sides, neither along itself nor over time.
+    One point decides: an arm that never meets a closed surface cannot change sides, neither along itself nor over time.
     """
     arm = motion.arm
     # The point where the mount ends: what lies before it may be inside a wall.
@@ -123,29 +124,10 @@ def check_side(motion: SpaceChainMotion, workspace: SpaceWorkspace) -> Check:
     share = min(arm.mount_length / arm.link_length - k, 1.0)
     joints = motion.points[0]
     point = joints[k] + share * (joints[k + 1] - joints[k])
-    depths = {each.name: _depth(each.body.triangles, point) for each in workspace.obstacles if each.body.closed}
+    depths = {each.name: depth_enclosed(each.body.triangles, point) for each in workspace.obstacles if each.body.solid}
     if workspace.bounds is not None:
         depths["room"] = float(np.max(np.concatenate((workspace.bounds[0] - point, point - workspace.bounds[1]))))
     worst = max(depths, key=lambda name: depths[name], default="")
     depth = max(depths.get(worst, 0.0), 0.0)
     side = f", on the wrong side of {worst!r}" if depth > 0.0 else ""
     return Check("free side", 0.0 - depth, 0.0, "m", f"link {k + 1} at t = 0{side}", passed=depth <= 0.0)
-
-
-def _depth(triangles: FloatArray, point: FloatArray) -> float:
-    """How deep a point lies inside a closed surface, 0 outside [m].
-
-    Seen from inside, the triangles fill the whole sphere of directions, 4 π; from outside they cancel (A. Van Oosterom
-    and J. Strackee, The solid angle of a plane triangle, 1983).
-    """
-    a, b, c = (triangles[:, corner] - point for corner in range(3))
-    lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]
-    volume = np.einsum("md,md->m", a, np.cross(b, c))
-    level = lengths[0] * lengths[1] * lengths[2]
-    for first, second, third in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
-        level += np.einsum("md,md->m", first, second) * third
-    turns = np.sum(2.0 * np.arctan2(volume, level)) / (4.0 * np.pi)
-    if abs(turns) < 0.5:
-        return 0.0
-    both = np.broadcast_to(point, (len(triangles), 3))
-    return float(np.min(separations(both, both, triangles)[1]))

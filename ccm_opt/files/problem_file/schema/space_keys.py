@@ -61,6 +61,9 @@ class SpaceObstacleTable(Table):
     up: Literal["y", "z"] | None = None
     """Of a mesh: its axis that points up; `"y"` turns it about x, so that its y becomes z. Default: `"z"`, as it
     stands."""
+    solid: bool | None = None
+    """Of a mesh: `false` where its surface alone counts, such as that of a room or a tank about the arm, or of sheet
+    metal; the arm may then begin and end inside. Default: [what it encloses](space.md#insides) belongs to it."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
     """Of a mesh: the hash of its file, which is refused when it is another. Default: any."""
     box: Corners | None = None
