@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 
 import numpy as np
@@ -123,6 +124,16 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     assert live.move_obstacle("ball", (0.0, 0.0, 5.0)).current
     with pytest.raises(ProblemError, match="no obstacle 'bull'; there are ball, box"):
         live.move_obstacle("bull", (0.0, 0.0, 0.1))
+    stays = live.problem
+    for far in (1e39, 1e308, np.inf, np.nan):
+        with pytest.raises(ProblemError, match="how far to move it"):
+            live.move_obstacle("ball", (far, 0.0, 0.0))
+    assert live.problem is stays
+    with suppress(ProblemError):
+        live.move_obstacle("ball", (1e15, 0.0, 0.0))
+    with pytest.raises(ProblemError, match="the scene reaches to"):
+        live.move_obstacle("ball", (1e15, 0.0, 0.0))
+    assert np.all(np.abs(live.problem.workspace.middle_of("ball")) <= 1e15)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))

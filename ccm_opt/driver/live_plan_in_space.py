@@ -131,8 +131,8 @@ class LivePlanInSpace:
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
         begin = time.process_time()
         moved = workspace.with_moved(name, _vector(by, "how far to move it, (x, y, z) in metres"))
+        self._tree = SurfaceTree.of(moved.soup)  # first: what it refuses leaves all as it was
         self.problem = replace(self.problem, workspace=moved, source="")
-        self._tree = SurfaceTree.of(moved.soup)
         if not self._kept():
             self._attempt(self.problem)
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
