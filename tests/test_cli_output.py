@@ -10,8 +10,10 @@ from typer.testing import CliRunner, Result
 from ccm_opt.cli import stage_clock
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import Output, printing
 from ccm_opt.cli.stage_clock import stage_display
+from ccm_opt.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.ground.length_words import words_for_unit
 from ccm_opt.ground.progress import Progress, listening, tell_candidate
 
@@ -113,6 +115,33 @@ def test_long_work_is_told_on_a_pipe(
             display(Progress("motion", 1.5, 60.0, candidate, "tip-led", 0.0425))
     line = "room: motion, 1.5 of 60 s, candidate 2 (tip-led), nearest so far 42.5 mm from the goal"
     assert capsys.readouterr().err.splitlines() == told * [line]
+
+
+def test_every_line_of_a_reason_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """Later news says what is new: a reason that says more, what helps; advice comes last, programs get all."""
+    way = Output()
+    far = Finding("too short", "out of reach; it is 2 m away")
+    way_round = Finding("too short", "the way is 3 m long; round 'wall'")
+    helps = Relaxation("length ≥ 3.1 m", "arm.link_length", 0.31)
+    news = (
+        Diagnosis(far.reason, "checks", ("soon",), findings=(far,)),
+        Diagnosis(way_round.reason, "checks", ("soon",), findings=(way_round, far)),
+        Diagnosis(way_round.reason, "checks", ("soon",), findings=(way_round, far), relaxations=(helps,)),
+    )
+    with printing(way):
+        way.begin("small.toml")
+        for each in news:
+            tell_reason(each)
+        tell_reason(news[-1], last=True)
+    assert capsys.readouterr().err.splitlines() == [
+        "error: small.toml: out of reach",
+        "    it is 2 m away",
+        "  more exactly: the way is 3 m long",
+        "    round 'wall'",
+        "  solved with length ≥ 3.1 m",
+        "  try: soon",
+    ]
+    assert way.results[-1]["errors"] == [f"small.toml: {news[-1]}"]
 
 
 def test_candidates_are_told_in_metres_to_who_listens() -> None:

@@ -97,14 +97,14 @@ def tell_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
     shown = diagnosis if last else replace(diagnosis, advice=())
     item = output()
     told = item.told
-    new = [line for line in str(shown).splitlines() if line not in told]
+    # A reason that another has taken the place of is among the others then, in one line.
+    new = [line for line in str(shown).splitlines() if line.removeprefix("  also: ").split("; ")[0] not in told]
     if new and not told:
         _print_on_stderr("error:", "red", "\n".join((f"{item.item}: {new[0]}", *new[1:])))
     elif new:
-        # Another first line is a reason that says more than the one before.
-        new[0] = new[0] if new[0].startswith(" ") else f"  more exactly: {new[0]}"
-        _print_on_stderr("", "red", "\n".join(new))
-    item.told = [*told, *new]
+        first = new[0] if new[0].startswith(" ") else f"  more exactly: {new[0]}"
+        _print_on_stderr("", "red", "\n".join((first, *new[1:])))
+    item.told = [*told, *(line.removeprefix("  also: ").split("; ")[0] for line in new)]
     item.note({"diagnosis": asdict(diagnosis), "errors": [f"{item.item}: {diagnosis}"]})
 
 

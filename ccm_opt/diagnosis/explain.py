@@ -16,12 +16,10 @@ from ccm_opt.space.problem import AnyProblem
 
 def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge) -> NoPlanFound:
     """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
-    if error.diagnosis.findings:
-        return error  # whose reason is the first of them, and says which of several goals it is about
-    findings = ranked(knowledge.proved(problem))
-    reason = findings[0].reason if findings else error.diagnosis.reason
-    advice = (*knowledge.hints(problem), *error.diagnosis.advice)
-    return type(error)(replace(error.diagnosis, reason=reason, findings=findings, advice=advice))
+    old = error.diagnosis
+    findings = old.findings or ranked(knowledge.proved(problem))
+    reason = findings[0].reason if findings and not old.findings else old.reason
+    return type(error)(replace(old, reason=reason, findings=findings, advice=(*knowledge.hints(problem), *old.advice)))
 
 
 def explained(
