@@ -1,13 +1,19 @@
 """What commands tell of a drawing: a summary, what was left out and why, a warning where it does not fit the arm."""
 
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ccm_opt.cli.drawing_notes import TIMES
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.files.problem_file import load_problem
+from ccm_opt.files.problem_file.placement import PlacedFile
+from ccm_opt.freespace.workspace import Workspace
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run
@@ -85,3 +91,58 @@ def test_names_of_uses_are_those_of_obstacles(tmp_path: Path) -> None:
     """Each blade goes by the name of its use."""
     names = [obstacle.name for obstacle in load_problem(problem_file(tmp_path, 0.001)).workspace.obstacles]
     assert names == ["post", "vane 1", "vane 2", "vane 3", "vane 4", "vane 5", "hub"]
+
+
+def test_a_drawing_wholly_outside_the_room_is_an_error(tmp_path: Path) -> None:
+    """Both boxes are told with the key path and the line, and the offset that is told brings the drawing in."""
+    path = problem_file(tmp_path, 0.001)
+    path.write_text(path.read_text().replace("scale =", "offset = [5, 5]\nscale ="))
+    with pytest.raises(ProblemFileError, match=r"line 5: workspace\.file: row\.svg lies wholly outside") as caught:
+        load_problem(path)
+    assert "it spans (4.88, 4.9) to (5.12, 5.53) m, the room (-1, -1) to (1, 1) m" in str(caught.value)
+    found = re.search(r"workspace\.offset = (\[.*?\])", str(caught.value))
+    assert found is not None
+    path.write_text(path.read_text().replace("[5, 5]", found[1]).replace("[0.0, 0.0]", "[-0.9, -0.9]"))
+    assert load_problem(path).drawing is not None
+
+
+@given(
+    scale=st.sampled_from([1e-3, 1e3, 1.0 / 25.4, 25.4]),
+    low=st.tuples(st.floats(-0.9, 0.0), st.floats(0.1, 0.2)),
+    size=st.floats(0.1, 0.5),
+)
+def test_a_scale_that_is_off_by_a_unit_is_told(scale: float, low: tuple[float, float], size: float) -> None:
+    """Of a file that would fit but for a factor of a thousand or of an inch, that factor is told."""
+    room = np.array([[-1.0, 0.05], [1.0, 1.0]])
+    box = np.array([low, np.add(low, size)]) / scale
+    told = PlacedFile("a.dxf", box, np.zeros(2), 2.0, "workspace.scale", "workspace.offset").told_outside(room, "m")
+    assert f"workspace.scale = {2.0 * scale:.6g} would" in told
+
+
+def test_a_base_inside_an_outline_of_a_drawing_is_told_of_the_key(tmp_path: Path) -> None:
+    """The outline is most likely the room: with the key it is, and the base may stand in it."""
+    path = problem_file(tmp_path, 0.01)
+    (tmp_path / "row.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><rect x="-90" y="-90" width="180" height="180"/></svg>'
+    )
+    with pytest.raises(ProblemFileError, match=r'set workspace\.closed = "room"'):
+        load_problem(path)
+    path.write_text(path.read_text().replace("scale =", 'closed = "room"\nscale ='))
+    workspace = load_problem(path).workspace
+    assert isinstance(workspace, Workspace)
+    assert workspace.boundary.bounds == pytest.approx((-0.9, -0.9, 0.9, 0.9))
+    assert [obstacle.name for obstacle in workspace.obstacles] == ["post"]
+    path.write_text(path.read_text().replace("bounds = [-1.0", "bounds = [-0.5"))
+    with pytest.raises(ProblemFileError, match=r"workspace\.closed.*leave bounds out"):
+        load_problem(path)
+
+
+def test_obstacles_outside_the_room_are_warned_of(tmp_path: Path) -> None:
+    """A disc that is wholly outside is named; one that sticks out is not."""
+    path = tmp_path / "problem.toml"
+    far = '[[workspace.obstacles]]\nname = "far"\ncircle = { center = [9, 9], radius = 0.1 }\n'
+    out = '[[workspace.obstacles]]\nname = "out"\ncircle = { center = [1, 1], radius = 0.1 }\n'
+    path.write_text(SMALL_PROBLEM.replace("[arm]", far + out + "[arm]"))
+    done = run("describe", path)
+    assert "wholly outside the room: 'far'" in done.stderr
+    assert "'out'" not in done.stderr
