@@ -12,22 +12,23 @@ from importlib import import_module
 TYPE_CHECKING = False  # typing itself takes longer to load than all that is needed here
 if TYPE_CHECKING:
     from ccm_opt import errors
+    from ccm_opt import viz as plotting
+    from ccm_opt.core.progress import Progress
     from ccm_opt.driver.built_in import BuiltInPlanner, BuiltInRetimer, Planner, Retimer
-    from ccm_opt.driver.checking_plans import check
     from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.driver.pareto import pareto
     from ccm_opt.driver.pipeline import solve
     from ccm_opt.driver.reach_mapping import reach_map
     from ccm_opt.driver.retargeting import retarget
-    from ccm_opt.driver.solve_settings import Settings
+    from ccm_opt.driver.settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
+    from ccm_opt.driver.verified_motion import check
     from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
-    from ccm_opt.files import plotting
-    from ccm_opt.files.problem_file import load_problem, make_problem
-    from ccm_opt.files.problem_file.space_parts import make_space_problem
-    from ccm_opt.files.saved_plans import SavedPlan, animate, load, plot, save
-    from ccm_opt.ground.progress import Progress
+    from ccm_opt.ik.quantities import Quantities
+    from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
+    from ccm_opt.io.problem_parts import make_problem, make_space_problem
+    from ccm_opt.io.reading import load_problem
     from ccm_opt.problem import (
         Arm,
         CurvePose,
@@ -41,8 +42,7 @@ if TYPE_CHECKING:
         obstacles_of,
     )
     from ccm_opt.solution import JointPath, Solution
-    from ccm_opt.user_terms.quantities import Quantities
-    from ccm_opt.user_terms.terms import Constraint, Cost, Interval, constraint, cost
+    from ccm_opt.viz.saved_plans import SavedPlan, animate, load, plot, save
 
 __version__ = "0.1.0"
 
@@ -98,32 +98,33 @@ __all__ = [
 
 _NAMES = {
     "ccm_opt.driver.built_in": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
-    "ccm_opt.driver.checking_plans": ("check",),
+    "ccm_opt.driver.verified_motion": ("check",),
     "ccm_opt.driver.finding_pose": ("find_pose",),
     "ccm_opt.driver.live_plan": ("LivePlan",),
     "ccm_opt.driver.pareto": ("pareto",),
     "ccm_opt.driver.pipeline": ("solve",),
     "ccm_opt.driver.reach_mapping": ("reach_map",),
     "ccm_opt.driver.retargeting": ("retarget",),
-    "ccm_opt.driver.solve_settings": ("Settings",),
+    "ccm_opt.driver.settings": ("Settings",),
     "ccm_opt.driver.surviving": ("tolerance_of",),
     "ccm_opt.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
-    "ccm_opt.files.problem_file": ("load_problem", "make_problem"),
-    "ccm_opt.files.problem_file.space_parts": ("make_space_problem",),
-    "ccm_opt.files.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
-    "ccm_opt.ground.progress": ("Progress",),
+    "ccm_opt.io.reading": ("load_problem",),
+    "ccm_opt.io.problem_parts": ("make_problem",),
+    "ccm_opt.io.problem_parts": ("make_space_problem",),
+    "ccm_opt.viz.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
+    "ccm_opt.core.progress": ("Progress",),
     "ccm_opt.problem": (
         *("Arm", "CurvePose", "JointPose", "Limits", "Obstacle", "PlannerOptions", "Problem", "TipGoal"),
         *("Workspace", "obstacles_of"),
     ),
     "ccm_opt.solution": ("JointPath", "Solution"),
-    "ccm_opt.user_terms.quantities": ("Quantities",),
-    "ccm_opt.user_terms.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
+    "ccm_opt.ik.quantities": ("Quantities",),
+    "ccm_opt.ik.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
 }
 """Public names by the module that has them under the same name."""
 _HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names}
 """Module and name of each public object."""
-_MODULES = {"errors": "ccm_opt.errors", "plotting": "ccm_opt.files.plotting"}
+_MODULES = {"errors": "ccm_opt.errors", "plotting": "ccm_opt.viz"}
 """Public modules."""
 
 
@@ -138,7 +139,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'ccm_opt' has no attribute {name!r}; it has {', '.join(__all__)}")
     if name in _MAKING_SOLUTIONS:
-        import_module("ccm_opt.files.saved_plans")  # which lets solutions draw and save themselves
+        import_module("ccm_opt.viz.saved_plans")  # which lets solutions draw and save themselves
     module, attribute = _HOMES[name]
     value = getattr(import_module(module), attribute)
     globals()[name] = value

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 import ccm_opt
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.solution import Solution
 
 DOCS = Path(__file__).parent

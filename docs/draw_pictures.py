@@ -19,24 +19,22 @@ from concept_pictures.hairpin import HairpinMoment, HairpinScene, hairpin_png
 from concept_pictures.sag import SagScene, sag_png
 
 import ccm_opt
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.motion.continuation import follow
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.guides.hairpin import Hairpin
-from ccm_opt.motion.link_space import NOMINAL_LINKS
-from ccm_opt.motion.motion_task import MotionTask
-from ccm_opt.motion.pose import Pose, Term
-from ccm_opt.motion.pulling_over import pulled_over
-from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.nlp.configuration_task import ConfigurationTask
-from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import find_configuration
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.planning.continuation import follow
+from ccm_opt.planning.curve_routes import find_routes, route_room, tip_paths_along
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.hairpin import Hairpin, pulled_over
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 BLOCKS = {
     "block": [(0.24, -0.13), (0.44, -0.07), (0.42, 0.17), (0.25, 0.12)],

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from ccm_opt.files.problem_file import schema
+from ccm_opt.io import schema
 
 MARKED = re.compile(
     r"(?P<begin><!-- keys: (?P<table>\w+)(?: without (?P<left>[\w ]+))? -->\n).*?(?P<end><!-- end of keys -->)",

@@ -21,8 +21,8 @@ import numpy as np
 import shapely
 
 import ccm_opt
-from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.scene.workspace import Obstacle
 
 OPEN_SPACE = Path(__file__).parent.parent / "problems" / "open-space.toml"
 GAUGE = np.array([0.53853837, 0.86661361])

@@ -14,11 +14,11 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.schemas import scm_0
-from ccm_opt.hill_climbing.steps import SchemaStopped
-from ccm_opt.planners.baseline.follower import Follower
+from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.follower import Follower
+from ccm_opt.baseline.hill_climb import SchemaStopped
+from ccm_opt.baseline.schemas import scm_0
+from ccm_opt.viz.paper_figures import SchemaPanel, schemas_png
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 

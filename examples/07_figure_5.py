@@ -13,12 +13,12 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
-from ccm_opt.planners.baseline.follower import Follower
-from ccm_opt.planners.baseline.hill_climbing_planner import obstacle_ahead
+from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.fold_plan import fold_plan, subgoals
+from ccm_opt.baseline.follower import Follower
+from ccm_opt.baseline.hill_climbing_planner import obstacle_ahead
 from ccm_opt.problem import TipGoal
+from ccm_opt.viz.paper_figures import SchemaPanel, schemas_png
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 

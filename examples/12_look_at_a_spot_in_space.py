@@ -21,8 +21,8 @@ import casadi as ca
 import numpy as np
 
 import ccm_opt
-from ccm_opt.files.plotting.space_plan import space_plan_picture
-from ccm_opt.space.problem import SpaceTipGoal
+from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.viz.space_plan import space_plan_picture
 
 ROOM = Path(__file__).parent.parent / "problems" / "space" / "swan-neck-in-space.toml"
 SPOT = np.array([0.252, 0.05, 0.22])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.robot.arm import Arm
 
 
 def plain_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> Arm:

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 import ccm_opt
-from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
 
 VALVE = (0.9, 0.75)

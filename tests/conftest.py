@@ -9,10 +9,10 @@ from hypothesis import HealthCheck
 from hypothesis import settings as hypothesis_settings
 from scipy.interpolate import make_interp_spline
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 
 hypothesis_settings.register_profile(

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 
 SOURCE = r"""

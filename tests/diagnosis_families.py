@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 
 TOLERANCE = 1e-3
 """Of the goal's position [m], the default of problem files."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits
+from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.solution import JointTrajectory
 
 

@@ -11,12 +11,11 @@ import numpy as np
 import shapely
 import shapely.affinity
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.benchmarks.scene_families import NoSceneError, laid_on
 from tests.scenes import Scene, make_arm, random_headings, self_gap, wall_gaps
 

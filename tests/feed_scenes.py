@@ -5,17 +5,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.planners.following.leader import LeaderPath
+from ccm_opt.planning.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .arms import plain_arm
 
 if TYPE_CHECKING:
-    from ccm_opt.ground.arrays import FloatArray
+    from ccm_opt.core.arrays import FloatArray
 
 LINKS = 16
 LINK = 0.05

@@ -3,12 +3,11 @@
 import numpy as np
 import shapely
 
-from ccm_opt.comparison.scenes import RADIUS, Scene, clear_headings, make_arm
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.compare.suites import RADIUS, Scene, clear_headings, make_arm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 LINKS = (2, 4, 6, 8)
 LIMITS_DEG = (60.0, 90.0, 120.0, 150.0)

@@ -4,8 +4,7 @@ import networkx as nx
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 SIDE = 2.4
 

@@ -4,13 +4,12 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from ccm_opt.comparison.scenes import ROOM
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.compare.suites import ROOM
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import Problem, TipGoal, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .scenes import Scene, make_arm
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.freespace.corridor import ConvexRegion, Corridor, Route
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.nlp.configuration_task import ConfigurationTask
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.corridor import ConvexRegion, Corridor, Route
 
 ANY_HEADING = (-2.0 * np.pi, 2.0 * np.pi)
 

@@ -15,11 +15,10 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 BEND_LIMIT = float(np.deg2rad(119.0))
 """Two equal links that are two apart cannot meet while the bends between them stay below 120° [rad]."""

@@ -7,7 +7,7 @@ the whole of every limit, so a motion that keeps them cannot be much faster.
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits
 from ccm_opt.solution import JointPath
 from tests.retiming_paths import GRAVITY, LENGTH, MASS

@@ -4,7 +4,7 @@ python tests/prebuilt_wheel.py
 """
 
 # ruff: noqa: T201 - a script that stands alone, and prints its result
-from ccm_opt.ground.native import LIBRARY, NativeCall
+from ccm_opt.core.native import LIBRARY, NativeCall
 
 if __name__ == "__main__":
     NativeCall("near_pairs")

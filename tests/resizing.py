@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal, VerificationOptions
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Obstacle
 
 
 def resized(problem: Problem, factor: float) -> Problem:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits
 from ccm_opt.retiming import retime
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 from .arms import plain_arm

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from ccm_opt.ground.native import LIBRARY
+from ccm_opt.core.native import LIBRARY
 from hatch_build import build, find_compiler
 
 # ``WIDE`` is left out: its choice of machine code is made before the sanitizers are there.

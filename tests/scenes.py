@@ -6,33 +6,31 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contact_finder import ContactFinder
-from ccm_opt.comparison.scenes import (
-    ROOM,  # noqa: F401 - tests take the generator from here
+from ccm_opt.compare.suites import (  # noqa: F401 - tests take the generator from here
+    ROOM,
     Scene,
-    clear_headings,  # noqa: F401 - likewise
+    clear_headings,
     clutter,
-    corridor,  # noqa: F401 - likewise
-    make_arm,  # noqa: F401 - likewise
-    random_headings,  # noqa: F401 - likewise
-    random_polygon,  # noqa: F401 - likewise
+    corridor,
+    make_arm,
+    random_headings,
+    random_polygon,
 )
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.limit_stack import assembled_limits
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_task import MotionTask
-from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.settings.step_settings import StepSettings
-from ccm_opt.motion.step import Stepper
-from ccm_opt.planners.curve_guesses import find_guesses
-from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.curve_routes import find_guesses, find_routes, route_room, tip_paths_along
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.limits.limit_stack import assembled_limits
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.settings import StepSettings
+from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 MARGIN = 2.5e-3
 """Planning margin [m]."""

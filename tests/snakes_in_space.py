@@ -4,19 +4,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.distances.segment_pairs import segment_distances
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
-from ccm_opt.space.motion.space_goal import SpaceTipPose
-from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.reach_boxes import tip_box
-from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.asked_task import tip_box
+from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
+from ccm_opt.planning.space_continuation import SpaceTipPose
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.bodies import BOX_FACES, box_corners
+from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
 
 
 def snake(

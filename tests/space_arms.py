@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_arm import SpaceArm
 
 FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
 """A feed of half a metre whose guide tube ends where the feed does."""

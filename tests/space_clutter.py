@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.drive_limits import Limits
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.curve.curve_space import CurveSpace
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import Body, BoxBody, SphereBody
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.curve_space import CurveSpace
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from tests.space_arms import space_arm
 
 

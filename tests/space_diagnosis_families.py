@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 
 from .diagnosis_families import GRAVITY, TOLERANCE, Case, string_round
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.bodies import BOX_FACES, box_corners
 
 CUBE = box_corners(np.zeros(3), np.ones(3))
 """Corners of the unit cube."""

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from ccm_opt.driver.pipeline import solve
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import JointPath
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.space_solution import SpaceSolution
+from ccm_opt.solution.space_solution import SpaceSolution
 
 from .retiming_paths import make_path
 from .space_plans import true_plan

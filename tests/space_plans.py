@@ -5,19 +5,19 @@ from functools import cache, partial
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.drive_limits import Limits, PointLimit
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import SimulationOptions, Tolerances
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.retiming import retime
+from ccm_opt.robot.coordinates import Limits, PointLimit
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
-from ccm_opt.space.verification import verify_in_space
-from ccm_opt.space.verification.link_frames import LinkFrames, chain_of
+from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
+from ccm_opt.verification.space_verifier import verify_in_space
 
 from .retiming_paths import make_path
 from .space_arms import space_arm

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.surfaces import SurfaceSoup
 
 
 def soup(triangles: FloatArray, rounding: FloatArray, owner: IntArray) -> SurfaceSoup:

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.ground.angles import wrap
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.arcs_at_limits import ArcsAtLimits
-from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.settings.limit_arc_settings import LimitArcSettings
+from ccm_opt.core.polyline import wrap
+from ccm_opt.planning.arcs_at_limits import ArcsAtLimits
+from ccm_opt.planning.settings import LimitArcSettings
+from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import TipGoal
+from ccm_opt.robot.arm import Arm
 from tests.edge_scenes import edge_problem
 from tests.planned_runs import run
 from tests.scenes import make_arm

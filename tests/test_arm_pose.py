@@ -10,21 +10,19 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import PIECES
-from ccm_opt.continuum.spline import second_derivatives
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
-from ccm_opt.nlp.arm_pose.link_mapping import mapping_rows
-from ccm_opt.nlp.arm_pose.pose_rows import holding_torques
-from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
-from ccm_opt.planners.goal_pose import GoalPoseSearch
-from ccm_opt.planners.joint_regions import joint_regions
-from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.ik.compiled_terms import compile_terms
+from ccm_opt.ik.lifted_curve import LiftedCurve, mapping_rows
+from ccm_opt.ik.pose_program import holding_torques
+from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.joint_regions import joint_regions
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.segment import PIECES, second_derivatives
+from ccm_opt.scene.workspace import Obstacle
 
 from .dynamics_arms import swan_neck
 from .scenes import Scene, clutter, wall_gaps

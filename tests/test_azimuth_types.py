@@ -5,15 +5,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.segment_types import SegmentType, natural_segment, select_segment_type
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.angles import wrap
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.curve.azimuth_types import AzimuthType, natural_space_segment, select_azimuth_type
-from ccm_opt.space.curve.biarc import Biarc
-from ccm_opt.space.curve.space_configuration import SpaceConfiguration
-from ccm_opt.space.curve.space_operators import BaseOperator, KnotOperator, PointOperator, space_operators
-from ccm_opt.space.curve.transported_frames import polar, transported, turned_towards
+from ccm_opt.robot.azimuth_types import AzimuthType, natural_space_segment, select_azimuth_type
+from ccm_opt.robot.biarc import Biarc
+from ccm_opt.robot.rigid_motions import polar, transported, turned_towards
+from ccm_opt.robot.segment_types import SegmentType, natural_segment, select_segment_type
+from ccm_opt.robot.space_configuration import SpaceConfiguration
+from ccm_opt.robot.space_operators import BaseOperator, KnotOperator, PointOperator, space_operators
 from tests.space_arms import random_rotation
 from tests.test_space_configuration import random_curve
 

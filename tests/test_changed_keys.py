@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.files.problem_file.changed_keys import with_keys_set
-from ccm_opt.files.problem_file.keypath import lookup
-from ccm_opt.files.problem_file.problem_data import recorded_data
-from ccm_opt.files.problem_file.reading import load_problem
+from ccm_opt.io.keypath import lookup
+from ccm_opt.io.problem_data import recorded_data
+from ccm_opt.io.reading import load_problem, with_keys_set
 
 from .conftest import PROBLEMS
 

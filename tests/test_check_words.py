@@ -2,9 +2,9 @@
 
 import pytest
 
-from ccm_opt.files.report.check_words import checks_in_words
-from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.solution import Check
+from ccm_opt.viz.checks_section import checks_in_words
+from ccm_opt.viz.page_units import PageUnits
 
 MILLIMETRES = PageUnits("mm", 1e-3, 2)
 

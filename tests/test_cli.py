@@ -21,6 +21,7 @@ from ccm_opt.cli import choices
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import run_all
 from ccm_opt.cli.sentences import folded
+from ccm_opt.core.progress import Progress
 from ccm_opt.errors import (
     ConfigurationNotFound,
     Diagnosis,
@@ -29,7 +30,6 @@ from ccm_opt.errors import (
     UnreachableGoal,
     VerificationError,
 )
-from ccm_opt.ground.progress import Progress
 from ccm_opt.problem import ControllerName, MethodName, Problem
 from ccm_opt.solution import SimulationOutcome, SimulationVerdict, Solution
 

@@ -17,29 +17,26 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.cli.comparing import CompareOptions, compare_methods
-from ccm_opt.cli.comparison_page_data import comparison_page
-from ccm_opt.comparison import method_code
-from ccm_opt.comparison.comparison_files import comparison_json, runs_csv
-from ccm_opt.comparison.journal import open_journal
-from ccm_opt.comparison.method_code import code_of
-from ccm_opt.comparison.methods import METHODS, check_methods, method_named
-from ccm_opt.comparison.problem_files import write_problems
-from ccm_opt.comparison.running import Comparison, compare
-from ccm_opt.comparison.runs import Run, Task, execute, failed_run
-from ccm_opt.comparison.scenes import links_apart
-from ccm_opt.comparison.suites import (
+from ccm_opt.cli.comparing import CompareOptions, compare_methods, comparison_page
+from ccm_opt.compare import methods as method_code
+from ccm_opt.compare.comparison_files import comparison_json, runs_csv, write_problems
+from ccm_opt.compare.journal import open_journal
+from ccm_opt.compare.methods import METHODS, check_methods, code_of, method_named
+from ccm_opt.compare.running import Comparison, compare
+from ccm_opt.compare.runs import Run, Task, execute, failed_run
+from ccm_opt.compare.suites import (
     SUITES,
     Case,
     cases_of_files,
     cases_of_suite,
     distinct,
+    links_apart,
     scene_maker,
     shared_folder,
 )
+from ccm_opt.core.executors import LocalWorkers
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.ground.executors import LocalWorkers
+from ccm_opt.io.reading import load_problem
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 
@@ -267,8 +264,8 @@ def test_our_own_code_counts_but_for_pictures_and_tables() -> None:
     """Each source of planning, timing and verification is in the digest; what no run meets is not."""
     places = [place for place, _ in method_code._sources("ccm_opt")]
     met = [place for place in places if not place.startswith(method_code.NOT_MET)]
-    assert "motion/search.py" in met
-    assert "collision/pair_proofs.c" in met
+    assert "planning/search.py" in met
+    assert "scene/pair_proofs.c" in met
     assert "verification/verifier.py" in met
     assert not any(place.startswith(("cli/", "files/report")) for place in met)
     assert code_of("nlp") == code_of("hill-climbing") != code_of(STRAIGHT)

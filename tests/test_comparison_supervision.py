@@ -9,12 +9,10 @@ from uuid import uuid4
 
 import pytest
 
-from ccm_opt.comparison.journal import open_journal
-from ccm_opt.comparison.running import compare
-from ccm_opt.comparison.runs import Run, Task
-from ccm_opt.comparison.supervision import RunProcess, run_apart, wall_limit
-from ccm_opt.comparison.supervision_settings import SupervisionSettings
-from ccm_opt.ground.executors import LocalWorkers
+from ccm_opt.compare.journal import open_journal
+from ccm_opt.compare.running import RunProcess, SupervisionSettings, compare, run_apart, wall_limit
+from ccm_opt.compare.runs import Run, Task
+from ccm_opt.core.executors import LocalWorkers
 
 from .test_comparison import STRAIGHT, small_cases
 
@@ -93,8 +91,8 @@ def test_nothing_is_left_running_when_the_watcher_is_killed(tmp_path: Path) -> N
     """A run whose watcher dies, even by SIGKILL, ends with it, though its planner hangs."""
     (tmp_path / "p.toml").write_text((ROOT / "problems" / "open-space.toml").read_text())
     script = (
-        "from ccm_opt.comparison import supervision as s; from ccm_opt.comparison.runs import Task;"
-        "from ccm_opt.comparison.suites import cases_of_files; from pathlib import Path;"
+        "from ccm_opt.compare import supervision as s; from ccm_opt.compare.runs import Task;"
+        "from ccm_opt.compare.suites import cases_of_files; from pathlib import Path;"
         f"case = cases_of_files([Path({str(tmp_path / 'p.toml')!r})])[0];"
         "process = s._process(); print(process._process.pid, flush=True);"
         "s.run_apart(Task(case, 'tests.comparison_tasks:HangingPlanner'))"

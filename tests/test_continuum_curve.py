@@ -8,9 +8,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.special import j0
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment import CurvatureSegment
 
 curvatures = st.lists(st.floats(-12.0, 12.0), min_size=5, max_size=5).map(np.array)
 gaps = st.lists(st.floats(0.3, 1.0), min_size=4, max_size=4).map(np.array)

@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.driver.pose_failure import with_constraint_first
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal
-from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.contradictions import GoalPlaces, contradictions
-from ccm_opt.user_terms.interval_values import Intervals, NotBounded, interval_values
+from ccm_opt.ik.compiled_terms import compile_terms
+from ccm_opt.ik.contradictions import GoalPlaces, Intervals, NotBounded, contradictions, interval_values
 
 from .camera_room import camera_room, left_of_the_goal, valve_in_view
 
 if TYPE_CHECKING:
-    from ccm_opt.ground.progress import Progress
+    from ccm_opt.core.progress import Progress
 
 X = ca.SX.sym("x", 2)
 FORMS = {

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.files.export.controller_points import controller_points, message_checks
-from ccm_opt.files.export.text_agreement import checks_of_texts
-from ccm_opt.files.export.trajectory_text import trajectory_texts
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.controller_points import controller_points, message_checks
+from ccm_opt.io.text_agreement import checks_of_texts
+from ccm_opt.io.trajectory_text import trajectory_texts
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.space.verification.space_newton_euler import efforts_in_space
 from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps
 from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.space_newton_euler import efforts_in_space
 
 from .arms import plain_arm
 from .corruption.plans import Folder, write_plans

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import RetimingError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits
 from ccm_opt.retiming import joined, retime, reversed_trajectory
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import Coordinates, planar_coordinates
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.retiming_paths import even_limits, make_path, random_control, slim_arm
 

@@ -6,9 +6,9 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from ccm_opt.continuum.cubic_spiral import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
+from ccm_opt.baseline.curve_track import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
+from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.angles import wrap
 
 COORDINATE = st.floats(-2.0, 2.0)
 POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.curve.bend_matrix import bend_matrix
-from ccm_opt.space.curve.curve_space import CurveSpace, chain_at
+from ccm_opt.robot.curve_space import CurveSpace, bend_matrix, chain_at
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
 from tests.oracles.chains import ChainByNumpy
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.ground import deadline as module
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.deadline_settings import DEFAULT_DEADLINE
+from ccm_opt.core import deadline as module
+from ccm_opt.core.deadline import DEFAULT_DEADLINE, Deadline
 
 GUARD = DEFAULT_DEADLINE.wall_guard
 

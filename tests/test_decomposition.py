@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.decomposition import (
+from ccm_opt.errors import ProblemError
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.decomposition import (
     add_segment,
     delete_segment,
     divide_segment,
@@ -16,8 +17,7 @@ from ccm_opt.continuum.decomposition import (
     rest_of,
     start_of,
 )
-from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.errors import ProblemError
+from ccm_opt.robot.segment import CurvatureSegment
 
 shares = st.floats(0.02, 0.98)
 

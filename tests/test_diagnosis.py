@@ -16,10 +16,11 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained
-from ccm_opt.diagnosis.in_plane import IN_PLANE
+from ccm_opt.diagnosis.in_plane import IN_PLANE, tight_places
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
@@ -27,7 +28,6 @@ from ccm_opt.diagnosis.reach import least_chord, out_of_reach
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
-from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import (
     Diagnosis,
     Finding,
@@ -38,13 +38,10 @@ from ccm_opt.errors import (
     UnreachableGoal,
     sentences,
 )
-from ccm_opt.files.problem_file import problem_from_mapping
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointPath
 
 from .diagnosis_families import FAMILIES, GRAVITY, Case, make_case, string_round

@@ -9,21 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.collision.room_advice import room_advice
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained
-from ccm_opt.diagnosis.in_plane import IN_PLANE
+from ccm_opt.diagnosis.in_plane import IN_PLANE, unit_hints
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
-from ccm_opt.diagnosis.unit_hints import unit_hints
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .conftest import PROBLEMS
 from .scenes import ROOM, Scene, clutter, later, make_arm, open_scene

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import tomlkit
 
-from ccm_opt.files.problem_file import load_problem
+from ccm_opt.io.reading import load_problem
 from tests.doc_blocks import PAGES, ROOT, Block, exchanges, matches, runnable_blocks
 from tests.doc_shell.shell import Server, Shell
 

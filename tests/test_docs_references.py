@@ -9,8 +9,8 @@ import pytest
 from pydantic import BaseModel
 
 from ccm_opt.cli.commands import app
-from ccm_opt.files.problem_file import schema
-from ccm_opt.files.problem_file.schema.table import Table
+from ccm_opt.io import schema
+from ccm_opt.io.schema_tables import Table
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = (DOCS / "problem-file.md").read_text() + (DOCS / "space.md").read_text()

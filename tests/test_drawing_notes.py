@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.cli.drawing_notes import TIMES
+from ccm_opt.cli.notes import TIMES
 from ccm_opt.errors import ProblemFileError
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.files.problem_file.placement import PlacedFile
-from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.io.reading import load_problem
+from ccm_opt.io.table_reading import PlacedFile
+from ccm_opt.scene.workspace import Workspace
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run

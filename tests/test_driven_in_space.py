@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm_points import point_of
-from ccm_opt.jointed.drive_limits import PointLimit
-from ccm_opt.jointed.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.retiming import retime
+from ccm_opt.robot.coordinates import PointLimit
+from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
+from ccm_opt.robot.points import point_of
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.solution import JointPath
 
 from .retiming_paths import make_path

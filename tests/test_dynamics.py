@@ -8,21 +8,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.compiled_function import DynamicsKind
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
-from ccm_opt.dynamics.runtime.control_law import LoopParameters
-from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
-from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
+from ccm_opt.dynamics.runtime.inverse_dynamics import (
+    DynamicsFunction,
+    DynamicsKind,
+    ForwardDynamics,
+    InverseDynamics,
+    joint_states,
+)
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes
-from ccm_opt.jointed.jacobian import tip_jacobian
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.io.mjcf import mjcf_text
+from ccm_opt.io.urdf import urdf_text
+from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.jacobian import tip_jacobian
+from ccm_opt.robot.link_chain import Feed
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
 from tests.oracles.interpreted_loop import InterpretedLoop

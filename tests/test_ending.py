@@ -9,18 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt import solve
-from ccm_opt.motion.clamped_spline import clamped_spline, smoothing_matrix
-from ccm_opt.motion.ending import bent_to
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.clearance_rows import motion_rows
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
-from ccm_opt.motion.optimisation.more_room import with_more_room
-from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.swept_motion import Sweep
-from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.planning.ending import bent_to, weighing_bottlenecks
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.limits.clearance_rows import motion_rows
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
+from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Problem
 from tests.scenes import clutter, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 

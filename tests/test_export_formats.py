@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.cli.exporting import ExportOptions, exported_files
-from ccm_opt.files.export.arrays_npz import arrays_npz, bends_of_arrays, solution_arrays
-from ccm_opt.files.export.folder import write_solution
-from ccm_opt.files.export.motion_glb import motion_glb
-from ccm_opt.files.export.trajectory_text import number_rows
-from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays, solution_arrays
+from ccm_opt.io.folder import write_solution
+from ccm_opt.io.glb import motion_glb
+from ccm_opt.io.trajectory_text import number_rows
+from ccm_opt.io.urdf import urdf_text
+from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import Solution
 
 from .dynamics_arms import loose_limits, swan_neck

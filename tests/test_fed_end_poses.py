@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.angles import wrap
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.planners.feed.fed_task import fed_task
-from ccm_opt.planners.feed.feed_planner import FeedPlanner
-from ccm_opt.planners.feed.query import FeedQuery
+from ccm_opt.planning.feed.fed_task import fed_task
+from ccm_opt.planning.feed.feed_planner import FeedPlanner
+from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.problem import TipGoal
 
 from .benchmarks.feed_families import behind_the_entrance, into_clutter, position_only

@@ -8,11 +8,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.moved_goal import moved_goals
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.scene.workspace import Obstacle
 
 from .benchmarks.feed_families import FAMILIES
 from .feed_scenes import RADIUS, fed_arm, make_problem, make_room

@@ -8,14 +8,14 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.ground.angles import wrap
-from ccm_opt.motion.ends import tip_goal
-from ccm_opt.planners.feed.feed_planner import FeedPlanner
-from ccm_opt.planners.feed.members_on_way import members_on_way
-from ccm_opt.planners.goal_members import goal_members
+from ccm_opt.planning.ends import tip_goal
+from ccm_opt.planning.feed.feed_planner import FeedPlanner
+from ccm_opt.planning.feed.member_problems import members_on_way
+from ccm_opt.planning.goal_members import goal_members
 from ccm_opt.problem import TipGoal
+from ccm_opt.scene.free_space import FreeSpace
 
 from .benchmarks.feed_families import elbow, into_clutter, straight_out, tank, widened
 

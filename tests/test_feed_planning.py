@@ -9,29 +9,23 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import ProblemError, UnreachableGoal
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.motion.clamped_spline import clamped_spline
-from ccm_opt.planners.feed.feed_planner import FeedPlanner
-from ccm_opt.planners.feed.path_time import path_time
-from ccm_opt.planners.feed.query import FeedQuery
-from ccm_opt.planners.feed.reshaping import Reshaping
-from ccm_opt.planners.feed.tactics import reshaping_at_once
-from ccm_opt.planners.following.deviation import deviation
-from ccm_opt.planners.following.elastic_band import ElasticBand
-from ccm_opt.planners.following.feed_path import FeedMotions
-from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING
-from ccm_opt.planners.following.gating import straight_while_held
-from ccm_opt.planners.following.leader import LeaderPath
-from ccm_opt.planners.following.path_of_shape import path_of_pose
-from ccm_opt.planners.following.slide import pose_on, slide
+from ccm_opt.io.reading import load_problem
+from ccm_opt.planning.feed.feed_planner import FeedPlanner
+from ccm_opt.planning.feed.finishing import path_time
+from ccm_opt.planning.feed.leader_paths import ElasticBand
+from ccm_opt.planning.feed.query import FeedMotions, FeedQuery
+from ccm_opt.planning.feed.tactics import Reshaping, reshaping_at_once
+from ccm_opt.planning.following.deviation import deviation
+from ccm_opt.planning.following.leader import LeaderPath, path_of_pose, pose_on, slide, straight_while_held
+from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING
+from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.benchmarks.feed_families import short_range
 from tests.feed_scenes import LINK, LINKS, RADIUS, bow, fed_arm, make_problem, make_room
 

@@ -10,16 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from ccm_opt.comparison.scenes import Scene, clutter, random_polygon
+from ccm_opt.compare.suites import Scene, clutter, random_polygon
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.planners.curve import CurvePlanner
+from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .scenes import make_arm
 

@@ -5,13 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.motion.curve_map import SETTLING, CurveMap
-from ccm_opt.space.motion.fitted_slide import STILL, fitted_slide
-from ccm_opt.space.motion.slid_along import feeds_to_end, slid_along
-from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.curve_map import SETTLING, CurveMap
+from ccm_opt.planning.space_guides import SpaceTipTrack
+from ccm_opt.planning.space_slide import STILL, feeds_to_end, fitted_slide, slid_along
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions
 from tests.test_slid_along import bent_way, fed_arm
 
 slides = st.tuples(st.sampled_from([6, 8, 12, 24]), st.floats(0.1, 0.2), st.floats(0.2, 1.4), st.floats(-np.pi, np.pi))

@@ -14,19 +14,18 @@ from typing import Any
 
 import pytest
 
+from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export import folder_swap
-from ccm_opt.files.export.earlier_results import FAILED, place_beside
-from ccm_opt.files.export.folder import ARRAYS, RECORD, write_folder
-from ccm_opt.files.export.folder_swap import WORKSHOP
-from ccm_opt.ground.whole_file import put_file
+from ccm_opt.io import folder as folder_swap
+from ccm_opt.io.failure_folder import FAILED, place_beside
+from ccm_opt.io.folder import ARRAYS, RECORD, WORKSHOP, write_folder
 
 OWN = "notes.txt"
 """A file of the user's in a folder of results."""
 WRITER = """
 import sys
 from pathlib import Path
-from ccm_opt.files.export.folder import write_folder
+from ccm_opt.io.folder import write_folder
 target, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 for k in range(count):
     said = f"{name} {k}".encode()

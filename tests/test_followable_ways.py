@@ -8,25 +8,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.comparison.space_jobs import disturbed_job
-from ccm_opt.comparison.space_sites import SITES, site_problem
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.asked_task import space_task
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.bend_allowances import bend_allowances
-from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.followable_search import FollowSearch, WayArcs, WayEnd
-from ccm_opt.space.motion.followable_ways import FollowableWays
-from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
-from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
-from ccm_opt.space.motion.withdrawal import withdrawn
-from ccm_opt.space.reach_boxes import tip_box
+from ccm_opt.compare.space_clutter import disturbed_job
+from ccm_opt.compare.space_sites import SITES, site_problem
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.asked_task import space_task, tip_box
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.followable_search import FollowableWays, FollowSearch, WayArcs, WayEnd
+from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
+from ccm_opt.planning.space_candidates import bend_allowances
+from ccm_opt.planning.space_goal_poses import withdrawn
+from ccm_opt.planning.space_guides import SpaceTipTrack
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.space_settings import FollowableWaySettings, SpaceMotionSettings
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.oracles.followable_search import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes
-from ccm_opt.jointed.frames import (
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.frames import (
     bends_from_revolutes,
     dh_table,
     frame_transforms,

@@ -6,10 +6,9 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.corridor import Corridor
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.scene.corridor import Corridor
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.freespace_scenes import clutter, mixed_room, sheets
 
 

@@ -8,13 +8,11 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.funnel import taut_string
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.sleeve import concatenate, reduce
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.polyline import path_length
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.sleeve import concatenate, reduce, taut_string
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.freespace_scenes import clutter, divided_room, mixed_room, visibility_length, winding_numbers
 
 seeds = st.integers(0, 10_000)

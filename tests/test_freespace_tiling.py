@@ -8,12 +8,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.corridor_maker import CorridorMaker
-from ccm_opt.freespace.inflation import free_set
-from ccm_opt.freespace.regions import grow
-from ccm_opt.freespace.triangulation import Triangulation, triangulate
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.polygons import chords, clip, half_planes, is_convex, signed_area
+from ccm_opt.core.polygons import chords, clip, half_planes, is_convex, signed_area
+from ccm_opt.scene.corridor_maker import CorridorMaker, grow
+from ccm_opt.scene.free_space import free_set
+from ccm_opt.scene.triangulation import Triangulation, triangulate
+from ccm_opt.scene.workspace import Workspace
 from tests.freespace_scenes import clutter, divided_room, mixed_room, sheets
 
 MARGIN = 0.02

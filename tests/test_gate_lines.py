@@ -8,14 +8,12 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.limits.gate_lines import GateLines
-from ccm_opt.motion.limits.gate_rails import GateRails
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.settings.step_settings import RailSettings
-from ccm_opt.motion.swept_motion import Sweep
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.settings import RailSettings
+from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.scenes import ROOM, make_arm
 
 WALL_X = 0.4

@@ -6,23 +6,21 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ccm_opt.ground.angles import (
+from ccm_opt.core.polyline import (
     WHOLE_TURN,
-    heading_of,
-    sweep_on_side,
-    unit_vector,
-    vector_headings,
-    whole_turns,
-    wrap,
-)
-from ccm_opt.ground.polyline import (
     arc_lengths,
+    heading_of,
     leg_headings,
     legs_at,
     nearest_place,
     path_length,
     points_at,
+    sweep_on_side,
+    unit_vector,
+    vector_headings,
+    whole_turns,
     without_repeats,
+    wrap,
 )
 
 ANGLES = st.floats(-30.0, 30.0)

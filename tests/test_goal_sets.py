@@ -10,19 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
-from ccm_opt.diagnosis.shortest_way import shortest_way
+from ccm_opt.diagnosis.wide_space import shortest_way
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.angles import unit_vector, wrap
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.ends import resolve_ends, tip_goal
-from ccm_opt.motion.goal import GoalPose, polish
-from ccm_opt.motion.pose import Pose, pose_in
-from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.ends import resolve_ends, tip_goal
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.pose import Pose, pose_in
+from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.scene.certificate import Certificate
 
 from .goal_set_scenes import box_beside, pocket, slot, wall_behind
 from .scenes import clutter, make_stepper, open_scene, random_polygon

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.distance import Distance, DistanceWeights, Precision, TipPose
-from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb, end_of
-from ccm_opt.hill_climbing.operators import ALL, Moves, Operator, StepSizes
-from ccm_opt.hill_climbing.world import World
-from ccm_opt.jointed.mapping import mean_headings
+from ccm_opt.baseline.candidate_moves import Shapes
+from ccm_opt.baseline.distance import Distance, DistanceWeights, Precision, TipPose
+from ccm_opt.baseline.hill_climb import Climb, Ending, Strategy, climb, end_of
+from ccm_opt.baseline.operators import ALL, Moves, Operator, StepSizes
+from ccm_opt.baseline.world import World
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.mapping import mean_headings
 
 values = st.lists(st.floats(-5.0, 5.0), min_size=10, max_size=10)
 

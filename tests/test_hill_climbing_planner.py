@@ -7,19 +7,19 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.baseline.candidate_moves import Shapes
+from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.follower import Follower
+from ccm_opt.baseline.hill_climb import SchemaStopped, run
+from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
+from ccm_opt.baseline.schemas import scm_0
+from ccm_opt.baseline.settings import BaselineSettings
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.schemas import scm_0
-from ccm_opt.hill_climbing.steps import SchemaStopped, run
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
-from ccm_opt.planners.baseline.follower import Follower
-from ccm_opt.planners.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.workspace import Obstacle
 
 from .conftest import PROBLEMS
 

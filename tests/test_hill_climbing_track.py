@@ -9,15 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt import load_problem
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.cubic_spiral import CubicSpiral
+from ccm_opt.baseline.curve_track import CubicSpiral, track_through
+from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.follower import ClearanceField, Follower
+from ccm_opt.baseline.region_plan import passages
 from ccm_opt.errors import ProblemError
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.hill_climbing.clearance_field import ClearanceField
-from ccm_opt.hill_climbing.curve_track import track_through
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.region_plan import passages
-from ccm_opt.planners.baseline.follower import Follower
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Obstacle
 
 from .conftest import PROBLEMS
 

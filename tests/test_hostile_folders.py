@@ -11,10 +11,10 @@ import pytest
 
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import BAD_INPUT, NO_PLAN
+from ccm_opt.core.files import read_plain
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.array_archive import read_archive
-from ccm_opt.files.export.recorded_look import recorded_nearest
-from ccm_opt.ground.plain_file import read_plain
+from ccm_opt.io.arrays_npz import read_archive
+from ccm_opt.io.record_file import recorded_nearest
 
 from .corruption.plans import Folder, write_plans
 

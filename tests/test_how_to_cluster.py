@@ -10,10 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from ccm_opt.core.executors import DaskWorkers, ExecutorSettings, completed
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.cluster import DaskWorkers
-from ccm_opt.ground.executor_settings import ExecutorSettings
-from ccm_opt.ground.executors import completed
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import address_in, dask_process
 

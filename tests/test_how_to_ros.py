@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.cli.exporting import ExportOptions, exported_files
-from ccm_opt.files.export.folder import write_solution
+from ccm_opt.io.folder import write_solution
 from ccm_opt.solution import Solution
 
 from .test_export_formats import Duration, JointTrajectoryPoint

@@ -13,31 +13,31 @@ HEAVY = ("casadi", "toppra", "matplotlib")
 PLANAR_ALONE = (
     "ccm_opt.diagnosis.passages",
     "ccm_opt.driver.plane_pipeline",
-    "ccm_opt.driver.solve_settings",
-    "ccm_opt.files.report.page",
-    "ccm_opt.files.report.scene_data",
-    "ccm_opt.files.scene_import.drawing",
-    "ccm_opt.freespace.free_space",
-    "ccm_opt.freespace.triangulation",
-    "ccm_opt.hill_climbing",
-    "ccm_opt.motion.settings.motion_settings",
-    "ccm_opt.planners.curve_settings",
-    "ccm_opt.planners.own_units",
+    "ccm_opt.driver.settings",
+    "ccm_opt.viz.page",
+    "ccm_opt.viz.scene_data",
+    "ccm_opt.io.drawing",
+    "ccm_opt.scene.free_space",
+    "ccm_opt.scene.triangulation",
+    "ccm_opt.baseline",
+    "ccm_opt.planning.settings",
+    "ccm_opt.planning.planner_settings",
+    "ccm_opt.planning.own_units",
     "ccm_opt.verification.tolerance.survived_errors",
     "ccm_opt.verification.verifier",
 )
 """What a solve in space has no use for."""
 SELDOM = (
-    "ccm_opt.comparison",
+    "ccm_opt.compare",
     "ccm_opt.diagnosis.explain",
-    "ccm_opt.diagnosis.in_space.way_search",
+    "ccm_opt.diagnosis.way_search",
     "ccm_opt.diagnosis.relaxation",
-    "ccm_opt.driver.contradicting_terms",
+    "ccm_opt.driver.user_terms",
     "ccm_opt.driver.pareto",
-    "ccm_opt.files.report.failure_page",
+    "ccm_opt.viz.failure_page",
     "ccm_opt.retiming.paul",
-    "ccm_opt.user_terms.contradictions",
-    "ccm_opt.user_terms.term_checks",
+    "ccm_opt.ik.contradictions",
+    "ccm_opt.ik.term_checks",
 )
 """What only failures, users' terms, and other commands and timings need."""
 
@@ -97,8 +97,8 @@ def test_a_solve_in_the_plane_loads_neither_space_planners_nor_other_methods(tmp
     """A plan in the plane is made without the planner in space, the paper's planner and Paul's transitions."""
     loaded = loaded_after(command(["solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures", "--out", str(tmp_path)]))
     assert not loaded & {
-        "ccm_opt.space.planner",
-        "ccm_opt.planners.baseline.hill_climbing_planner",
+        "ccm_opt.planning.space_planner",
+        "ccm_opt.baseline.hill_climbing_planner",
         "ccm_opt.retiming.paul",
     }
 

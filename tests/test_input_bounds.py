@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.files.export.folder import write_solution
-from ccm_opt.files.export.reading_back import load_motion
-from ccm_opt.files.problem_file import load_problem, parse_problem
-from ccm_opt.files.problem_file.input_bounds import BOUNDS
+from ccm_opt.io.folder import write_solution
+from ccm_opt.io.reading import BOUNDS, load_problem, parse_problem
+from ccm_opt.io.reading_back import load_motion
 from ccm_opt.solution import Solution
 
 from .conftest import SMALL_PROBLEM
@@ -192,7 +191,7 @@ def test_the_working_directory_does_not_stand_in_for_the_standard_library(tmp_pa
     )
     code = (
         "import sys; sys.path = [p for p in sys.path if p not in ('', sys.argv[1])]\n"
-        "from ccm_opt.user_terms.references import _module\n"
+        "from ccm_opt.ik.references import _module\n"
         "assert _module('mine:high', 'mine').high.name == 'high'\n"
         "import csv; assert 'DictReader' in dir(csv)\n"
     )

@@ -10,13 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.cli.commands import app
-from ccm_opt.files.scene_import.mesh_mending import mended_mesh
-from ccm_opt.files.scene_import.raw_mesh import RawMesh
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.space.distances.insides import depth_inside, encloses
-from ccm_opt.space.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
-from ccm_opt.space.scene.point_distances import distance_from_triangles
-from ccm_opt.space.verification.body_sides import depth_enclosed
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.io.mesh_mending import mended_mesh
+from ccm_opt.io.raw_mesh import RawMesh
+from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
+from ccm_opt.scene.distances.insides import depth_inside, distance_from_triangles, encloses
+from ccm_opt.verification.body_sides import depth_enclosed
 from tests.space_files import written
 
 PLACES = st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3).map(np.array)

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.jointed.arm import Axes
-from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
-from ccm_opt.jointed.inverse_kinematics import ball_angles
+from ccm_opt.robot.arm import Axes
+from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
+from ccm_opt.robot.inverse_kinematics import ball_angles
 from tests.dynamics_arms import swan_neck
 
 AXES: tuple[Axes, ...] = ("zyx", "zyz")

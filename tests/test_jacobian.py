@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.jointed.arm import Arm, Axes
-from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d, revolute_angles
-from ccm_opt.jointed.inverse_kinematics import ball_angles
-from ccm_opt.jointed.jacobian import point_jacobians, tip_jacobian
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.pose_report import pose_issues
+from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.frames import frame_transforms, joint_positions_3d, revolute_angles
+from ccm_opt.robot.inverse_kinematics import ball_angles
+from ccm_opt.robot.jacobian import point_jacobians, tip_jacobian
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.pose_report import pose_issues
 from tests.dynamics_arms import swan_neck
 
 AXES: tuple[Axes, ...] = ("zyx", "zyz")

@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.planners.following.following_settings import DeviationSettings
-from ccm_opt.space.leader_in_space import leader_deviation, leaders_path
-from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.following.deviation import leader_deviation, leaders_path
+from ccm_opt.planning.planner_settings import DeviationSettings
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_kinematics import joint_positions
 from tests.snakes_in_space import snake
 
 THERE_AND_BACK = """

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
-from ccm_opt.space.scene.scene import SpaceWorkspace
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.selfcollision import first_distant
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.length_units import METRES, LengthUnit
-from ccm_opt.ground.length_words import (
+from ccm_opt.core.length_words import (
+    METRES,
+    LengthUnit,
     curvature,
     file_length,
     long_length,
@@ -19,8 +19,8 @@ from ccm_opt.ground.length_words import (
     words_for_unit,
     words_in,
 )
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.errors import NoPlanFound
 
 from .conftest import PROBLEMS
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.comparison.scenes import clutter
+from ccm_opt.compare.suites import clutter
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import NoPlanFound, ProblemError

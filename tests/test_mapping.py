@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import minimize
 
-from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING
-from ccm_opt.jointed.mapping import MappingName, curve_points, map_curve, mean_headings, shape_error
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
+from ccm_opt.robot.mapping import MappingName, curve_points, map_curve, mean_headings, shape_error
 
 from .arms import plain_arm
 

@@ -12,14 +12,13 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.mesh_file import read_mesh_file
-from ccm_opt.files.scene_import.mesh_mending import mended_mesh
-from ccm_opt.files.scene_import.mesh_settings import MeshSettings
-from ccm_opt.files.scene_import.polygons import triangles_of
-from ccm_opt.files.scene_import.raw_mesh import RawMesh
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.scene.bodies import BOX_FACES
+from ccm_opt.io.mesh_mending import mended_mesh
+from ccm_opt.io.mesh_obstacles import read_mesh_file
+from ccm_opt.io.raw_mesh import RawMesh, triangles_of
+from ccm_opt.io.settings import MeshSettings
+from ccm_opt.scene.bodies import BOX_FACES
 from tests.space_files import CUBE, binary_stl, linked, model_3mf, object_3mf, three_mf
 
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]

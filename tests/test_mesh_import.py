@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.errors import ProblemFileError
-from ccm_opt.files.scene_import.mesh_file import read_mesh_file
-from ccm_opt.files.scene_import.mesh_mending import mended_mesh
-from ccm_opt.files.scene_import.mesh_settings import MeshSettings
-from ccm_opt.files.scene_import.raw_mesh import RawMesh
-from ccm_opt.space.scene.bodies import BOX_FACES
-from ccm_opt.space.scene.shells import repeated
+from ccm_opt.io.mesh_mending import mended_mesh
+from ccm_opt.io.mesh_obstacles import read_mesh_file
+from ccm_opt.io.raw_mesh import RawMesh
+from ccm_opt.io.settings import MeshSettings
+from ccm_opt.scene.bodies import BOX_FACES
+from ccm_opt.scene.shells import repeated
 from tests.space_files import CUBE, binary_stl, cube_3mf, model_3mf, object_3mf, three_mf, written
 
 OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in BOX_FACES)

@@ -9,13 +9,13 @@ import trimesh
 
 import ccm_opt
 from ccm_opt.cli.commands import app
-from ccm_opt.cli.mesh_notes import mesh_data, mesh_lines
-from ccm_opt.comparison.suites import shared_folder
-from ccm_opt.files.problem_file.reading import problem_from_mapping
-from ccm_opt.files.problem_file.space_problem_data import space_problem_data
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.scene.bodies import BOX_FACES, MeshBody
+from ccm_opt.cli.notes import mesh_data, mesh_lines
+from ccm_opt.compare.suites import shared_folder
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.reading import problem_from_mapping
+from ccm_opt.io.space_problem_data import space_problem_data
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.scene.bodies import BOX_FACES, MeshBody
 from tests.space_files import CUBE, binary_stl, model_3mf, object_3mf, three_mf, written
 
 

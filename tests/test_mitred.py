@@ -7,7 +7,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.ground.mitred import mitred
+from ccm_opt.core.polygons import mitred
 
 from .scenes import random_polygon
 

@@ -4,7 +4,7 @@ import pytest
 
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.io.reading import parse_problem
 
 from .conftest import SMALL_PROBLEM
 

@@ -6,13 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccm_opt.motion.backward import backward_tasks, reversed_motion
-from ccm_opt.motion.lifting import lift
-from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
-from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.motion.settings.search_settings import SearchSettings
+from ccm_opt.planning.backward import backward_tasks, reversed_motion
+from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
+from ccm_opt.planning.optimisation.optimise import optimise
+from ccm_opt.planning.search import find_motion, lift
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.settings import SearchSettings
 from ccm_opt.problem import JointPose
 from tests.scenes import clutter, motion_task
 

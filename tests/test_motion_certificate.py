@@ -9,14 +9,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.certificate import Certificate, allowed_contact
-from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
-from ccm_opt.collision.pair_proofs import PairProofs
-from ccm_opt.collision.stretches import Stretches
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, allowed_contact
+from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.oracles.pair_proofs import InterpretedProofs
 
 from .arms import plain_arm

@@ -11,25 +11,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.connect.blocked_raster import BlockedRaster
-from ccm_opt.motion.connect.connecting import CONNECT
-from ccm_opt.motion.connect.heading_tree import HeadingTree
-from ccm_opt.motion.connect.sampled_check import SampledCheck
-from ccm_opt.motion.link_space import NOMINAL_LINKS
-from ccm_opt.motion.motion_task import Motion
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.settings.connect_settings import SamplingSettings
-from ccm_opt.motion.strategies import ConnectStrategy, DirectStrategy, Turn
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.draws import HeadingTree
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.motion_task import Motion
+from ccm_opt.planning.rrt_connect import CONNECT
+from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.settings import SamplingSettings
+from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, Turn
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
 
 from .few_link_scenes import few_link_problem, few_link_scene
 from .scenes import Scene, clutter, mixed_walls, motion_task, open_scene, self_gap, wall_gaps
 
 if TYPE_CHECKING:
-    from ccm_opt.motion.failures import Failure
+    from ccm_opt.planning.failures import Failure
 
 SAMPLING = SamplingSettings()
 CONNECT_ALONE = (ConnectStrategy(Turn.EARLY),)

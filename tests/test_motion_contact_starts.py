@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.planned_runs import run
 from tests.scenes import ROOM, Scene, make_arm
 

@@ -8,13 +8,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.contact_finder import ContactFinder
-from ccm_opt.collision.contacts import WALL, Contacts
-from ccm_opt.collision.segment_pairs import closest_on_segments
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import short_length
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import short_length
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts, closest_on_segments
+from ccm_opt.scene.workspace import Workspace
 
 from .scenes import ROOM, clutter, distant_pairs, free_axis, make_arm, mixed_walls, random_headings, self_gap, wall_gaps
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
-from ccm_opt.files.report.drawn_findings import drawn_findings
-from ccm_opt.files.report.page_units import PageUnits
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.motion.failures import Failure, StrategyInVain, evidence, nothing_found
-from ccm_opt.motion.search import find_motion
+from ccm_opt.planning.failures import Failure, StrategyInVain, evidence, nothing_found
+from ccm_opt.planning.search import find_motion
+from ccm_opt.viz.failure_page import drawn_findings
+from ccm_opt.viz.page_units import PageUnits
 from tests.scenes import clutter, motion_task
 
 

@@ -11,37 +11,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.motion.clamped_spline import clamped_spline
-from ccm_opt.motion.continuation import Stalled, follow, settle
-from ccm_opt.motion.goal import GoalPose, polish
-from ccm_opt.motion.guide_candidate import GuideCandidate
-from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
-from ccm_opt.motion.guides.straight_interpolation import Interpolation
-from ccm_opt.motion.guides.tip_led import TipLed
-from ccm_opt.motion.guides.tip_track import TipTrack
-from ccm_opt.motion.guides.withdrawal import Withdrawal
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_task import CachedItems
-from ccm_opt.motion.portfolio import first_candidates
-from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.settings.guide_settings import (
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
+from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
+from ccm_opt.planning.hairpin import Hairpin, fold_track
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import CachedItems
+from ccm_opt.planning.portfolio import first_candidates
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.retraction import Withdrawal
+from ccm_opt.planning.settings import (
+    GoalSettings,
     GuideSettings,
     HairpinSettings,
     InterpolationSettings,
+    SearchSettings,
+    StepSettings,
     TipLedSettings,
     WithdrawalSettings,
 )
-from ccm_opt.motion.settings.search_settings import SearchSettings
-from ccm_opt.motion.settings.step_settings import GoalSettings, StepSettings
-from ccm_opt.motion.spline_path import certified_spline
-from ccm_opt.motion.step import Stepper
-from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, round_base
+from ccm_opt.planning.spline_path import certified_spline, clamped_spline
+from ccm_opt.planning.step import GoalPose, Stepper, polish
+from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, round_base
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .scenes import (
     ROOM,

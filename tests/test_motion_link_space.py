@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.mapping import mean_headings
-from ccm_opt.motion.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix
-from ccm_opt.motion.nearest_curves import nearest_curve, nearest_curves
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix
+from ccm_opt.planning.pose import nearest_curve, nearest_curves
+from ccm_opt.robot.mapping import mean_headings
 
 from .scenes import make_arm, random_headings
 

@@ -9,16 +9,20 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, motion_rows, representatives
-from ccm_opt.motion.limits.sweep_regions import sweep_regions
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
-from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.optimise import optimise, thinned, travel
-from ccm_opt.motion.optimisation.quadratic_step import KeyframeProgram, RowCurvature
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.swept_motion import Sweep
+from ccm_opt.planning.limits.clearance_rows import (
+    IntervalRows,
+    joined_rows,
+    motion_rows,
+    representatives,
+    sweep_regions,
+)
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
+from ccm_opt.planning.optimisation.optimise import optimise, thinned, travel
+from ccm_opt.planning.optimisation.quadratic_step import KeyframeProgram, RowCurvature
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import JointPose, OptimiserName
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 

@@ -8,29 +8,27 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.failures import Failure
-from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.lifting import lift
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
-from ccm_opt.motion.optimisation.optimise import optimise, travel
-from ccm_opt.motion.passage_widths import fitting_margins
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.settings.step_settings import GoalSettings
-from ccm_opt.motion.strategies import PortfolioStrategy
-from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.curve_routes import find_routes, route_room
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.curve_routes import find_routes, route_room
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.failures import Failure
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
+from ccm_opt.planning.optimisation.optimise import optimise, travel
+from ccm_opt.planning.passage_widths import fitting_margins
+from ccm_opt.planning.search import find_motion, lift
+from ccm_opt.planning.settings import GoalSettings
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.planning.strategies import PortfolioStrategy
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from . import ompl_scenes
 from .scenes import (

@@ -6,15 +6,13 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.contact_finder import ContactFinder
-from ccm_opt.collision.contacts import WALL
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.limits.contact_limit import allowed_shortfall, contact_rows, keeps_clear
-from ccm_opt.motion.pose import Pose, Term
-from ccm_opt.motion.settings.step_settings import StepSettings
-from ccm_opt.motion.step import Stepper, normal_equations, smoothness_terms
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.limits.limit_stack import allowed_shortfall, contact_rows, keeps_clear
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.settings import StepSettings
+from ccm_opt.planning.step import Stepper, normal_equations, smoothness_terms
+from ccm_opt.scene.contact_finder import WALL, ContactFinder
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .scenes import MARGIN, Scene, clutter, corridor, make_arm, make_stepper, open_scene, self_gap, wall_gaps
 

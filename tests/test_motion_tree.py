@@ -8,23 +8,21 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.motion.continuation import Stalled
-from ccm_opt.motion.link_space import NOMINAL_LINKS
-from ccm_opt.motion.motion_task import CachedItems, MotionTask
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.motion.settings.step_settings import GoalSettings
-from ccm_opt.motion.settings.tree_settings import DEFAULT_TREES
-from ccm_opt.motion.strategies import TreeStrategy
-from ccm_opt.motion.tree.pose_tree import PoseTree
-from ccm_opt.motion.tree.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
+from ccm_opt.planning.continuation import Stalled
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.motion_task import CachedItems, MotionTask
+from ccm_opt.planning.pose_tree import PoseTree
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.settings import DEFAULT_TREES, GoalSettings
+from ccm_opt.planning.strategies import TreeStrategy
+from ccm_opt.planning.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
 

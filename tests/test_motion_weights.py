@@ -8,23 +8,21 @@ import numpy as np
 import pytest
 import shapely
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.clearance_rows import motion_rows
-from ccm_opt.motion.motion_task import JointSlowness, Motion, MotionTask
-from ccm_opt.motion.optimisation import interior_point
-from ccm_opt.motion.optimisation.nearness import WallNearness
-from ccm_opt.motion.optimisation.optimise import optimise, thinned
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.swept_motion import Sweep
-from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve_guesses import configuration_task
-from ccm_opt.planners.curve_routes import find_routes, route_room
+from ccm_opt.ik.find_configuration import find_configuration
+from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.limits.clearance_rows import motion_rows
+from ccm_opt.planning.motion_task import JointSlowness, Motion, MotionTask
+from ccm_opt.planning.optimisation import interior_point
+from ccm_opt.planning.optimisation.objective import WallNearness
+from ccm_opt.planning.optimisation.optimise import optimise, thinned
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import TipGoal, Weights
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
 
 SEED = 50_019

@@ -8,18 +8,16 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.free_space_settings import FINE_FREE_SPACE
-from ccm_opt.freespace.narrow_gates import GateRuns
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.polyline import leg_headings, without_repeats
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.gate_lines import GateLines
-from ccm_opt.motion.limits.gate_rails import GateRails
-from ccm_opt.motion.settings.step_settings import RailSettings, StepSettings
-from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
+from ccm_opt.core.polyline import leg_headings, without_repeats
+from ccm_opt.planning.curve_routes import find_routes, route_room, tip_paths_along
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
+from ccm_opt.planning.settings import RailSettings, StepSettings
 from ccm_opt.problem import JointPose
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
+from ccm_opt.scene.narrow_gates import GateRuns
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.edge_scenes import ROOM, edge_problem
 from tests.planned_runs import run
 from tests.scenes import clutter, make_stepper, motion_task

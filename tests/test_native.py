@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ccm_opt.core import native
+from ccm_opt.core.native import NativeCall
 from ccm_opt.errors import NativeLibraryError
-from ccm_opt.ground import native
-from ccm_opt.ground.native import NativeCall
 from hatch_build import BuildError, build, find_compiler
 from tests.conftest import PROBLEMS
 
@@ -49,7 +49,7 @@ def test_an_older_library_is_told_with_what_to_do() -> None:
 def test_the_command_line_tells_a_missing_library_in_one_line(tmp_path: Path) -> None:
     """No traceback: the line says how to build it, and the exit code is that of what cannot be used."""
     script = (
-        "from pathlib import Path; from ccm_opt.ground import native; native.LIBRARY = Path('none.so');"
+        "from pathlib import Path; from ccm_opt.core import native; native.LIBRARY = Path('none.so');"
         "from ccm_opt.cli import main; main()"
     )
     command = [sys.executable, "-c", script, "solve", str(PROBLEMS / "swan-neck.toml"), "--out", str(tmp_path)]

@@ -13,30 +13,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
-from ccm_opt.dynamics.runtime.control_law import LoopParameters
-from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
+from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
+from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.errors import CcmError, ProblemError
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.motion.connect.sampled_check import SampledCheck
-from ccm_opt.motion.limits.sweep_regions import free_half_planes
-from ccm_opt.motion.settings.connect_settings import SamplingSettings
-from ccm_opt.space.curve.curve_space import CurveSpace, chain_at
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.followable_search import FollowSearch, WayArcs, WayEnd
-from ccm_opt.space.motion.grid_ways import TipGrid
-from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
-from ccm_opt.space.motion.space_certificate import SpaceCertificate
-from ccm_opt.space.motion.space_link_motion import LinkMotion
-from ccm_opt.space.scene.bodies import MeshBody
+from ccm_opt.planning.followable_search import FollowSearch, WayArcs, WayEnd
+from ccm_opt.planning.grid_ways import TipGrid
+from ccm_opt.planning.limits.clearance_rows import free_half_planes
+from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.settings import SamplingSettings
+from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
+from ccm_opt.planning.space_pose import Chains
+from ccm_opt.planning.space_settings import FollowableWaySettings
+from ccm_opt.robot.curve_space import CurveSpace, chain_at
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.dynamics_arms import swan_neck
 from tests.scenes import ROOM, make_arm, mixed_walls
 from tests.snakes_in_space import snake

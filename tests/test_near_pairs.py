@@ -7,11 +7,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS
-from ccm_opt.collision.contacts import Contacts
-from ccm_opt.collision.pair_search import PairQuestion, PairSearch
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.box_tree import BoxTree
+from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, Contacts, PairQuestion, PairSearch
+from ccm_opt.scene.walls import BoxTree
+from ccm_opt.scene.workspace import Workspace
 
 from .oracles.neighbour_pairs import NeighbourPairs
 from .scenes import clutter, make_arm, mixed_walls, random_headings

@@ -9,18 +9,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound, ProblemError
-from ccm_opt.freespace.corridor import Corridor
-from ccm_opt.nlp import solver as solver_module
-from ccm_opt.nlp.check import shortfalls
-from ccm_opt.nlp.configuration_task import ConfigurationTask
-from ccm_opt.nlp.find_configuration import attempts, find_configuration, winding_profiles
-from ccm_opt.nlp.infeasibility import FailedAttempt, broken_rows
-from ccm_opt.nlp.initial_guess import initial_guess
-from ccm_opt.nlp.multiple_shooting import build_configuration_nlp, pack_variables, unpack_variables
-from ccm_opt.nlp.polish import heading_basis, polished_configuration
-from ccm_opt.nlp.solver import built_solver, solve_nlp
+from ccm_opt.ik import solver as solver_module
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import (
+    attempts,
+    find_configuration,
+    heading_basis,
+    initial_guess,
+    polished_configuration,
+    winding_profiles,
+)
+from ccm_opt.ik.infeasibility import FailedAttempt, broken_rows, shortfalls
+from ccm_opt.ik.multiple_shooting import build_configuration_nlp, pack_variables, unpack_variables
+from ccm_opt.ik.solver import built_solver, solve_nlp
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.corridor import Corridor
 from tests.conftest import PROBLEMS
 from tests.nlp_corridors import ANY_HEADING, box, corridor, open_task, random_pose, s_bend
 

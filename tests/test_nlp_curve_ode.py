@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import PIECES
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.nlp import constraints
-from ccm_opt.nlp.curve_ode import CONTROLS, STATES, SUBSTEPS, SegmentFlow, segment_function
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik import curve_program as constraints
+from ccm_opt.ik.curve_program import CONTROLS, STATES, SUBSTEPS, SegmentFlow, segment_function
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment import PIECES
 from tests.nlp_corridors import region
 
 seeds = st.integers(0, 100_000)

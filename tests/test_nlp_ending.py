@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.planning.asked_task import space_task
+from ccm_opt.planning.space_ending import IN_NLP_POSE, ended_by_nlp
+from ccm_opt.planning.space_planner import SpacePlanner
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.problem import Limits
-from ccm_opt.space.asked_task import space_task
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
-from ccm_opt.space.nlp_ending import IN_NLP_POSE, ended_by_nlp
-from ccm_opt.space.planner import SpacePlanner
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import SphereBody
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.bodies import SphereBody
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from tests.space_arms import space_arm
 
 PROBLEMS = Path(__file__).parents[1] / "problems" / "space"

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.comparison.space_clutter import space_clutter
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.space_certificate import SpaceCertificate
-from ccm_opt.space.ompl_in_space import FedJoints
+from ccm_opt.compare.ompl_in_space import FedJoints
+from ccm_opt.compare.space_clutter import space_clutter
+from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.snakes_in_space import snake
 
 
@@ -37,7 +37,7 @@ def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
 def test_ompl_plans_in_space() -> None:
     """In open clutter OMPL finds a motion from the start to the goal that our certificate proves."""
     pytest.importorskip("ompl.geometric")
-    from ccm_opt.space.ompl_in_space import SpaceOmplPlanner
+    from ccm_opt.compare.ompl_in_space import SpaceOmplPlanner
 
     problem = space_clutter(0, 5, 12, "clutter")
     path = SpaceOmplPlanner().plan(problem)

@@ -8,13 +8,13 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.cli.comparison_words import ShownQuantity, probability
-from ccm_opt.comparison.methods import check_methods, method_named
-from ccm_opt.comparison.runs import QUANTITIES
-from ccm_opt.comparison.scenes import clutter
+from ccm_opt.cli.comparison_tables import ShownQuantity, probability
+from ccm_opt.compare.methods import check_methods, method_named
+from ccm_opt.compare.runs import QUANTITIES
+from ccm_opt.compare.suites import clutter
 from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.scene.workspace import Obstacle
 
 from .conftest import PROBLEMS
 

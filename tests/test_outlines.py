@@ -8,11 +8,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.outlines import simplified
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.planners.neighbourhood import neighbourhood, route_workspace
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.neighbourhood import neighbourhood, route_workspace, simplified
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .benchmarks.polygon_fields import FieldKind, polygon_field
 from .scenes import random_headings

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.length_words import long_length, place, short_length, words_for_unit
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.errors import NoPlanFound, ProblemFileError
-from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.ground.length_words import long_length, place, short_length, words_for_unit
-from ccm_opt.planners.own_units import OwnUnits
+from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
+from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem, VerificationOptions
 from tests.conftest import PROBLEMS, SMALL_PROBLEM
 from tests.corruption.plans_in_space import PAUSING as SPACE_TEXT

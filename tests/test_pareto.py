@@ -16,17 +16,16 @@ from typer.testing import CliRunner
 
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
-from ccm_opt.diagnosis.in_space.possible_space_gap import possible_gap_in_space
-from ccm_opt.driver.pareto import _Judgement
-from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
-from ccm_opt.driver.space_room import room_in_space
+from ccm_opt.diagnosis.axis_ways import possible_gap_in_space
+from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
+from ccm_opt.driver.space_planning_run import room_in_space
 from ccm_opt.errors import ProblemError, UnreachableGoal
-from ccm_opt.files.plotting.pareto_picture import pareto_png
-from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
-from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.viz.pareto_picture import pareto_png
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
 

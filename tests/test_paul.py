@@ -10,21 +10,19 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt import retiming
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.progress import Stages
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.verified_plan import timed_leg
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError
-from ccm_opt.files.problem_file import load_problem, parse_problem
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.coordinates import planar_coordinates
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.planners.legs import Leg
+from ccm_opt.io.reading import load_problem, parse_problem
+from ccm_opt.planning.legs import Leg
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.retiming.path_limits import PathLimits
-from ccm_opt.retiming.paul import fastest_legs, retime_paul
-from ccm_opt.retiming.paul_settings import DEFAULT_PAUL
-from ccm_opt.retiming.transitions import Legs
+from ccm_opt.retiming.paul import DEFAULT_PAUL, Legs, fastest_legs, retime_paul
+from ccm_opt.robot.coordinates import planar_coordinates
+from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointPath
 
 from .conftest import PROBLEMS, SMALL_PROBLEM

@@ -15,20 +15,17 @@ from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.drawing import STILL_FIGURES, drawn_files
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.folder import WRITTEN_FILES, write_solution
-from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
-from ccm_opt.files.plotting import video
-from ccm_opt.files.plotting.action_window import action_window
-from ccm_opt.files.plotting.drawn_plan import DrawnPlan
-from ccm_opt.files.plotting.films import motion_gif, motion_mp4
-from ccm_opt.files.plotting.label_places import LabelPlaces
-from ccm_opt.files.plotting.picture_settings import FILM
-from ccm_opt.files.plotting.plan import even_steps, plan_figure, plan_picture
-from ccm_opt.files.plotting.plane_film import plane_film
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.jointed.frames import joint_positions_3d
+from ccm_opt.io.folder import WRITTEN_FILES, write_solution
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.solution import Solution
 from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.viz import films as video
+from ccm_opt.viz.arm_drawing import DrawnPlan
+from ccm_opt.viz.films import motion_gif, motion_mp4, plane_film
+from ccm_opt.viz.plan import LabelPlaces, action_window, even_steps, plan_figure, plan_picture
+from ccm_opt.viz.settings import FILM
 
 from .conftest import SMALL_PROBLEM
 

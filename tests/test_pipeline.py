@@ -8,19 +8,18 @@ import shapely
 from scipy.interpolate import make_interp_spline
 
 import ccm_opt
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.driver.package_versions import PACKAGES
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.kept_plan import PACKAGES
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 from ccm_opt.retiming.timing_settings import SamplingSettings, TimingSettings
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointPath, Solution
 from ccm_opt.verification.verification_settings import VerificationSettings
 

@@ -7,14 +7,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_alone, with_rotor_code
 from ccm_opt.dynamics.algorithms.in_plane import free, in_plane
-from ccm_opt.dynamics.runtime.compiled_function import DynamicsKind
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
-from ccm_opt.dynamics.runtime.control_law import LoopParameters
-from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
+from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, DynamicsKind
+from ccm_opt.robot.link_chain import Feed
 from tests.dynamics_arms import swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
 

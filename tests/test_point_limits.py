@@ -13,21 +13,21 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.files.problem_file.problem_data import problem_data
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.point_on_arm import PointOnArm
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
 from ccm_opt.retiming import joined
 from ccm_opt.retiming.paul import retime_paul
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.points import PointOnArm
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification.point_limits import check_points
+from ccm_opt.verification.limits import check_points
 from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (
     GRAVITY,

@@ -8,17 +8,13 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.angles import WHOLE_TURN
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.planners.goal_pose import GoalPoseSearch
-from ccm_opt.planners.pose_classes import landmarks, same_class, windings
-from ccm_opt.planners.pose_draw_settings import PoseDrawSettings
-from ccm_opt.planners.pose_draws import PoseDraws
-from ccm_opt.planners.pose_energy import EnergyWeights, PoseEnergy
-from ccm_opt.planners.tip_equations import TipEquations
+from ccm_opt.core.polyline import WHOLE_TURN
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.pose_draws import PoseDraws, PoseDrawSettings, TipEquations, landmarks, same_class, windings
+from ccm_opt.planning.pose_energy import EnergyWeights, PoseEnergy
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .scenes import ROOM, Scene, clutter, make_arm, wall_gaps
 

@@ -12,7 +12,7 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 
 if TYPE_CHECKING:
-    from ccm_opt.ground.progress import Progress
+    from ccm_opt.core.progress import Progress
 
 SWAN_NECK = Path(__file__).parent.parent / "problems" / "swan-neck.toml"
 

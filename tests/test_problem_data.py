@@ -11,14 +11,10 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file import load_problem, problem_from_mapping
-from ccm_opt.files.problem_file.problem_data import problem_data, recorded_data
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.length_units import METRES, LengthUnit, in_unit
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.io.problem_data import problem_data, recorded_data
+from ccm_opt.io.reading import load_problem, problem_from_mapping
 from ccm_opt.problem import (
     CurvePose,
     JointPose,
@@ -29,6 +25,9 @@ from ccm_opt.problem import (
     TipGoal,
     Tolerances,
 )
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .conftest import PROBLEMS
 

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
-from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.files.problem_file.lines import locate_keys
-from ccm_opt.files.problem_file.named_poses import folded_bends
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.io.build import folded_bends
+from ccm_opt.io.keypath import locate_keys
+from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
 
 from .arms import plain_arm
 from .conftest import PROBLEMS, SMALL_PROBLEM

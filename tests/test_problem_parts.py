@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.errors import ProblemFileError
-from ccm_opt.files.problem_file import parse_problem, problem_from_mapping
-from ccm_opt.files.problem_file.problem_data import problem_data
-from ccm_opt.ground.length_units import METRES, LengthUnit
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.problem import SimulationOptions, VerificationOptions
+from ccm_opt.robot.link_chain import Feed
 
 from .conftest import PROBLEMS
 from .test_problem_data import assert_same

@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.nlp.constraints import equal_to_zero
-from ccm_opt.nlp.program_derivatives import ProgramDerivatives
-from ccm_opt.nlp.repeated_rows import Repeated, RepeatedRows, repeated_rows
-from ccm_opt.nlp.row_program import RowProgram
-from ccm_opt.space.nlp.space_pose_program import SpacePoseProgram, SpacePoseSize, space_pose_program
-from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.built_solver import ProgramDerivatives
+from ccm_opt.ik.curve_program import equal_to_zero
+from ccm_opt.ik.row_program import Repeated, RepeatedRows, RowProgram, repeated_rows
+from ccm_opt.ik.space_pose_program import SpacePoseProgram, SpacePoseSize, space_pose_program
+from ccm_opt.ik.space_pose_task import SpacePoseSettings
 
 SEEDS = st.integers(0, 2**32 - 1)
 

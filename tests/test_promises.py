@@ -9,9 +9,9 @@ from pydantic import BaseModel
 
 from ccm_opt.cli import checking
 from ccm_opt.cli.outcome import NO_PLAN
-from ccm_opt.files.export.reading_back import FEED_SHAPES, ROOM_SHAPES, SHAPES
-from ccm_opt.files.export.text_agreement import NAMES
-from ccm_opt.files.problem_file import schema
+from ccm_opt.io import schema
+from ccm_opt.io.reading_back import FEED_SHAPES, ROOM_SHAPES, SHAPES
+from ccm_opt.io.text_agreement import NAMES
 
 from .corruption.plans import Folder, write_plans
 from .promises.in_space import SPACE_MUTATIONS, SPACE_UNHARMED

@@ -9,15 +9,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.passage_widths import passage_widths
-from ccm_opt.motion.tip_paths import find_tip_paths, turning_by
-from ccm_opt.planners.curve import CurvePlanner
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.passage_widths import passage_widths
+from ccm_opt.planning.tip_paths import find_tip_paths, turning_by
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle
 from tests.crossings import CrossingCheck, densely
 from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES, corridor, horn
 

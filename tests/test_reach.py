@@ -14,13 +14,12 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
-from ccm_opt.collision.bad_pose import refuse_bad_pose
+from ccm_opt.core.executors import LocalWorkers, ThisProcess
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.ground.executors import LocalWorkers, ThisProcess
-from ccm_opt.planners.reach_settings import ReachSettings
-from ccm_opt.planners.tip_reach import FREE, CellTask, ReachQuestion, cell_poses
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.planning.tip_reach import FREE, CellTask, ReachQuestion, ReachSettings, cell_poses
 from ccm_opt.problem import Problem
+from ccm_opt.scene.bad_pose import refuse_bad_pose
 from ccm_opt.solution import ReachMap
 
 from .conftest import PROBLEMS, SMALL_PROBLEM

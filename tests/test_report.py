@@ -16,21 +16,19 @@ from hypothesis.extra.numpy import arrays
 
 from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.cli.solving import SolveOptions, solve_files
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, Relaxation
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.files.report.check_words import checks_in_words
-from ccm_opt.files.report.delta_coding import coded
-from ccm_opt.files.report.failure_page import failure_data, failure_html
-from ccm_opt.files.report.page import report_html
-from ccm_opt.files.report.page_units import MINUS, PageUnits, three_digits
-from ccm_opt.files.report.phase_data import limit_shares
-from ccm_opt.files.report.thinning import kept_samples
-from ccm_opt.files.report.time_series import series_groups
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
+from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.solution import Check, GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.viz.checks_section import checks_in_words
+from ccm_opt.viz.document import coded
+from ccm_opt.viz.failure_page import failure_data, failure_html
+from ccm_opt.viz.page import report_html
+from ccm_opt.viz.page_units import MINUS, PageUnits, three_digits
+from ccm_opt.viz.time_series import kept_samples, limit_shares, series_groups
 
 NASTY = "</script><script>alert(1)</script><b title='\"x'>&amp;"
 MILLIMETRES = PageUnits.of_arm(0.6)

@@ -9,17 +9,11 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import Diagnosis, Finding
-from ccm_opt.files.report.comparison_page import (
-    ComparedMethod,
-    ComparedPair,
-    ComparedQuantity,
-    ComparedRun,
-    comparison_html,
-)
-from ccm_opt.files.report.failure_page import failure_html
-from ccm_opt.files.report.page import report_html
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
+from ccm_opt.viz.comparison_page import ComparedMethod, ComparedPair, ComparedQuantity, ComparedRun, comparison_html
+from ccm_opt.viz.failure_page import failure_html
+from ccm_opt.viz.page import report_html
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
 pytestmark = [

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import ccm_opt
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import Limits, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import JointTrajectory, Solution
 from tests.dynamics_arms import carried, smooth_trajectory, swan_neck
 

@@ -8,12 +8,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_names
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, PlannerOptions, Problem
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import joint_names
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify

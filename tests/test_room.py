@@ -13,18 +13,16 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.diagnosis.walls_apart import gap_between_walls
-from ccm_opt.files.report.page_units import PageUnits
-from ccm_opt.files.report.room_words import room_sentences
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.driver.kept_plan import gap_between_walls
 from ccm_opt.problem import JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
-from ccm_opt.verification.room_over_time import room_over_time
-from ccm_opt.verification.room_settings import RoomSettings
+from ccm_opt.verification.room_over_time import RoomSettings, room_over_time
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.room_section import room_sentences
 
 from .arms import plain_arm
 from .conftest import PROBLEMS

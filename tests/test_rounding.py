@@ -10,16 +10,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.collision_settings import CertificateSettings
-from ccm_opt.collision.proof_rounding import proof_rounding
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.scene.certificate import Certificate, proof_rounding
+from ccm_opt.scene.contact_finder import CertificateSettings
+from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.verification.left_unchecked import relative_travel
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.near_links import relative_travel
 from ccm_opt.verification.rounding import distance_rounding, heading_rounding, point_rounding
-from ccm_opt.verification.segments import segment_distances
+from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
 from ccm_opt.verification.wall_edges import WallEdges, edge_runs

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline
 
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.effort_share import holding_efforts
 from ccm_opt.verification.interpolation import interpolation_deviation

@@ -11,16 +11,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.scene_solids import Prism, SolidScene, convex_parts, prism_mesh, solid_scene
-from ccm_opt.files.export.scene_urdf import scene_meshes, stl
-from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.mjcf import mjcf_text
+from ccm_opt.io.scene_solids import Prism, SolidScene, convex_parts, prism_mesh, solid_scene
+from ccm_opt.io.urdf import scene_meshes, stl, urdf_text
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.dynamics_arms import loose_limits, swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -18,16 +18,16 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.files.problem_file.problem_data import recorded_data
-from ccm_opt.files.problem_file.written_scene import toml_with_obstacles
-from ccm_opt.files.scene_import.chains import Piece, joined_pieces
-from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
-from ccm_opt.files.scene_import.drawing import import_scene as import_drawing
-from ccm_opt.files.scene_import.found_shapes import Line, Region
-from ccm_opt.files.scene_import.import_settings import ImportOptions
-from ccm_opt.files.scene_import.obstacles import divided
-from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.io.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
+from ccm_opt.io.drawing import divided
+from ccm_opt.io.drawing import import_scene as import_drawing
+from ccm_opt.io.found_shapes import Line, Region
+from ccm_opt.io.problem_data import recorded_data
+from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
+from ccm_opt.io.rings import Piece, joined_pieces
+from ccm_opt.io.settings import ImportOptions
+from ccm_opt.io.table_reading import toml_with_obstacles
+from ccm_opt.scene.workspace import Obstacle
 
 from .conftest import SMALL_PROBLEM
 
@@ -649,13 +649,13 @@ import sys
 import tomllib
 from pathlib import Path
 import ccm_opt
-from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.io.reading import parse_problem
 parse_problem({SMALL_PROBLEM!r})
 assert "ezdxf" not in sys.modules
-from ccm_opt.files.scene_import.drawing import import_scene
-from ccm_opt.files.scene_import.found_shapes import Line, Region
-from ccm_opt.files.scene_import.import_settings import ImportOptions
-from ccm_opt.files.scene_import.obstacles import divided
+from ccm_opt.io.drawing import import_scene
+from ccm_opt.io.found_shapes import Line, Region
+from ccm_opt.io.settings import ImportOptions
+from ccm_opt.io.drawing import divided
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert "ezdxf" not in sys.modules
 """

@@ -7,20 +7,32 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.decomposition import add_segment, start_of
-from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.continuum.segment_types import SegmentType, classify
-from ccm_opt.ground.angles import wrap
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.curve_track import SegmentTrack
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.fold_plan import Folds, merge_and_climb
-from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_3, scm_4, scm_5, scm_6, scm_7, scm_8
-from ccm_opt.hill_climbing.schemas.feeding import begin_feeding, pass_length, slide_boundary
-from ccm_opt.hill_climbing.steps import SchemaStep, SchemaStopped, run
-from ccm_opt.hill_climbing.world import World
+from ccm_opt.baseline.candidate_moves import Shapes
+from ccm_opt.baseline.curve_track import SegmentTrack
+from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.fold_plan import Folds, merge_and_climb
+from ccm_opt.baseline.hill_climb import SchemaStep, SchemaStopped, run
+from ccm_opt.baseline.schemas import (
+    begin_feeding,
+    pass_length,
+    scm_0,
+    scm_1,
+    scm_2,
+    scm_3,
+    scm_4,
+    scm_5,
+    scm_6,
+    scm_7,
+    scm_8,
+    slide_boundary,
+)
+from ccm_opt.baseline.world import World
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.polyline import wrap
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.decomposition import add_segment, start_of
+from ccm_opt.robot.segment import CurvatureSegment
+from ccm_opt.robot.segment_types import SegmentType, classify
 
 OPEN = World()
 

@@ -13,14 +13,14 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import as_it_stands
-from ccm_opt.driver.several_tries import best_of_tries, least_gap
+from ccm_opt.driver.tries import best_of_tries, least_gap
 from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.ground.stages import Stages
-from ccm_opt.motion.drawn_order import drawn_order
-from ccm_opt.motion.guide_candidate import GuideCandidate
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.planning.continuation import GuideCandidate
+from ccm_opt.planning.search_run import drawn_order
 from ccm_opt.problem import Problem
 from tests.conftest import SMALL_PROBLEM
 from tests.scenes import clutter, open_scene

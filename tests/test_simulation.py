@@ -8,20 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.dynamics.simulation.controller import gains, inertia_at_most
-from ccm_opt.dynamics.simulation.reference import hermite, step_reference
+from ccm_opt.dynamics.simulation.controller import gains, hermite, inertia_at_most, step_reference
 from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
-from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.io.mjcf import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
+from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_loop import InterpretedLoop

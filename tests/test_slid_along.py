@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.comparison.space_sites import site_problem
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.curve.guide_exit import FREE_AFTER
-from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
-from ccm_opt.space.motion.slid_along import feeds_to_end, slid_along
-from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
+from ccm_opt.compare.space_sites import site_problem
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.space_guides import SpaceTipTrack
+from ccm_opt.planning.space_slide import feeds_to_end, slid_along
+from ccm_opt.robot.biarc import FREE_AFTER
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions
 from tests.space_arms import space_arm
 
 LENGTH = 0.9

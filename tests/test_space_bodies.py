@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.scene.bodies import BoxBody, CapsuleBody, CylinderBody, SphereBody
-from ccm_opt.space.scene.rigid_placement import RigidPlacement
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, SphereBody
+from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 
 ANGLES = st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3).map(np.array)
 PLACES = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)

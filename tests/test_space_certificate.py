@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.distances.segment_pairs import segment_distances
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.settings.space_proof_settings import SpaceCertificateSettings
-from ccm_opt.space.motion.space_certificate import SpaceCertificate
-from ccm_opt.space.motion.space_link_motion import LinkMotion
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
+from ccm_opt.planning.space_settings import SpaceCertificateSettings
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.oracles.space_certificate import SpaceCertificateByNumpy, bows_by_numpy, near_pairs_by_numpy
 from tests.snakes_in_space import balls, boxes, least_gaps, snake
 

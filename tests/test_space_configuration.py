@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import Knots
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.curve.rigid_motions import exponential
-from ccm_opt.space.curve.space_configuration import SpaceConfiguration
-from ccm_opt.space.curve.space_segment import SpaceSegment
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.rigid_motions import exponential
+from ccm_opt.robot.segment import Knots
+from ccm_opt.robot.space_configuration import SpaceConfiguration, SpaceSegment
 from tests.space_arms import random_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -13,27 +13,24 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.diagnosis.in_space.axis_ways import AxisWays, way_length
-from ccm_opt.diagnosis.in_space.cell_tree import CellTree
-from ccm_opt.diagnosis.in_space.holding_in_space import strong_enough_in_space
-from ccm_opt.diagnosis.in_space.keyed_space_poses import SpaceTipPlace, WholeSpacePose
-from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE
-from ccm_opt.diagnosis.in_space.moved_space_goal import moved_space_goals
-from ccm_opt.diagnosis.in_space.reach_in_space import TurnCaps, least_limit, most_turn
-from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
-from ccm_opt.diagnosis.in_space.space_checks import failed_in_space
-from ccm_opt.diagnosis.in_space.tight_in_space import tight_in_space
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.diagnosis.axis_ways import AxisWays, way_length
+from ccm_opt.diagnosis.cell_tree import CellTree
+from ccm_opt.diagnosis.in_space import IN_SPACE, failed_in_space, moved_space_goals, tight_in_space
+from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, WholeSpacePose
+from ccm_opt.diagnosis.reach_in_space import TurnCaps, least_limit, most_turn
+from ccm_opt.diagnosis.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
+from ccm_opt.diagnosis.space_checks import strong_enough_in_space
 from ccm_opt.errors import UnreachableGoal, sentences
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.drive_limits import Limits
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.problem import Tolerances
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BoxBody, SphereBody
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.bodies import BoxBody, SphereBody
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 
 from .diagnosis_judgement import named_rightly, relaxation_error
 from .scenes import later
@@ -42,7 +39,7 @@ from .space_clutter import clutter
 from .space_diagnosis_families import make_space_case
 
 if TYPE_CHECKING:
-    from ccm_opt.ground.arrays import FloatArray
+    from ccm_opt.core.arrays import FloatArray
 
 seeds = st.integers(0, 10**6)
 ROOM = np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]])

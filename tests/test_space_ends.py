@@ -8,9 +8,9 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import ProblemError, UnreachableGoal
-from ccm_opt.space.distances.enclosures import deepest_enclosure
-from ccm_opt.space.planner import SpacePlanner
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
+from ccm_opt.planning.space_planner import SpacePlanner
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from tests.space_files import CUBE, binary_stl, written
 
 

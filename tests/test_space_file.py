@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import ccm_opt
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemFileError
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from tests.space_files import CUBE, TEXT, binary_stl, written
 
 FOLDER = Path(__file__).parent.parent / "problems" / "space"

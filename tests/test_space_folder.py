@@ -17,18 +17,18 @@ from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.drawing import drawn_files, space_pictures
 from ccm_opt.cli.exporting import ExportOptions, exported_files
 from ccm_opt.errors import ProblemError, UnreachableGoal
-from ccm_opt.files.export.folder import write_solution
-from ccm_opt.files.export.reading_back import load_any_problem, load_motion
-from ccm_opt.files.export.space_glb import quaternions
-from ccm_opt.files.report.space_page_html import space_failure_html
-from ccm_opt.files.saved_plans import SavedSpacePlan, load
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.space_kinematics import link_rotations
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BoxBody, SphereBody
-from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import all_within, sharp_edges, thinned
-from ccm_opt.space.space_solution import roll_against
+from ccm_opt.io.folder import write_solution
+from ccm_opt.io.glb import quaternions
+from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.space_kinematics import link_rotations
+from ccm_opt.scene.bodies import BoxBody, SphereBody
+from ccm_opt.scene.round_bodies import seen_triangles
+from ccm_opt.scene.surfaces import all_within, sharp_edges, thinned
+from ccm_opt.solution.space_solution import roll_against
+from ccm_opt.viz.saved_plans import SavedSpacePlan, load
+from ccm_opt.viz.space_page_html import space_failure_html
 
 from .space_arms import random_rotation, turned_arm
 from .space_folders import solved

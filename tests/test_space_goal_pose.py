@@ -9,20 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.nlp.link_sides import link_sides
-from ccm_opt.space.nlp.quaternions import axis, product, quaternions_of, turned_by
-from ccm_opt.space.nlp.shooting_start import link_quaternions
-from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses, goal_pose
-from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
-from ccm_opt.space.nlp.space_pose_solver import SpaceArmPose
-from ccm_opt.space.problem import SpaceJointPose
-from ccm_opt.space.scene.bodies import BoxBody, SphereBody
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.ik.bishop_shooting import axis, product, quaternions_of, turned_by
+from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, link_sides
+from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
+from ccm_opt.ik.space_pose_task import SpacePoseSettings
+from ccm_opt.problem.space_problem import SpaceJointPose
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.bodies import BoxBody, SphereBody
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from tests.space_arms import random_rotation, space_arm
 from tests.space_clutter import Clutter, clutter, problem_at
 

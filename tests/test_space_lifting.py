@@ -6,14 +6,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
-from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.space_goal import SpaceTipPose
-from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
-from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.space_continuation import SpaceTipPose
+from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
+from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
 from tests.snakes_in_space import balls, snake, task_of
 
 NOTHING_NEAR = balls(np.array([[0.0, 0.0, 9.0]]), 0.01)

@@ -8,22 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import MappingName
-from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING
-from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_inverse_kinematics import bends_from_directions, configuration_from_positions
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.curve.curve_space import CurveSpace
-from ccm_opt.space.curve.link_directions import mean_directions
-from ccm_opt.space.curve.space_configuration import SpaceConfiguration
-from ccm_opt.space.curve.space_mapping import (
+from ccm_opt.robot.arm import MappingName
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.curve_space import CurveSpace
+from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
+from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_configuration import SpaceConfiguration
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_mapping import (
     curve_of_coordinates,
     curve_points_in_space,
     map_space_curve,
+    mean_directions,
     nearest_space_curve,
     shape_error_in_space,
 )

@@ -7,8 +7,8 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BOX_FACES, MeshBody, SphereBody
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.bodies import BOX_FACES, MeshBody, SphereBody
 from tests.space_files import CUBE
 
 ARM = {"links": 4, "link_length": 0.1, "radius": 0.01, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 45}

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ccm_opt.files.plotting.space_plan import draw_goals_in_space
-from ccm_opt.files.plotting.space_section import ArmSection, section_along
-from ccm_opt.files.plotting.space_views import SIDES
-from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Limits, Tolerances
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.space.scene.bodies import Body, BoxBody, CapsuleBody
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.viz.space_plan import draw_goals_in_space
+from ccm_opt.viz.space_section import ArmSection, section_along
+from ccm_opt.viz.space_views import SIDES
 
 from .space_arms import space_arm
 from .space_folders import solved

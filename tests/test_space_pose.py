@@ -9,10 +9,10 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.space_static_pose import SpaceStaticPose
-from ccm_opt.space.verification.link_frames import LinkFrames, chain_of
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.solution.space_solution import SpaceStaticPose
+from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS

@@ -8,16 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.curve.curve_space import CurveSpace
-from ccm_opt.space.curve.tip_target import TipTarget
-from ccm_opt.space.nlp.holding import HoldingLoads, holding_loads
-from ccm_opt.space.nlp.shooting_start import CurveNumbers, link_quaternions, start_values
-from ccm_opt.space.nlp.space_pose_program import SPACE_PARTS, SpacePoseProgram, SpacePoseSize, space_pose_program
-from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
-from ccm_opt.space.nlp.space_pose_solver import SpacePoseQuestion
-from ccm_opt.space.nlp.space_pose_task import LinkSides, SpacePoseTask
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.holding import HoldingLoads, holding_loads
+from ccm_opt.ik.space_pose_program import SPACE_PARTS, SpacePoseProgram, SpacePoseSize, space_pose_program
+from ccm_opt.ik.space_pose_solver import CurveNumbers, SpacePoseQuestion, link_quaternions, start_values
+from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask
+from ccm_opt.robot.curve_space import CurveSpace
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.tip_newton import TipTarget
 from tests.space_arms import FEED_OF_TESTS, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)

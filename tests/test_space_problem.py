@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
-from ccm_opt.space.scene.scene import SpaceObstacle
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
+from ccm_opt.scene.scene import SpaceObstacle
 
 from .space_plans import true_plan
 

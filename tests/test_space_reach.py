@@ -11,13 +11,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import ccm_opt
-from ccm_opt.files.plotting.space_views import SIDES, SeenScene
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.problem import SpaceTipGoal
-from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
-from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH
-from ccm_opt.space.tip_cells import SpaceReachQuestion, look_at_cell
-from ccm_opt.space.tip_flood import TipFlood
+from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, look_at_cell
+from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, even_directions
+from ccm_opt.viz.space_views import SIDES, SeenScene
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
@@ -63,7 +61,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
 @cache
 def mapped() -> SpaceReachMap:
     """A small map."""
-    from ccm_opt.files.problem_file import parse_problem
+    from ccm_opt.io.reading import parse_problem
 
     problem = parse_problem(SCENE)
     found = ccm_opt.reach_map(problem, step=0.09, headings=4)  # type: ignore[call-overload]

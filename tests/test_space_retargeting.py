@@ -8,8 +8,8 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import TipGoal
-from ccm_opt.space.problem import SpaceTipGoal
-from ccm_opt.space.space_solution import SpaceSolution
+from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.solution.space_solution import SpaceSolution
 
 from .conftest import PROBLEMS
 

@@ -7,25 +7,25 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.connect import Connect
-from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.goal_poses import goal_poses
-from ccm_opt.space.motion.grid_ways import shortened
-from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
-from ccm_opt.space.motion.optimisation.space_optimise import optimise
-from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
-from ccm_opt.space.motion.settings.space_end_settings import SpaceConnectSettings
-from ccm_opt.space.motion.space_goal import SpaceTipPose
-from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
-from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.motion.space_smooth_path import certified_path
-from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.grid_ways import shortened
+from ccm_opt.planning.space_connect import Connect
+from ccm_opt.planning.space_continuation import SpaceTipPose
+from ccm_opt.planning.space_cost import SpaceMotionCost
+from ccm_opt.planning.space_goal_poses import goal_poses
+from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
+from ccm_opt.planning.space_optimise import optimise
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.space_settings import SpaceConnectSettings
+from ccm_opt.planning.space_smooth_path import certified_path
+from ccm_opt.planning.space_sweep import SpaceSweep
+from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid
 
 GOAL = SpaceTipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))

@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccm_opt.comparison.problem_files import write_problems
-from ccm_opt.comparison.space_suites import SPACE_SUITES
-from ccm_opt.comparison.suites import Case, cases_of_suite
+from ccm_opt.compare.comparison_files import write_problems
+from ccm_opt.compare.suites import SPACE_SUITES, Case, cases_of_suite
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.io.reading import load_problem
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
 def made(case: Case) -> SpaceProblem:

@@ -10,13 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.files.export.folder import write_solution
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.folder import write_solution
+from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.solution import SurvivedError
-from ccm_opt.space.space_solution import SpaceSolution
-from ccm_opt.space.verification.error_levers import moved_by_joint_errors
-from ccm_opt.space.verification.survived_in_space import survived_errors_in_space
+from ccm_opt.solution.space_solution import SpaceSolution
+from ccm_opt.verification.survived_in_space import moved_by_joint_errors, survived_errors_in_space
 
 from .command_runs import CommandLine, brightness
 from .space_arms import FEED_OF_TESTS, turned_arm

@@ -12,9 +12,9 @@ from ccm_opt.cli.commands import app
 from ccm_opt.driver.space_planning_run import timed_in_space
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import MotionNotFound
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import JointPath, JointTrajectory
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.verification.survived_in_space import survived_error_in_space
+from ccm_opt.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from tests.test_user_terms_in_space import POST, post
 

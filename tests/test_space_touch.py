@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.comparison.space_clutter import space_clutter
-from ccm_opt.driver.space_touch import seen_in_space
-from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.compare.space_clutter import space_clutter
+from ccm_opt.driver.closed_loop import seen_in_space
+from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointTrajectory, SimulatedMotion
 from tests.snakes_in_space import least_gaps
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.drive_limits import PointLimit
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.space.problem import SpaceJointPose, SpaceStop, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceStop, SpaceTipGoal
+from ccm_opt.robot.coordinates import PointLimit
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 from .space_plans import SpacePlan, places_of, true_plan, with_body

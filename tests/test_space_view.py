@@ -14,20 +14,17 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.view.app import ViewerApp, claim_port
-from ccm_opt.cli.view.handle_frame import direction_of
-from ccm_opt.cli.view.handles import GOAL
-from ccm_opt.cli.view.kinds import frames_of
-from ccm_opt.cli.view.meshes import turned_to
-from ccm_opt.cli.view.space_frames import SpaceFrames
+from ccm_opt.cli.view.frames import SpaceFrames, turned_to
+from ccm_opt.cli.view.handles import GOAL, direction_of, frames_of
 from ccm_opt.cli.view.space_scene import SpaceScene
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import ProblemError
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
-from ccm_opt.space.scene.rigid_placement import RigidPlacement
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
-from ccm_opt.space.verification import verify_in_space
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
+from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.verification.space_verifier import verify_in_space
 
 from .space_folders import solved
 

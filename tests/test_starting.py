@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.files.problem_file import load_problem
+from ccm_opt.io.reading import load_problem
 
 from .conftest import PROBLEMS
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.optimise import thinned, travel
-from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.straightening import straightened
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.optimise import thinned, travel
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.shortcuts import straightened
 from tests.scenes import clutter, motion_task, sweep_gaps, swept
 
 

@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES
-from ccm_opt.space.distances.surface_search import SurfaceBoxes, SurfaceSearch
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.scene.distances.surface_tree import DEFAULT_DISTANCES, SurfaceBoxes, SurfaceSearch, SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
 
 from .oracles.numpy_surfaces import NumpySearch
 from .oracles.segment_triangle import nearest_pairs

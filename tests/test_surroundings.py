@@ -17,7 +17,7 @@ from ccm_opt.cli import surroundings
 from ccm_opt.cli.failure_record import failures_recorded
 from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.cli.stage_clock import StageClock
-from ccm_opt.files.problem_file import load_problem
+from ccm_opt.io.reading import load_problem
 
 from .conftest import PROBLEMS
 
@@ -32,7 +32,7 @@ from ccm_opt.cli.failure_record import failure_recorder
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.display_settings import WatchdogSettings
 from ccm_opt.cli.watchdog import ended_when_silent
-from ccm_opt.files.problem_file import load_problem
+from ccm_opt.io.reading import load_problem
 
 problem = load_problem({file!r})
 settings = WatchdogSettings(0.0, {grace})
@@ -218,7 +218,7 @@ def test_what_is_known_outlives_a_search_for_changes_that_falls_silent(tmp_path:
         'Progress("diagnosis", known=Diagnosis("in contact", "checks", findings=(Finding("contact", "in contact"),)))'
     )
     script = script.replace("    ctypes", f"    told({known})\n    ctypes")
-    script = f"from ccm_opt.errors import Diagnosis, Finding\nfrom ccm_opt.ground.progress import Progress\n{script}"
+    script = f"from ccm_opt.errors import Diagnosis, Finding\nfrom ccm_opt.core.progress import Progress\n{script}"
     run = ended("-c", script, cwd=tmp_path)
     assert run.returncode in {NO_PLAN, -signal.SIGKILL}
     assert "nothing was heard of the search for changes that would help for 0.5 s" in run.stderr
@@ -260,8 +260,8 @@ import time
 from pathlib import Path
 from ccm_opt.cli.display_settings import WatchdogSettings
 from ccm_opt.cli.watchdog import ended_when_silent
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.ground.executors import LocalWorkers
+from ccm_opt.io.reading import load_problem
+from ccm_opt.core.executors import LocalWorkers
 
 
 def work(name):

@@ -13,10 +13,9 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.drawing import ImportedScene, import_scene
-from ccm_opt.files.scene_import.import_settings import ImportOptions
-from ccm_opt.files.scene_import.svg_paths import path_subpaths
-from ccm_opt.files.scene_import.svg_transforms import transform_of
+from ccm_opt.io.drawing import ImportedScene, import_scene
+from ccm_opt.io.settings import ImportOptions
+from ccm_opt.io.svg_paths import path_subpaths, transform_of
 
 HEAD = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '

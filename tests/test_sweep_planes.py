@@ -5,8 +5,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.ground.rounding import SHORTEST
-from ccm_opt.motion.limits.sweep_regions import free_half_planes
+from ccm_opt.core.arrays import SHORTEST
+from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from tests.oracles.sweep_planes import planes_by_numpy
 from tests.scenes import clutter, mixed_walls
 

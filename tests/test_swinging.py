@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.motion.swinging import unbent_from
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.space_goal_poses import unbent_from
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.robot.space_kinematics import joint_positions
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 POST = boxes([([0.33, -0.02, -0.5], [0.37, 0.02, 0.5])])

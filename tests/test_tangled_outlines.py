@@ -8,7 +8,7 @@ import shapely
 
 from ccm_opt.cli.outcome import complain
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.rings import repaired
+from ccm_opt.io.rings import repaired
 
 
 @pytest.mark.parametrize("count", [200, 400, 20_000])

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.files.report.thinning import kept_samples
+from ccm_opt.viz.time_series import kept_samples
 
 seeds = st.integers(0, 2**32 - 1)
 

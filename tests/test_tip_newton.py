@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.curve.curve_space import CurveSpace, chain_at
-from ccm_opt.space.curve.tip_newton import TipNewton
-from ccm_opt.space.curve.tip_target import TipTarget
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.curve_space import CurveSpace, chain_at
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.tip_newton import TipNewton, TipTarget
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)

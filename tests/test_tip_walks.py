@@ -6,17 +6,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.motion.settings.search_settings import SearchSettings
-from ccm_opt.motion.settings.tip_walk_settings import TipWalkSettings
-from ccm_opt.motion.tip_walks import WALKS, TipWalkStrategy
-from ccm_opt.motion.tip_ways import TipWays
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.settings import SearchSettings, TipWalkSettings
+from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy, TipWays
 from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
 
 if TYPE_CHECKING:
-    from ccm_opt.motion.failures import Failure
+    from ccm_opt.planning.failures import Failure
 
 LINKS = 24.0
 """Nominal links to the arm's length."""

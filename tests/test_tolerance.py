@@ -9,27 +9,24 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
-from ccm_opt.verification.tolerance.chain_support import chain_support, worst_errors
+from ccm_opt.verification.tolerance.chain_cases import ChainCases, chain_support, joined_cases, worst_errors
 from ccm_opt.verification.tolerance.error_model import (
+    DEFAULT_TOLERANCE,
     base_heading_error,
     base_position_error,
     joint_errors,
     link_length_errors,
     wall_errors,
 )
-from ccm_opt.verification.tolerance.hidden_corners import hidden_corners
 from ccm_opt.verification.tolerance.largest_error import LargestError
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, worst_motion
-from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
+from ccm_opt.verification.tolerance.survived_errors import hidden_corners, survived_error, survived_errors, worst_motion
 from ccm_opt.verification.tolerance.tube import tube_of
 from ccm_opt.verification.tolerance.wall_cases import WallCases
 from ccm_opt.verification.wall_clearance import check_walls

@@ -4,15 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE
-from ccm_opt.diagnosis.in_space.turned_direction import turned_direction
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.diagnosis.in_space import IN_SPACE, turned_direction
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.drive_limits import Limits
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.scene import SpaceWorkspace
 from tests.scenes import later
 from tests.space_arms import space_arm
 

@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.checking import check_folders
+from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.solving import SolveOptions, solve_files
-from ccm_opt.cli.term_references import TermReferences
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ik import compiled_terms as building
+from ccm_opt.ik.compiled_terms import compile_terms
+from ccm_opt.ik.quantities import Quantities
+from ccm_opt.ik.references import load_terms
+from ccm_opt.ik.terms import Constraint, Cost, Expression, Interval
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.user_terms import building
-from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.quantities import Quantities
-from ccm_opt.user_terms.references import load_terms
-from ccm_opt.user_terms.terms import Constraint, Cost, Expression, Interval
 
 from .conftest import PROBLEMS
 from .scenes import make_arm, random_headings

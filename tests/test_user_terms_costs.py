@@ -7,11 +7,11 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.driver.lowered_costs import planned_with_costs
+from ccm_opt.driver.user_terms import planned_with_costs
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
+from ccm_opt.ik.compiled_terms import UserTerms, compile_terms
+from ccm_opt.ik.terms import Expression
 from ccm_opt.problem import Problem
-from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
-from ccm_opt.user_terms.terms import Expression
 
 from .camera_room import camera_room, high_tip, valve_in_view, weighted
 
@@ -97,9 +97,9 @@ def test_without_costs_or_with_a_goal_out_of_reach_nothing_is_tried_again(error:
 
 def test_a_cost_that_is_not_finite_somewhere_makes_no_model_there() -> None:
     """Where derivatives are not finite, the model of the costs is that of the others, and stays finite."""
-    from ccm_opt.motion.limits.user_costs import UserCosts
-    from ccm_opt.motion.link_space import LinkSpace
-    from ccm_opt.motion.swept_motion import Sweep
+    from ccm_opt.planning.limits.user_motion_rows import UserCosts
+    from ccm_opt.planning.link_space import LinkSpace
+    from ccm_opt.planning.swept_motion import Sweep
 
     arm = camera_room().arm
     root = ccm_opt.Cost("root", lambda q: ca.sqrt(q.tip[1] - 0.3), weight=1.0)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.motion.fed_space import FedSpace
+from ccm_opt.ik.compiled_terms import compile_terms
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.terms import Constraint, Cost
 
 from .feed_scenes import fed_arm, make_problem, make_room
 

@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt import Constraint, Cost, Interval
 from ccm_opt.cli.commands import app
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.problem import SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.space.space_solution import SpaceSolution
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.solution.space_solution import SpaceSolution
 
 POST = """
 schema = 1

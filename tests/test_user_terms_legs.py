@@ -6,9 +6,9 @@ import pytest
 
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import MotionNotFound
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.user_terms.quantities import Quantities
-from ccm_opt.user_terms.terms import Constraint
+from ccm_opt.ik.quantities import Quantities
+from ccm_opt.ik.terms import Constraint
+from ccm_opt.io.reading import parse_problem
 
 from .conftest import SMALL_PROBLEM
 

@@ -8,23 +8,23 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 import ccm_opt
-from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound, VerificationError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.user_costs import UserCosts
-from ccm_opt.motion.limits.user_limit import UserLimit
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.optimisation.keyframes import even_parameters
-from ccm_opt.motion.path_on_equations import moved_onto
-from ccm_opt.motion.settings.search_settings import SmoothPathSettings
-from ccm_opt.motion.swept_motion import Sweep
+from ccm_opt.ik.compiled_terms import compile_terms
+from ccm_opt.ik.quantities import Quantities
+from ccm_opt.ik.terms import Constraint, Cost, Interval
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.limits.user_motion_rows import UserCosts
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.optimisation.objective import even_parameters
+from ccm_opt.planning.settings import SmoothPathSettings
+from ccm_opt.planning.smooth_path import moved_onto
+from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, JointPath, JointTrajectory, Solution
-from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.quantities import Quantities
-from ccm_opt.user_terms.terms import Constraint, Cost, Interval
 
 from .conftest import PROBLEMS
 

@@ -8,11 +8,11 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import ProblemError, VerificationError
-from ccm_opt.jointed.point_on_arm import PointOnArm
+from ccm_opt.ik.compiled_terms import compile_terms
+from ccm_opt.ik.functions import MotionStates
+from ccm_opt.ik.terms import Constraint, Cost, Interval
 from ccm_opt.problem import PointLimit, Problem
-from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.terms import Constraint, Cost, Interval
-from ccm_opt.user_terms.timed_constraints import MotionStates
+from ccm_opt.robot.points import PointOnArm
 
 
 def slow_tip(most: float, **options: object) -> Constraint:

@@ -12,21 +12,19 @@ import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import dh_table, joint_names, revolute_angles
-from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Limits, Problem, SimulationOptions, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.frames import dh_table, joint_names, revolute_angles
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.form import check_form
+from ccm_opt.verification.consistency import check_form
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import joint_torques
-from ccm_opt.verification.segments import segment_distances
-from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links
+from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links, segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_names, revolute_angles
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane

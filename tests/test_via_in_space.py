@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.motion import space_search
-from ccm_opt.space.motion.optimisation.space_optimise import optimise
-from ccm_opt.space.motion.passed_places import first_missed, passings
-from ccm_opt.space.motion.space_goal import SpaceTipPose
-from ccm_opt.space.motion.space_search import find_motion
+from ccm_opt.planning import space_search
+from ccm_opt.planning.passed_places import first_missed, passings
+from ccm_opt.planning.space_continuation import SpaceTipPose
+from ccm_opt.planning.space_optimise import optimise
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.robot.space_kinematics import joint_positions
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 seeds = st.integers(0, 2**32 - 1)

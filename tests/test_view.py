@@ -22,13 +22,11 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app as command_line
-from ccm_opt.cli.view import colours
+from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.app import ViewerApp, claim_port
-from ccm_opt.cli.view.frames import MotionFrames
-from ccm_opt.cli.view.handle_frame import PlaneHandles
-from ccm_opt.cli.view.meshes import cylinder, extruded, in_space, turned
-from ccm_opt.cli.view.replanner import Replanner
-from ccm_opt.cli.view.view_settings import ViewSettings
+from ccm_opt.cli.view.frames import MotionFrames, cylinder, extruded, in_space, turned
+from ccm_opt.cli.view.handles import PlaneHandles, Replanner
+from ccm_opt.cli.view.settings import ViewSettings
 from ccm_opt.cli.viewing import viewer_of
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem import TipGoal

@@ -8,12 +8,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.stretches import Stretches
-from ccm_opt.collision.wall_proofs import WallProofs, WallQuestion
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import IntArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.certificate import Stretches, WallProofs, WallQuestion
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .oracles.wall_proofs import InterpretedWallProofs
 from .scenes import ROOM, clutter, make_arm, mixed_walls, random_headings

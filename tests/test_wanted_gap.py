@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ccm_opt import load_problem, solve
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 

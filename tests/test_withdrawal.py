@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.continuation import Stalled, follow
-from ccm_opt.motion.drawing_back import lies_confined, ways_back, withdrawals
-from ccm_opt.motion.guides.withdrawal import Withdrawal
-from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.step import Stepper
-from ccm_opt.motion.unwinding import drawn_in, mouth_of_passage
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.portfolio import drawn_in, mouth_of_passage
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.retraction import Withdrawal, lies_confined, ways_back, withdrawals
+from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.benchmarks.withdrawal_scenes import way_in, way_out
 from tests.benchmarks.wound_scenes import unwound
 from tests.planned_runs import run

@@ -5,7 +5,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.scene.workspace import Workspace
 from tests.scenes import clutter, mixed_walls
 
 

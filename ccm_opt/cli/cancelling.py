@@ -7,7 +7,7 @@ while                                handled in                       what remai
 ===================================  ===============================  =================================================
 the command line is loaded           ``interrupts_end_at_once``       nothing is written
 modules are loaded for a command     once they are, as below          as below
-IPOPT runs in CasADi                 ``ground/ipopt_call.py``         it is kept and raised again, as in the next line
+IPOPT runs in CasADi                 ``core/ipopt_call.py``         it is kept and raised again, as in the next line
 ``solve`` plans a problem            ``solving``, ``outcome``         ``solution.json`` with the status ``cancelled``
                                                                       and the reason that is known; plans of earlier
                                                                       files stay, later ones are not tried

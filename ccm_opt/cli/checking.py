@@ -7,27 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
+from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
-from ccm_opt.cli.term_references import TermReferences
-from ccm_opt.driver.checking_plans import check as checked_again
-from ccm_opt.files.export.data_agreement import check_of_data
-from ccm_opt.files.export.reading_back import (
-    SavedMotion,
-    load_any_problem,
-    load_motion,
-)
-from ccm_opt.files.export.recorded_look import recorded_curves
-from ccm_opt.files.export.recorded_results import RecordedResults, recorded_results
-from ccm_opt.files.export.room_json import room_data
-from ccm_opt.files.export.text_agreement import checks_of_texts
-from ccm_opt.files.report.check_words import checks_in_words
+from ccm_opt.driver.verified_motion import check as checked_again
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
+from ccm_opt.io.record_file import RecordedResults, recorded_curves, recorded_results
+from ccm_opt.io.solution_json import room_data
+from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.problem import CurvePose
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import Check, RoomRecord
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.viz.checks_section import checks_in_words
 
 MALFORMED = ("samples", "joint names")
 """The only checks of a motion that is malformed."""
@@ -101,7 +95,7 @@ def _left_unchecked(problem: AnyProblem, motion: SavedMotion) -> tuple[str, ...]
 def _room(problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:
     """The room that the motion keeps."""
     if isinstance(problem, SpaceProblem):
-        from ccm_opt.driver.space_room import room_in_space  # noqa: PLC0415 - as above
+        from ccm_opt.driver.space_planning_run import room_in_space  # noqa: PLC0415 - as above
 
         return room_in_space(problem, motion.trajectory)
     return room_over_time(problem, motion.trajectory, problem.wanted_gap, own)
@@ -151,8 +145,8 @@ def _checks_of_constraints(problem: AnyProblem, motion: SavedMotion, references:
     Raises:
         ProblemError: when a constraint cannot be loaded, or not be checked from files alone.
     """
-    from ccm_opt.user_terms.compiled_terms import compile_terms  # noqa: PLC0415 - loads casadi
-    from ccm_opt.user_terms.term_checks import checks_without_path  # noqa: PLC0415 - likewise
+    from ccm_opt.ik.compiled_terms import compile_terms  # noqa: PLC0415 - loads casadi
+    from ccm_opt.ik.term_checks import checks_without_path  # noqa: PLC0415 - likewise
 
     terms = compile_terms(problem.arm, TermReferences(references).loaded()["constraints"], ())
     whole = motion.trajectory

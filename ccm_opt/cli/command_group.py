@@ -11,8 +11,8 @@ import typer
 from typer.core import TyperGroup
 
 from ccm_opt.cli.cancelling import report_cancelled
+from ccm_opt.cli.loading import outside_files
 from ccm_opt.cli.output import Output, printing
-from ccm_opt.cli.outside_files import outside_files
 
 
 class CommandGroup(TyperGroup):

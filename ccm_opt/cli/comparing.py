@@ -1,7 +1,8 @@
-"""``ccm-opt compare``: run methods on the same problems, print what came of it, write tables and pictures."""
+"""The command compare."""
 
 import itertools
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -14,20 +15,82 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ccm_opt.cli.cancelling import CANCELLED
-from ccm_opt.cli.comparison_page_data import comparison_page
-from ccm_opt.cli.comparison_tables import print_comparison
+from ccm_opt.cli.comparison_tables import ShownQuantity, percents, print_comparison, probability, success_words
+from ccm_opt.cli.loading import outside_allowed
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
 from ccm_opt.cli.output import output
-from ccm_opt.cli.outside_files import outside_allowed
-from ccm_opt.comparison.comparison_files import JOURNAL, PAGE, comparison_json, write_comparison
-from ccm_opt.comparison.journal import open_journal
-from ccm_opt.comparison.methods import DEFAULT, check_methods
-from ccm_opt.comparison.problem_files import FOLDER, write_problems
-from ccm_opt.comparison.running import Comparison, compare, outdated
-from ccm_opt.comparison.runs import QUANTITIES, Run
-from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
-from ccm_opt.ground.cluster import DaskWorkers
-from ccm_opt.ground.executors import LocalWorkers, Workers
+from ccm_opt.compare.comparison_files import (
+    FOLDER,
+    JOURNAL,
+    PAGE,
+    comparison_json,
+    medians,
+    write_comparison,
+    write_problems,
+)
+from ccm_opt.compare.journal import open_journal
+from ccm_opt.compare.methods import DEFAULT, check_methods
+from ccm_opt.compare.running import Comparison, Pair, compare, outdated
+from ccm_opt.compare.runs import QUANTITIES, Quantity, Run
+from ccm_opt.compare.statistics import FigurePair
+from ccm_opt.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
+from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
+from ccm_opt.viz.comparison_page import ComparedMethod, ComparedPair, ComparedQuantity, ComparedRun, comparison_html
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """The page of a comparison."""
+    return comparison_html(
+        comparison.problems,
+        [_method(comparison, name) for name in comparison.methods],
+        [_quantity(item) for item in QUANTITIES],
+        [_run(run) for row in comparison.runs for run in row],
+        [_pair(pair) for pair in comparison.pairs],
+    )
+
+
+def _quantity(item: Quantity) -> ComparedQuantity:
+    """Lengths in millimetres; gaps may be nothing, and so have linear axes."""
+    shown = ShownQuantity.of(item)
+    return ComparedQuantity(item.key, item.title, shown.unit, shown.factor, logarithmic=item.unit != "m")
+
+
+def _method(comparison: Comparison, name: str) -> ComparedMethod:
+    count, interval = comparison.solved(name)
+    found = {key: value for key, value in medians(comparison.runs_of(name)).items() if math.isfinite(value)}
+    return ComparedMethod(name, count, (interval.low, interval.high), found)
+
+
+def _run(run: Run) -> ComparedRun:
+    figures = {key: _without_dust(key, value) for key, value in run.figures.items() if math.isfinite(value)}
+    return ComparedRun(run.problem, run.method, run.outcome, run.solved, run.reason, figures, run.tactic)
+
+
+def _without_dust(key: str, value: float) -> float:
+    """A figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
+    tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
+    return tie * round(value / tie) if tie > 0.0 else value
+
+
+def _pair(pair: Pair) -> ComparedPair:
+    words = success_words(pair)
+    return ComparedPair(pair.first, pair.second, f"{words[:1].upper()}{words[1:]}.", [_row(it) for it in pair.figures])
+
+
+def _row(item: FigurePair) -> tuple[str, ...]:
+    """One figure of two methods in the units of the page."""
+    shown = ShownQuantity.of(item.quantity)
+    return (
+        shown.title,
+        str(item.pairs),
+        shown.value(item.first),
+        shown.value(item.second),
+        item.quantity.scale,
+        shown.effect(item),
+        shown.interval(item.interval),
+        percents(item.better),
+        probability(item.p_value),
+    )
 
 
 @dataclass(frozen=True)
@@ -140,12 +203,7 @@ def _display(count: int) -> Iterator[Callable[[Run], None]]:
 
 
 def _pictures(comparison: Comparison) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.comparison_pictures import (  # noqa: PLC0415 - loads matplotlib
-        MethodRuns,
-        PairedPanel,
-        paired_png,
-        success_png,
-    )
+    from ccm_opt.viz.comparison_pictures import MethodRuns, PairedPanel, paired_png, success_png  # noqa: PLC0415 - loads matplotlib
 
     def drawn(name: str) -> MethodRuns:
         runs = comparison.runs_of(name)

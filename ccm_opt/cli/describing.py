@@ -7,20 +7,18 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from ccm_opt.cli.drawing_notes import tell_of_drawing
-from ccm_opt.cli.mesh_notes import tell_of_meshes
+from ccm_opt.cli.loading import outside_allowed
+from ccm_opt.cli.notes import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.outside_files import outside_allowed
-from ccm_opt.cli.rate_notes import tell_of_odd_rates
 from ccm_opt.cli.tables import columned_table, report_console
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.files.problem_file.problem_data import problem_data
-from ccm_opt.files.problem_file.space_problem_data import space_problem_data
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_units import in_unit
-from ccm_opt.jointed.driven_arm import DrivenArm
-from ccm_opt.jointed.frames import dh_table, joint_names
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import in_unit
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import load_problem
+from ccm_opt.io.space_problem_data import space_problem_data
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.frames import dh_table, joint_names
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
 """Columns of a revolute's drive."""

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.loading import no_search_for_cycles
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.pareto_folder import folder_of
-from ccm_opt.files.saved_plans import SavedSpacePlan, drawn, load
-from ccm_opt.ground.whole_file import put_file
+from ccm_opt.io.pareto_folder import folder_of
 from ccm_opt.solution import ParetoPlans
-from ccm_opt.space.space_solution import AnySolution, SpaceSolution
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+from ccm_opt.viz.saved_plans import SavedSpacePlan, drawn, load
 
 if TYPE_CHECKING:
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan
-    from ccm_opt.files.report.plans_section import PlanPages
+    from ccm_opt.viz.arm_drawing import DrawnPlan
+    from ccm_opt.viz.problem_section import PlanPages
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
 """What is drawn where nothing is asked for."""
@@ -52,10 +52,10 @@ def plan_pictures(
     if isinstance(solution, SpaceSolution):
         return space_pictures(solution, kind, plans)
     with no_search_for_cycles():
-        from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
-        from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
-        from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
-        from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+        from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415
+        from ccm_opt.viz.films import motion_gif  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.viz.page import report_html  # noqa: PLC0415
+        from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
     plan = DrawnPlan.from_solution(solution)
     return {
@@ -70,10 +70,10 @@ def space_pictures(
 ) -> Mapping[str, bytes]:
     """The pictures of a plan in space that was just made, by file name; arguments as for ``plan_pictures``."""
     with no_search_for_cycles():
-        from ccm_opt.files.plotting.space_film import space_film  # noqa: PLC0415 - loads matplotlib
-        from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
-        from ccm_opt.files.plotting.space_views import SeenScene  # noqa: PLC0415
-        from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
+        from ccm_opt.viz.films import space_film  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.viz.space_page_html import space_report_html  # noqa: PLC0415
+        from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415
+        from ccm_opt.viz.space_views import SeenScene  # noqa: PLC0415
 
     scene = SeenScene(solution.problem)
     return {
@@ -85,8 +85,8 @@ def space_pictures(
 
 def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
-    from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.report.plans_section import PlanPages  # noqa: PLC0415
+    from ccm_opt.viz.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.problem_section import PlanPages  # noqa: PLC0415
 
     page = "report.html"
     numbers = range(1, len(found.plans) + 1)
@@ -108,13 +108,13 @@ def _picture_and_page(solution: AnySolution, kind: FigureKind, plans: "PlanPages
     """The still picture of one of several plans, and its page, which shows no film."""
     pictures = (f"plan.{kind}",)
     if isinstance(solution, SpaceSolution):
-        from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415 - loads matplotlib
-        from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
+        from ccm_opt.viz.space_page_html import space_report_html  # noqa: PLC0415
+        from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415 - loads matplotlib
 
         return space_plan_picture(solution, kind), space_report_html(solution, pictures=pictures, plans=plans)
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
-    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+    from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.page import report_html  # noqa: PLC0415
+    from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
     drawing = plan_picture(DrawnPlan.from_solution(solution), kind)
     return drawing, report_html(solution, pictures=pictures, plans=plans)
@@ -154,8 +154,8 @@ def _drawn_in_space(plan: SavedSpacePlan, figures: Sequence[FigureName], kind: F
     Raises:
         ProblemError: naming what is asked for and drawn in the plane alone.
     """
-    from ccm_opt.files.plotting.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
+    from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415
 
     drawers: Mapping[FigureName, Callable[[], tuple[str, bytes]]] = {
         FigureName.PLAN: lambda: (f"plan.{kind}", space_plan_picture(plan, kind)),
@@ -186,9 +186,9 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
     if isinstance(loaded, SavedSpacePlan):
         return _drawn_in_space(loaded, figures, kind)
     plan = drawn(loaded)
-    from ccm_opt.files.plotting import paper_figures  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.films import motion_gif, motion_mp4  # noqa: PLC0415
-    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
+    from ccm_opt.viz import paper_figures  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415
+    from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
     drawers: Mapping[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
         FigureName.PLAN: plan_picture,

@@ -7,25 +7,21 @@ from pathlib import Path
 from ccm_opt.cli.choices import ExportFormat
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
+from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.arrays_npz import arrays_npz, bends_of_arrays
-from ccm_opt.files.export.controller_points import controller_points
-from ccm_opt.files.export.folder import ARRAYS
-from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.motion_glb import motion_glb
-from ccm_opt.files.export.reading_back import load_any_problem, load_motion, read_arrays
-from ccm_opt.files.export.recorded_results import recorded_results
-from ccm_opt.files.export.scene_solids import solid_scene
-from ccm_opt.files.export.scene_urdf import MESHES, URDF_MESHES, scene_meshes
-from ccm_opt.files.export.space_glb import space_motion_glb
-from ccm_opt.files.export.space_mjcf import space_mjcf
-from ccm_opt.files.export.space_scene import named_bodies, space_meshes
-from ccm_opt.files.export.space_urdf import space_urdf
-from ccm_opt.files.export.trajectory_text import trajectory_texts
-from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.ground.whole_file import put_file
+from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays
+from ccm_opt.io.controller_points import controller_points
+from ccm_opt.io.folder import ARRAYS
+from ccm_opt.io.glb import motion_glb, space_motion_glb
+from ccm_opt.io.mjcf import mjcf_text, space_mjcf
+from ccm_opt.io.reading_back import load_any_problem, load_motion, read_arrays
+from ccm_opt.io.record_file import recorded_results
+from ccm_opt.io.scene_solids import solid_scene
+from ccm_opt.io.space_scene import named_bodies, space_meshes, space_urdf
+from ccm_opt.io.trajectory_text import trajectory_texts
+from ccm_opt.io.urdf import MESHES, URDF_MESHES, scene_meshes, urdf_text
 from ccm_opt.problem import Problem
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.problem.space_problem import SpaceProblem
 
 BINARY = ("npz", "glb")
 """Formats that are no text, and have to go into a file."""

@@ -13,10 +13,9 @@ from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.surroundings import MORE_MEMORY, out_of_memory
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
-from ccm_opt.files.export.earlier_results import UNFINISHED, place_beside
-from ccm_opt.files.export.failure_folder import write_failure
-from ccm_opt.files.export.folder import solution_files, write_folder
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.io.failure_folder import UNFINISHED, place_beside, write_failure
+from ccm_opt.io.folder import solution_files, write_folder
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 
 
 def failure_recorder(
@@ -46,10 +45,10 @@ def failure_recorder(
 def page_of_failure(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
     """The page of a problem without a plan, in the plane or in space."""
     if isinstance(problem, SpaceProblem):
-        from ccm_opt.files.report.space_page_html import space_failure_html  # noqa: PLC0415 - most need no view
+        from ccm_opt.viz.space_page_html import space_failure_html  # noqa: PLC0415 - most need no view
 
         return space_failure_html(problem, status, diagnosis, timings)
-    from ccm_opt.files.report.failure_page import failure_html  # noqa: PLC0415 - likewise
+    from ccm_opt.viz.failure_page import failure_html  # noqa: PLC0415 - likewise
 
     return failure_html(problem, status, diagnosis, timings)
 

@@ -27,25 +27,12 @@ from typing import TextIO, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from ccm_opt.cli.cancelling import (
-    CANCELLED,
-    cancelled_meanwhile,
-    interrupt_met,
-    interrupt_unmet,
-    interrupts_as_usual,
-)
+from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupt_unmet, interrupts_as_usual
 from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
 from ccm_opt.cli.surroundings import out_of_memory
-from ccm_opt.errors import (
-    Diagnosis,
-    NativeLibraryError,
-    NoPlanFound,
-    ProblemError,
-    ProblemFileError,
-    VerificationError,
-)
-from ccm_opt.files.export.strict_json import strict_text
+from ccm_opt.errors import Diagnosis, NativeLibraryError, NoPlanFound, ProblemError, ProblemFileError, VerificationError
+from ccm_opt.io.strict_json import strict_text
 from ccm_opt.solution import SimulationVerdict
 
 SOLVED = 0

@@ -10,21 +10,20 @@ from rich.table import Table
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.failure_record import tell_where
-from ccm_opt.cli.named_problems import NamedProblems
+from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import report_console, stage_line, units_of, value_table
-from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.errors import Diagnosis, NoPlanFound
-from ccm_opt.files.export.failure_folder import write_pose_failure
-from ccm_opt.files.export.folder import POSE_RECORD, check_target
-from ccm_opt.files.export.pose_folder import write_pose
-from ccm_opt.files.export.pose_json import pose_json, segment_words
-from ccm_opt.files.export.space_pose_files import space_pose_json, write_space_pose
-from ccm_opt.space.curve.space_segment import SpaceSegment
-from ccm_opt.space.problem import AnyProblem
-from ccm_opt.space.space_static_pose import AnyStaticPose, SpaceStaticPose
+from ccm_opt.io.failure_folder import write_pose_failure
+from ccm_opt.io.folder import POSE_RECORD, check_target
+from ccm_opt.io.pose_folder import write_pose
+from ccm_opt.io.pose_json import pose_json, segment_words
+from ccm_opt.io.space_pose_files import space_pose_json, write_space_pose
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.robot.space_configuration import SpaceSegment
+from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
 
 ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""
@@ -112,8 +111,8 @@ def _data(found: AnyStaticPose, folder: Path) -> dict[str, object]:
 
 
 def _pictures(found: AnyStaticPose) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.space_pose_picture import space_pose_png  # noqa: PLC0415 - likewise
+    from ccm_opt.viz.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.space_pose_picture import space_pose_png  # noqa: PLC0415 - likewise
 
     return {"pose.png": space_pose_png(found) if isinstance(found, SpaceStaticPose) else pose_png(found)}
 

@@ -12,19 +12,18 @@ from rich.markup import escape
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.display_settings import DISPLAY
-from ccm_opt.cli.named_problems import NamedProblems
+from ccm_opt.cli.loading import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.cli.watchdog import ended_when_silent
-from ccm_opt.files.export.folder import REACH_RECORD, check_target
-from ccm_opt.files.export.reach_folder import reach_json, write_reach
-from ccm_opt.files.export.space_reach_files import space_reach_json, write_space_reach
-from ccm_opt.ground.cluster import DaskWorkers
-from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers
+from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
+from ccm_opt.io.folder import REACH_RECORD, check_target
+from ccm_opt.io.pose_folder import reach_json, write_reach
+from ccm_opt.io.space_pose_files import space_reach_json, write_space_reach
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import ReachMap
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_reach_map import SpaceReachMap
+from ccm_opt.solution.space_solution import SpaceReachMap
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ def _data(found: ReachMap, folder: Path) -> dict[str, object]:
 
 
 def _pictures(found: ReachMap) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.reach_picture import reach_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.pose_picture import reach_png  # noqa: PLC0415 - loads matplotlib
 
     return {"reach.png": reach_png(found)}
 
@@ -142,7 +141,7 @@ def _space_data(found: SpaceReachMap, folder: Path) -> dict[str, object]:
 
 
 def _space_pictures(found: SpaceReachMap) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.space_reach_picture import space_reach_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.space_pose_picture import space_reach_png  # noqa: PLC0415 - loads matplotlib
 
     return {"reach.png": space_reach_png(found)}
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.tables import peak_torque, report_console, units_of, value_table, verdict_cells
+from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.reading_back import SavedMotion, load_any_problem, load_motion
-from ccm_opt.ground.whole_file import put_file
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import SimulatedMotion
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 PICTURE = "simulation.png"
 """Name of the picture in the folder."""
@@ -88,13 +88,12 @@ def _data(problem: AnyProblem, simulated: SimulatedMotion, figures: Mapping[str,
 
 
 def _draw(folder: Path, problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
-    from ccm_opt.files.plotting.simulated_in_space import space_simulation_png  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.simulated_motion import simulation_png  # noqa: PLC0415 - likewise
+    from ccm_opt.viz import simulated_motion  # noqa: PLC0415 - loads matplotlib
 
     if isinstance(problem, SpaceProblem):
-        picture = space_simulation_png(problem, motion.trajectory, motion.joints, simulated)
+        picture = simulated_motion.space_simulation_png(problem, motion.trajectory, motion.joints, simulated)
     else:
-        picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
+        picture = simulated_motion.simulation_png(problem, motion.trajectory, motion.joints, simulated)
     try:
         put_file(folder / PICTURE, picture)
     except OSError as error:

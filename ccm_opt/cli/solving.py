@@ -9,17 +9,14 @@ from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.failure_record import failure_recorder, failures_recorded, kept_without_pictures
-from ccm_opt.cli.loading import no_search_for_cycles
-from ccm_opt.cli.named_problems import NamedProblems
+from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences, no_search_for_cycles
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
-from ccm_opt.cli.pareto_table import print_pareto
 from ccm_opt.cli.stage_clock import stage_display
-from ccm_opt.cli.tables import print_solution
-from ccm_opt.cli.term_references import NO_TERMS, TermReferences
+from ccm_opt.cli.tables import print_pareto, print_solution
 from ccm_opt.cli.watchdog import ended_when_silent
-from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
-from ccm_opt.files.export.pareto_folder import pareto_files
-from ccm_opt.space.problem import AnyProblem
+from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
+from ccm_opt.io.pareto_folder import pareto_files
+from ccm_opt.problem.space_problem import AnyProblem
 
 
 @dataclass(frozen=True)

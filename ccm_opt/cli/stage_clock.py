@@ -14,7 +14,7 @@ from rich.markup import escape
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import output
-from ccm_opt.ground.progress import Progress
+from ccm_opt.core.progress import Progress
 
 if TYPE_CHECKING:
     from ccm_opt.errors import Diagnosis

@@ -11,9 +11,9 @@ from rich.markup import escape
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console
-from ccm_opt.comparison.suites import shared_folder
+from ccm_opt.compare.suites import shared_folder
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.io.reading import parse_problem
 
 TEMPLATE = "template.toml"
 """The commented problem that ``ccm-opt new`` writes, beside the reader of problem files."""
@@ -40,7 +40,7 @@ def write_new(file: Path, *, space: bool = False) -> int:
 
 def _write_new(file: Path, template: str) -> int:
     place = file if file.suffix == ".toml" else file.with_name(f"{file.name}.toml")
-    text = _NAME.sub(place.stem, (files("ccm_opt.files.problem_file") / template).read_text(encoding="utf-8"))
+    text = _NAME.sub(place.stem, (files("ccm_opt.io") / template).read_text(encoding="utf-8"))
     parse_problem(text, str(place))  # refuses names that cannot be a folder's
     _write(place, text.encode())
     return print_result(

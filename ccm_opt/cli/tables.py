@@ -1,6 +1,6 @@
-"""The closing tables of solve and check: every check with its worst value, and the time of every stage."""
+"""Tables of results."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -11,13 +11,13 @@ from rich.table import Table
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
-from ccm_opt.files.report.check_words import CheckWords, checks_in_words, joint_in_words
-from ccm_opt.files.report.page_units import PageUnits
-from ccm_opt.files.report.room_words import room_sentences
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.solution import RoomRecord, SimulationVerdict
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_solution import AnySolution
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict
+from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
+from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.room_section import room_sentences
 
 
 def value_table(title: str) -> Table:
@@ -161,3 +161,68 @@ def peak_torque(
     used = "" if limit is None else f"{100.0 * peak / limit[joint]:.0f} %"
     where = joint_in_words(f"joint {joint // 3 + 1} ({names[joint]})", in_space=in_space)
     return f"{peak:.3g} N m", bound, used, escape(where)
+
+
+COLUMNS = (
+    "plan",
+    "wanted gap",
+    "duration [s]",
+    "least gap",
+    "gap at goal",
+    "energy [J]",
+    "peak torque [N m]",
+    "planning CPU [s]",
+    "",
+)
+"""Gaps are those beyond the clearance, with their unit."""
+
+
+def print_pareto(found: ParetoPlans[AnySolution], clock: StageClock, folder: str) -> None:
+    """Print what came out of the trade-off between time and room, on stdout."""
+    units = units_of(found.problem)
+    table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
+    for number, plan in enumerate(found.plans, start=1):
+        table.add_row(f"{number}", *_cells(plan, units), escape(_note(found, plan, number)))
+    console = report_console()
+    console.print(table)
+    console.print(f"plan {found.recommended}, recommended:")
+    print_room(console, found.best.room, units)
+    console.print(f"all {len(found.best.checks)} checks of the verifier hold")
+    console.print(escape(stage_line(clock)), soft_wrap=True)
+    console.print(escape(f"written to {folder}, every plan to its folder in {folder}/pareto"), soft_wrap=True)
+
+
+def _cells(plan: ParetoPlan[AnySolution], units: PageUnits) -> tuple[str, ...]:
+    wanted = units.given(plan.wanted_gap, "m")
+    if plan.solution is None:
+        return (wanted, *[""] * 6)
+    return (
+        wanted,
+        f"{plan.duration:.3f}",
+        _gap(plan.solution.room, lambda room: room.nearest, units),
+        _gap(plan.solution.room, lambda room: room.at_goal, units),
+        f"{plan.energy:.3g}",
+        f"{plan.peak_torque:.3g}",
+        f"{plan.cpu:.2f}",
+    )
+
+
+def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: PageUnits) -> str:
+    """A gap; that nothing is within reach where it is so."""
+    if room is None:
+        return ""
+    near = at(room)
+    return f"{'' if near.link else '> '}{units.length(near.gap)}"
+
+
+def _note(found: ParetoPlans[AnySolution], plan: ParetoPlan[AnySolution], number: int) -> str:
+    """What there is to say of a plan beside its figures."""
+    if plan.solution is None:
+        return f"no plan: {plan.reason}"
+    notes = ["recommended"] if number == found.recommended else []
+    if plan.dominated_by:
+        notes.append(f"dominated by {plan.dominated_by}")
+    verdict = plan.solution.simulation.verdict
+    if not verdict.followed:
+        notes.append(f"simulation: {verdict.outcome}")
+    return ", ".join(notes)

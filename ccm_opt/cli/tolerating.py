@@ -8,16 +8,15 @@ from rich.table import Table
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console, units_of
-from ccm_opt.driver.checking_plans import check
-from ccm_opt.driver.verified_motion import failed_checks
+from ccm_opt.core.files import put_file
+from ccm_opt.driver.verified_motion import check, failed_checks
 from ccm_opt.errors import ProblemError, VerificationError
-from ccm_opt.files.export.folder import TOLERANCE_FILES
-from ccm_opt.files.export.reading_back import SavedMotion, load_any_problem, load_motion
-from ccm_opt.files.export.tolerance_json import tolerance_data, tolerance_json
-from ccm_opt.files.report.survived_words import survived_in_words
-from ccm_opt.ground.whole_file import put_file
+from ccm_opt.io.folder import TOLERANCE_FILES
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
+from ccm_opt.io.solution_json import tolerance_data, tolerance_json
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import SurvivedError
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.viz.room_section import survived_in_words
 
 
 def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
@@ -56,12 +55,12 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) -> bytes:
     if isinstance(problem, SpaceProblem):
-        from ccm_opt.files.plotting.space_tolerance_picture import space_tolerance_png  # noqa: PLC0415 - likewise
+        from ccm_opt.viz.tolerance_picture import space_tolerance_png  # noqa: PLC0415 - likewise
 
         return space_tolerance_png(problem, motion.trajectory, joints)
-    from ccm_opt.files.plotting.tube_picture import tolerance_png  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
     from ccm_opt.verification.tolerance.tube import tube_of  # noqa: PLC0415 - with it
+    from ccm_opt.viz.tolerance_picture import tolerance_png  # noqa: PLC0415 - loads matplotlib
 
     tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)
     return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)

@@ -7,20 +7,20 @@ from socket import socket
 from typing import TYPE_CHECKING, Any
 
 from ccm_opt.cli.cancelling import interrupt_met, leave_at_once
+from ccm_opt.cli.loading import outside_allowed
 from ccm_opt.cli.outcome import SOLVED, run_all
 from ccm_opt.cli.output import output
-from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.reading_back import load_any_problem, load_motion
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.io.reading import load_problem
+from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
     from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
-    from ccm_opt.space.space_solution import AnySolution
+    from ccm_opt.solution.space_solution import AnySolution
 
 
 def view_item(item: Path, port: int, *, browser: bool) -> int:
@@ -78,7 +78,7 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
 def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
     """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
-    from ccm_opt.cli.view.kinds import frames_of  # noqa: PLC0415
+    from ccm_opt.cli.view.handles import frames_of  # noqa: PLC0415
 
     with stage_display(problem.name) as clock:
         clock.begin("planning")

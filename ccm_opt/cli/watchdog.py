@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 from ccm_opt.cli.display_settings import WATCHDOG, WatchdogSettings
 from ccm_opt.cli.surroundings import MORE_MEMORY, used_up
+from ccm_opt.core.progress import Progress
 from ccm_opt.errors import Diagnosis, NoPlanFound, TimeLimitReached
-from ccm_opt.ground.progress import Progress
 from ccm_opt.problem import PlannerOptions
 
 if TYPE_CHECKING:

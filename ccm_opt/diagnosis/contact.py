@@ -1,4 +1,4 @@
-"""Whether the arm touches something where it starts or is asked to end: which link, which obstacle, by how much."""
+"""Contacts of start and goal."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -6,20 +6,56 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.diagnosis.contact_finding import contact_finding, gap_words
+from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.length_words import place as at
+from ccm_opt.core.length_words import short_length
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
-from ccm_opt.diagnosis.words import point
+from ccm_opt.diagnosis.ranking import point
 from ccm_opt.errors import Finding
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import BOUNDARY_NAME
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import place as at
-from ccm_opt.ground.length_words import short_length
-from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle
+
+
+def contact_finding(
+    problem: AnyProblem, key: str, message: str, where: FloatArray, obstacle: str, gap: float, play: float
+) -> Finding:
+    """One contact, with the radius and the clearance that would just end it.
+
+    Args:
+        problem: what was asked.
+        key: of the pose in the problem file.
+        message: what touches what, behind the key.
+        where: the place, shape (d,) [m].
+        obstacle: its name.
+        gap: from the axis of the arm to the obstacle, less than 0 inside it [m].
+        play: by how much tolerances may widen it [m].
+    """
+    radius = problem.arm.radius
+    clearance = problem.workspace.clearance
+    bounds = {}
+    if (thinnest := gap + play - clearance) > 0.0:
+        bounds["arm.radius"] = thinnest
+    if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
+        bounds["workspace.clearance"] = nearest
+    return Finding(
+        "contact",
+        f"{key}: {message}",
+        key=key,
+        place=point(where),
+        measured=radius + clearance - gap,
+        allowed=play,
+        obstacles=(obstacle,),
+        bounds=bounds,
+    )
+
+
+def gap_words(gap: float) -> str:
+    """A gap in words [m]; what rounding leaves of one is none that a length tells anything of."""
+    return short_length(gap) if gap > ROUNDING else "a hair"
 
 
 def contact_at_poses(problem: Problem) -> Iterator[Finding]:

@@ -2,16 +2,15 @@
 
 from dataclasses import replace
 
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
-from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
+from ccm_opt.diagnosis.relaxation import Knowledge, Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.stages import Stages
-from ccm_opt.space.problem import AnyProblem
+from ccm_opt.problem.space_problem import AnyProblem
 
 
 def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge) -> NoPlanFound:

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Finding
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_names, revolute_angles
-from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import Problem
-from ccm_opt.space.problem import AnyProblem
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.space_arm import SpaceArm
 
 
 def strong_enough(problem: Problem) -> Iterator[Finding]:

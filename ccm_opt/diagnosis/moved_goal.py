@@ -1,23 +1,147 @@
-"""The goal moved to where it can be taken: the nearest place that is free and within reach, or the nearest heading."""
+"""Goals that are moved to where they can be reached."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+import shapely
+from shapely import affinity
 
-from ccm_opt.diagnosis.beyond_hole import beyond_hole
+from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import METRES, LengthUnit, file_length
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.checks import hopeless
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
 from ccm_opt.diagnosis.keyed_poses import TipPlace
-from ccm_opt.diagnosis.moved_position import about_the_goal, moved_position
-from ccm_opt.diagnosis.nearest_place import nearest_place
 from ccm_opt.diagnosis.parameters import Parameter
-from ccm_opt.diagnosis.reach import supple_enough
+from ccm_opt.diagnosis.reach import beyond_hole, least_chord, supple_enough
 from ccm_opt.errors import Finding
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceTipGoal
+
+Hopeless = Callable[[FloatArray], bool]
+"""Whether it is proved that the tip cannot be brought to a place."""
+
+
+def nearest_place(
+    problem: Problem, goal: TipGoal, hopeless: Hopeless, settings: MovedGoalSettings
+) -> tuple[FloatArray, bool] | None:
+    """The nearest place that the last link, with the goal's heading, can take.
+
+    Args:
+        problem: with an arm whose base stands still.
+        goal: that is to be moved.
+        hopeless: what is known of a place besides; above all that every way to it is too long.
+        settings: numbers.
+
+    Returns:
+        The place (2,) [m], and whether it is inside what can be taken rather than on the edge of that; None where there
+        is none.
+    """
+    places = _free_places(problem, goal, settings)
+    if shapely.is_empty(places):
+        return None
+    edge: FloatArray = shapely.get_coordinates(shapely.shortest_line(places, shapely.Point(goal.position)))[0]
+    offset = edge - goal.position
+    distance = float(np.hypot(*offset))
+    # On the very edge the arm may touch something by rounding.
+    beyond = settings.steps[0] * min(distance, problem.arm.length)
+    if distance >= ROUNDING and not hopeless(edge + beyond / distance * offset):
+        return edge, False
+    within = next((place for place in _by_distance(places, goal, problem, settings) if not hopeless(place)), None)
+    if within is not None:
+        return within, True
+    return (edge, False) if distance >= ROUNDING else None
+
+
+def _by_distance(
+    places: shapely.Geometry, goal: TipGoal, problem: Problem, settings: MovedGoalSettings
+) -> Iterator[FloatArray]:
+    """Places of a grid, those nearest to the goal first; each at least a cell from all before it, so far as they go."""
+    xmin, ymin, xmax, ymax = shapely.bounds(places)
+    cell = settings.cell * problem.arm.length
+    x, y = np.meshgrid(np.arange(xmin + 0.5 * cell, xmax, cell), np.arange(ymin + 0.5 * cell, ymax, cell))
+    grid = np.column_stack((x.ravel(), y.ravel()))
+    free = grid[shapely.contains_xy(places, grid)]
+    ordered = free[np.argsort(np.hypot(*(free - goal.position).T), kind="stable")]
+    # Neighbours are mostly hopeless for one reason: a few places, spread over all, find the first part that is not.
+    chosen = np.unique(np.linspace(0, len(ordered) - 1, settings.most_places).astype(int)) if len(ordered) else ()
+    yield from (ordered[k] for k in chosen)
+
+
+def _free_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> shapely.Geometry:
+    """Where the tip can be as far as walls at the last link and the length of the arm tell."""
+    arm = problem.arm
+    need = arm.radius + problem.workspace.clearance
+    room = problem.workspace.boundary.buffer(-need)
+    grown = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
+    base = shapely.Point(arm.base)
+    mount = base.buffer(max(arm.mount_length, ROUNDING))
+    free = shapely.union(shapely.difference(room, shapely.union_all(grown)), mount)
+    parts = shapely.get_parts(free)
+    if len(parts) == 0:
+        return shapely.Polygon()
+    # Only what is connected with the base can be reached.
+    places = parts[int(np.argmin(shapely.distance(parts, base)))]
+    reached = places
+    if goal.heading is not None:
+        for share in np.linspace(0.0, 1.0, settings.link_samples)[1:]:
+            back = share * arm.link_length * unit_vector(goal.heading)
+            places = shapely.intersection(places, affinity.translate(reached, *back))
+    places = shapely.intersection(places, base.buffer(settings.stretch * arm.length))
+    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
+    too_near = base.buffer(max(nearest, 0.0))
+    left: shapely.Geometry = shapely.difference(places, too_near)
+    return left
+
+
+def about_the_goal(findings: tuple[Finding, ...]) -> bool:
+    """Whether all that is proved is about the goal."""
+    return bool(findings) and all(finding.key.startswith("goal") for finding in findings)
+
+
+def moved_position(
+    problem: AnyProblem, goal: TipGoal | SpaceTipGoal, place: FloatArray, bound: float, tried: Sequence[float]
+) -> Parameter:
+    """The position of the goal of a problem, moved by a distance towards a place, or beyond it.
+
+    Args:
+        problem: whose arm it is for.
+        goal: its last, for the tip.
+        place: towards which it is moved, shape (d,) [m].
+        bound: the least distance that may do [m].
+        tried: distances that are tried beyond it, in order [m].
+    """
+    offset = place - goal.position
+    direction = offset / float(np.linalg.norm(offset))
+
+    def moved(by: float) -> FloatArray:
+        return np.asarray(goal.position + by * direction)
+
+    return Parameter(
+        "goal.position",
+        +1,
+        lambda _: 0.0,
+        lambda p, by: replace(p, goal=replace(goal, position=moved(by))),
+        lambda p, by: f"goal.position moved by {file_length(by)}, to {_in_file(moved(by), p.length_unit)}",
+        lambda p: 1.0 / METRES[_unit(p)],
+        whole=problem.arm.length,
+        bound=bound,
+        tried=tuple(tried),
+        paths_stay=False,
+    )
+
+
+def _unit(problem: AnyProblem) -> LengthUnit:
+    return problem.length_unit
+
+
+def _in_file(place: FloatArray, unit: LengthUnit) -> str:
+    """A place (d,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
+    decimals = {"m": 4, "mm": 1, "in": 3}[unit]
+    return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 
 
 def moved_goals(

@@ -6,16 +6,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import METRES, file_length
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import Relaxation
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_units import METRES
-from ccm_opt.ground.length_words import file_length
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import CurvePose, Problem, TipGoal
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.space_arm import SpaceArm
 
 _Problem = TypeVar("_Problem", Problem, SpaceProblem)
 _Arm = TypeVar("_Arm", Arm, SpaceArm)

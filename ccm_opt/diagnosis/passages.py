@@ -7,23 +7,20 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.diagnosis.beyond_hole import beyond_hole
+from ccm_opt.core.arrays import SHORTEST, FloatArray
+from ccm_opt.core.length_words import long_length, short_length
+from ccm_opt.core.length_words import place as at
 from ccm_opt.diagnosis.contact import tip_has_room
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
-from ccm_opt.diagnosis.reach import within_reach
-from ccm_opt.diagnosis.refusal import diameter_words
+from ccm_opt.diagnosis.ranking import diameter_words, listed, point
+from ccm_opt.diagnosis.reach import beyond_hole, within_reach
 from ccm_opt.diagnosis.wide_space import WideSpace, wide_space
-from ccm_opt.diagnosis.words import listed, point
 from ccm_opt.errors import Finding
-from ccm_opt.freespace.bottleneck import nearest_walls
-from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import long_length, short_length
-from ccm_opt.ground.length_words import place as at
-from ccm_opt.ground.rounding import SHORTEST
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.narrow_gates import nearest_walls
+from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:

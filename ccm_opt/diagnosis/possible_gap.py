@@ -5,13 +5,13 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import shapely
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
 from ccm_opt.diagnosis.wide_space import wide_space
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import PossibleGap, RoomRecord
 
 

@@ -1,7 +1,12 @@
-"""The order in which findings are reported."""
+"""The order of findings and their words."""
 
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
-from ccm_opt.errors import Finding, Relaxation
+from ccm_opt.errors import Diagnosis, Finding, Relaxation, UnreachableGoal
+from ccm_opt.problem.space_problem import AnyProblem
 
 KINDS = (
     "constraint",
@@ -56,3 +61,49 @@ def ranked(
 def _once(findings: tuple[Finding, ...]) -> list[Finding]:
     """Findings of different reasons."""
     return list({finding.reason: finding for finding in findings}.values())
+
+
+def refuse(findings: tuple[Finding, ...]) -> None:
+    """Raise what is proved, the first finding as the reason; nothing proved, nothing raised.
+
+    Args:
+        findings: of the necessary checks, ranked.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
+    if any(finding.proved for finding in findings):
+        raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
+
+
+def closed_off(problem: AnyProblem) -> UnreachableGoal:
+    """Return the error that no way to the goal will do; what closes the ways takes longer to find out."""
+    length = "it reaches" if problem.arm.base_axes else f"its {long_length(problem.arm.length)}"
+    reason = f"no way to the goal is wide enough for the arm, of {diameter_words(problem)}, and no longer than {length}"
+    return UnreachableGoal(Diagnosis(reason, "necessary checks"))
+
+
+def diameter_words(problem: AnyProblem) -> str:
+    """Return what of the arm has to pass a gap, in words."""
+    words = f"diameter {short_length(2.0 * problem.arm.radius)}"
+    clearance = problem.workspace.clearance
+    if not clearance:
+        return words
+    room = 2.0 * (problem.arm.radius + clearance)
+    return f"{words}, with clearance {short_length(clearance)} on either side {short_length(room)}"
+
+
+def degrees(angle: float) -> str:
+    """An angle."""
+    return f"{np.rad2deg(angle):.1f}°"
+
+
+def point(place: FloatArray) -> tuple[float, ...]:
+    """A place as a finding keeps it."""
+    return tuple(float(coordinate) for coordinate in place)
+
+
+def listed(names: tuple[str, ...]) -> str:
+    """Names of walls, quoted: 'a', 'b' and 'c'."""
+    quoted = [f"'{name}'" for name in names]
+    return " and ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(quoted) > 1 else "".join(quoted)

@@ -1,21 +1,25 @@
-"""Whether the goal is near enough, far enough and in a direction that the joints can turn to, whatever stands there."""
+"""Whether the goal is within reach.
+
+The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is elsewhere passes through it,
+and the arm reaches no farther beyond it than the range of its feed lets it.
+"""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from scipy.optimize import brentq
 
+from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.length_words import in_metres, long_length, short_length
+from ccm_opt.core.length_words import place as at
+from ccm_opt.core.polyline import heading_of, wrap
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
-from ccm_opt.diagnosis.words import degrees, listed, point
+from ccm_opt.diagnosis.ranking import degrees, listed, point
 from ccm_opt.errors import Finding
-from ccm_opt.ground.angles import heading_of, wrap
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import in_metres, long_length, short_length
-from ccm_opt.ground.length_words import place as at
-from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.problem import Problem
+from ccm_opt.problem import JointPose, Problem
+from ccm_opt.robot.arm import Arm
 
 
 def within_reach(problem: Problem) -> Iterator[Finding]:
@@ -251,3 +255,33 @@ def least_chord(links: int, length: float, bend: float) -> float:
 def _base_places(arm: Arm) -> shapely.Geometry:
     """All places of the base: the stretch over which it is carried, of no length when it is fixed."""
     return shapely.LineString([arm.base + where * arm.feed_direction for where in arm.base_range])
+
+
+def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
+    """The problem of an arm that begins at the hole, fed in as far as can be, with one goal for the tip.
+
+    Args:
+        problem: of an arm with a feed axis.
+        place: of its goals.
+
+    Returns:
+        None where the tip may be in the tube, or the base beyond it.
+    """
+    arm = problem.arm
+    feed = arm.feed
+    if feed is None or feed.high > feed.hole:
+        return None
+    hole = arm.base + feed.hole * arm.feed_direction
+    towards = place.goal.position - hole
+    along = float(towards @ arm.feed_direction)
+    aside = float(np.hypot(*(towards - along * arm.feed_direction)))
+    reach = arm.length + feed.high - feed.hole
+    in_tube = along <= place.tolerances.position and aside <= place.tolerances.position + ROUNDING
+    if in_tube or reach <= 0.0:
+        return None
+    fixed = replace(arm, feed=None, base=hole, link_length=reach / arm.links)
+    limits = replace(problem.limits, feed_velocity=None, feed_acceleration=None)
+    straight = JointPose(np.zeros(arm.links))
+    return replace(
+        problem, arm=fixed, limits=limits, start=straight, goal=place.goal, tolerances=place.tolerances, stops=()
+    )

@@ -6,8 +6,8 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointPath
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 _Problem = TypeVar("_Problem", Problem, SpaceProblem)
 _Planned = TypeVar("_Planned", Problem, SpaceProblem, contravariant=True)  # noqa: PLC0105 - it is told beside it

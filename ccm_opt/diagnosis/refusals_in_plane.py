@@ -1,8 +1,7 @@
 """What is refused of problems in the plane before anything is planned."""
 
 from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, any_way_closed, failed
-from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.refusal import closed_off, refuse
+from ccm_opt.diagnosis.ranking import closed_off, ranked, refuse
 from ccm_opt.problem import Problem
 
 FEW_OBSTACLES = 30

@@ -1,4 +1,4 @@
-"""The least change of one thing with which a problem is solved: tried by solving, within the time that is left."""
+"""Relaxations of a problem that would let it be solved."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -8,13 +8,45 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
-from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, without_obstacle, without_term
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.problem import AnyProblem
+from ccm_opt.problem.space_problem import AnyProblem
+
+Findings: TypeAlias = tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is asked of a problem, as functions of it; all problems that are passed are of the same kind.
+
+    Attributes:
+        proved: findings of the necessary checks.
+        hopeless: whether anything is proved, which takes less than to say what.
+        likely: what is tight though nothing is proved, the tightest first.
+        wider_room: the room made wide enough, by what is proved; None where that would not help.
+        moved_goals: the goal moved or turned, by what is proved; until when it is looked for.
+        left_out: what the goal asks for besides a place, left out, by what stands in the way.
+        hints: advice where numbers look as if they were in another unit.
+        room_name: what the walls of the room are called; they cannot be removed.
+    """
+
+    proved: Callable[[Any], Findings]
+    hopeless: Callable[[Any], bool]
+    likely: Callable[[Any], Findings]
+    wider_room: Callable[[Any, Findings], WholeChange | None]
+    moved_goals: Callable[[Any, Findings, Deadline], Iterator[Parameter]]
+    left_out: Callable[[Any, Findings], Iterator[WholeChange]]
+    hints: Callable[[Any], tuple[str, ...]]
+    room_name: str
+
+
+def heading_may_mend(finding: Finding) -> bool:
+    """Whether a finding may be due to the heading, or the direction, asked for at the goal."""
+    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
+
 
 Solve: TypeAlias = Callable[[Any], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""

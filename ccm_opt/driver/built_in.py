@@ -3,19 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.given_terms import compiled_terms
-from ccm_opt.driver.planner_choice import default_planner
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.core.expected import expect
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.pipeline import default_planner
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_plan import timed_leg
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.ground.expected import expect
-from ccm_opt.ground.stages import Stages
-from ccm_opt.planners.legs import Leg
-from ccm_opt.planners.protocols import Planner, Retimer
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.legs import Leg, Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath, JointTrajectory
-from ccm_opt.user_terms.terms import Constraint, Cost
 
 __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
 

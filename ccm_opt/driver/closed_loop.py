@@ -1,17 +1,26 @@
-"""A planned motion simulated and judged: whatever comes of it, the plan is kept, and the verdict says what was seen."""
+"""The simulation of a plan, and what the simulated arm touches."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.driver.seen_arm import Seen, Touch
+from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.driver.metrics import Seen, Touch
+from ccm_opt.driver.settings import DEFAULT_SPACE_LOOKS, SpaceLookSettings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
+from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import SimulationError
+from ccm_opt.planning.space_ends import GapsAtSamples, NearestOfSamples
+from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.verification.bisection import Verdict
+from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.selfcollision import nearest_links
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.wall_clearance import nearest_wall
 
 WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
@@ -105,12 +114,8 @@ def simulated_once(
             not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
         )
     if isinstance(problem, SpaceProblem):
-        from ccm_opt.driver.space_touch import seen_in_space  # noqa: PLC0415 - each kind of problem
-
         seen = seen_in_space(problem, trajectory, motion)
     else:
-        from ccm_opt.driver.simulated_touch import seen_in_plane  # noqa: PLC0415 - has a verifier
-
         seen = seen_in_plane(problem, trajectory, motion, looks)
     if seen is None or seen.touch is None:
         return JudgedMotion(motion, seen)
@@ -184,3 +189,155 @@ def not_simulated(
         base_positions=np.repeat(trajectory.base_positions[:1], samples, axis=0),
         verdict=SimulationVerdict("not simulated", step, reason, advice=advice),
     )
+
+
+def chain_motion(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> ChainMotion | None:
+    """What the simulated arm does, linear between samples; None when no step was run, or the arm left its plane."""
+    angles = simulated.angles
+    if simulated.verdict.outcome == "not simulated" or len(angles) < 2:
+        return None
+    # Obstacles are known in the plane alone, which yaws and rolls beyond rounding leave.
+    if max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
+        return None
+    positions = np.column_stack((bends_from_revolutes(problem.arm, angles), simulated.base_positions))
+    return ChainMotion(problem.arm, trajectory.time, positions)
+
+
+def seen_in_plane(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> Seen | None:
+    """What a simulated arm comes near to; None when no step was run, or the arm left its plane.
+
+    Args:
+        problem: walls and arm.
+        trajectory: the plan, for its times.
+        simulated: what the arm did.
+        settings: of the proofs that it is free of contact.
+    """
+    chain = chain_motion(problem, trajectory, simulated)
+    if chain is None:
+        return None
+    found = approaches(problem, chain, settings)
+    # An arm that was stopped out of control stands still from there on, so whatever it touches it touched before.
+    touch = None if found.touch is None else first_touch(problem, chain, found.touch, settings)
+    walls = np.inf if found.walls is None else found.walls[0].nearest.gap
+    return Seen(touch, walls, None if found.itself is None else found.itself.nearest.gap)
+
+
+@dataclass(frozen=True)
+class Approaches:
+    """The nearest approach of a motion to walls and of the arm to itself; the search for it ends at a contact.
+
+    Attributes:
+        walls: with the name of the wall; None when the whole arm counts as its mount.
+        itself: None when links may meet, or cannot.
+    """
+
+    walls: tuple[Verdict, str] | None
+    itself: Verdict | None
+
+    @property
+    def touch(self) -> Touch | None:
+        """A contact, walls before links; None when there is none."""
+        if self.walls is not None and not self.walls[0].proved:
+            near = self.walls[0].nearest
+            return Touch(near.link + 1, f"'{self.walls[1]}'", near.time)
+        if self.itself is not None and not self.itself.proved:
+            near = self.itself.nearest
+            return Touch(near.link + 1, f"link {near.other + 1}", near.time)
+        return None
+
+
+def approaches(
+    problem: Problem, motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> Approaches:
+    """The nearest approaches of a motion."""
+    settings = settings.for_problem(problem)
+    # The clearance is for plans: a lack of it, which would end the search sooner, must not hide a contact.
+    bare = replace(problem.workspace, clearance=0.0)
+    itself = nearest_links(motion, settings) if problem.arm.self_collision else None
+    return Approaches(nearest_wall(motion, bare, settings), itself)
+
+
+def first_touch(
+    problem: Problem, motion: ChainMotion, some: Touch, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> Touch:
+    """The first contact of a motion, to within a step of its samples.
+
+    Args:
+        problem: walls and arm.
+        motion: of the arm.
+        some: any contact of the motion.
+        settings: of the proofs that a part of it is free of contact.
+    """
+    # The motion up to sample ``late`` touches; that up to ``early`` does not, unless the motion begins in contact.
+    early = 0
+    late = max(int(np.searchsorted(motion.time, some.time)), 1)
+    while late - early > 1:
+        middle = (early + late) // 2
+        touch = approaches(problem, _part(motion, 0, middle), settings).touch
+        if touch is None:
+            early = middle
+        else:
+            late = middle
+    return approaches(problem, _part(motion, late - 1, late), settings).touch or some
+
+
+def _part(motion: ChainMotion, first: int, last: int) -> ChainMotion:
+    """The motion from one sample to another."""
+    samples = slice(first, last + 1)
+    return ChainMotion(motion.arm, motion.time[samples], motion.positions[samples])
+
+
+def seen_in_space(
+    problem: SpaceProblem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+    settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS,
+) -> Seen | None:
+    """What a simulated arm comes near to; None when no step was run.
+
+    Rolls that the controller does not hold at zero count too: the arm is where its revolutes put it.
+
+    Args:
+        problem: surfaces and arm.
+        trajectory: the plan, for its times.
+        simulated: what the arm did.
+        settings: how far is looked.
+    """
+    if simulated.verdict.outcome == "not simulated" or len(simulated.angles) < 2:
+        return None
+    carried = np.sum(simulated.base_positions, axis=1)
+    gaps = _as_far_as_needed(problem, joint_positions_3d(problem.arm, simulated.angles, carried), settings)
+    walls = gaps.walls
+    itself = gaps.itself
+    # A plan may touch as deep as rounding goes, where its base stands flush on a floor; so may the arm.
+    deep = -problem.contact_tolerance
+    touching = np.flatnonzero((walls.gap < deep) | (itself.gap < deep))
+    touch = None
+    if len(touching):
+        first = int(touching[0])
+        near = walls if walls.gap[first] < deep else itself
+        touch = Touch(int(near.link[first]), gaps.other(near, first), float(trajectory.time[first]))
+    own = _least(itself) if problem.arm.self_collision else None
+    return Seen(touch, _least(walls), own)
+
+
+def _least(near: NearestOfSamples) -> float:
+    """The least gap [m]; inf where nothing was near at any sample."""
+    return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
+
+
+def _as_far_as_needed(problem: SpaceProblem, points: FloatArray, settings: SpaceLookSettings) -> GapsAtSamples:
+    """The gaps of poses, looked for no farther than the least of them is: of walls up to a link's length."""
+    few = points[:: max(1, len(points) // settings.first_looks)]
+    arm = problem.arm
+    known = GapsAtSamples.of(problem, few, arm.link_length, arm.length)
+    # What is just as near as the reach counts as not found, and so would what is in contact for a reach of zero.
+    least = settings.least_reach * arm.link_length
+    walls = np.clip(1.001 * np.min(known.walls.gap), least, arm.link_length)
+    itself = np.clip(1.001 * np.min(known.itself.gap), least, arm.length)
+    return GapsAtSamples.of(problem, points, float(walls), float(itself))

@@ -1,31 +1,77 @@
-"""The static question alone: the best pose of the arm at the goal, without a motion to it."""
+"""Finds the best pose at a goal, in the plane."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import overload
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import words_for_unit
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.contradicting_terms import refuse_contradictions
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.given_terms import compiled_terms
+from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
 from ccm_opt.driver.pose_failure import failure_words, no_pose
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
 from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.ground.length_words import words_for_unit
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
-from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.planners.binding_sides import binding_sides
-from ccm_opt.planners.end_poses import pose_record
-from ccm_opt.planners.own_units import OwnUnits
-from ccm_opt.planners.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.pose_solver import ArmPose, JointRegions
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.goal_members import pose_record
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.joint_regions import joint_regions
+from ccm_opt.planning.own_units import OwnUnits
+from ccm_opt.planning.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.solution import PoseOutcome, StaticPose
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_static_pose import AnyStaticPose, SpaceStaticPose
-from ccm_opt.user_terms.compiled_terms import UserTerms
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
+from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
+
+_ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
+"""What ``region_rows`` calls its rows."""
+
+
+def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> tuple[BindingSide, ...]:
+    """The sides that a pose leans on, the largest multiplier first.
+
+    Args:
+        search: that found the pose.
+        pose: a solution of the NLP.
+        start: link headings about which its regions were drawn, shape (links,) [rad].
+    """
+    arm = search.problem.arm
+    points = arm.joint_positions(pose.headings)
+    drawn = [joint_regions(arm, search.problem.workspace, start, settings) for settings in search.settings.widening]
+    sides = []
+    for name, multiplier in pose.answer.multipliers.items():
+        row = _ROW.fullmatch(name)
+        if row is None:
+            continue
+        link = int(row[1])
+        joint = link if row[3] == "end" else link - 1
+        place = points[joint]
+        normal = _normal(drawn, joint, int(row[2]) - 1, place, pose.gap, search)
+        if normal is not None:
+            sides.append(BindingSide(link, _pair(place), _pair(normal), multiplier))
+    return tuple(sides)
+
+
+def _normal(
+    drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, search: GoalPoseSearch
+) -> FloatArray | None:
+    """The side's outward normal, shape (2,), in the regions by which the place has just the gap to it; None in none."""
+    allowed = search.settings.leaning * search.problem.arm.length
+    for regions in drawn:
+        if side < regions.sides:
+            normal: FloatArray = regions.normals[joint, side]
+            if abs(float(regions.offsets[joint, side] - normal @ place) - gap) <= allowed:
+                return normal
+    return None
+
+
+def _pair(vector: FloatArray) -> tuple[float, float]:
+    return float(vector[0]), float(vector[1])
 
 
 @overload

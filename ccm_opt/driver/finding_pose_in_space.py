@@ -5,31 +5,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.given_terms import compiled_terms
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import short_length
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.core.threads import on_one_thread
+from ccm_opt.driver.calls import in_words_of_its_file
+from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, ProblemError
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.length_words import short_length
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
-from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.ik.space_pose_solver import SpaceArmPose
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.asked_task import space_task
+from ccm_opt.planning.pose_beginnings import DEFAULT_POSE_SEARCH, PoseBeginning, PoseBeginnings, PoseSearchSettings
+from ccm_opt.planning.space_ending import pose_record
+from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
+from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import PoseOutcome
-from ccm_opt.space.asked_task import space_task
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
-from ccm_opt.space.nlp.space_pose_solver import SpaceArmPose
-from ccm_opt.space.nlp_ending import pose_record
-from ccm_opt.space.pose_beginnings import PoseBeginning, PoseBeginnings
-from ccm_opt.space.pose_search_settings import DEFAULT_POSE_SEARCH, PoseSearchSettings
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.refused_ends import refuse_goal
-from ccm_opt.space.room_at_samples import GapsAtSamples
-from ccm_opt.space.space_static_pose import SpaceStaticPose
-from ccm_opt.user_terms.compiled_terms import UserTerms
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.solution.space_solution import SpaceStaticPose
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,18 +1,153 @@
-"""What is said of a verified plan, its room and its simulation; Ctrl-C meanwhile hands over the plan as it is."""
+"""Builds a solution from a verified plan."""
 
-from collections.abc import Mapping
-from functools import partial
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
+from importlib.metadata import version
+from itertools import combinations
 
-from ccm_opt.driver.kept_stage import kept, not_waited_for, simulated_motion
-from ccm_opt.driver.plan_room import room_of
-from ccm_opt.driver.solution_assembly import assembled
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.progress import Stages
+from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.driver.metrics import metrics
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.driver.verified_plan import kept, not_waited_for, simulated_motion
 from ccm_opt.errors import CancelledWithPlan
-from ccm_opt.ground.stages import Stages
 from ccm_opt.problem import Problem
-from ccm_opt.solution import RoomRecord, Solution, SurvivedError
+from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.solution import Check, JointTrajectory, PossibleGap, RoomRecord, SimulatedMotion, Solution, SurvivedError
+from ccm_opt.verification.left_unchecked import left_unchecked
+from ccm_opt.verification.room_over_time import room_over_time
+
+
+def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> PossibleGap | None:
+    """The gap of an arm in the middle between the two walls nearest to each other that a pose passes between.
+
+    Where the axis crosses the shortest line between two walls, it is no farther from one of them than half-way. No
+    motion that leads between the two there has more.
+
+    Args:
+        problem: with the walls.
+        points: joints and tip of the pose, shape (links + 1, 2) [m].
+        most: gaps from this on are of no interest [m].
+
+    Returns:
+        The bound with the names of the walls; None where the pose passes between no walls that are so near.
+    """
+    arm = problem.arm
+    body = arm.radius + problem.workspace.clearance
+    link, share = arm.mount_end
+    exposed = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
+    axis = shapely.LineString(exposed)
+    # Half-way between walls that are this near to each other the arm has less than what is asked about.
+    reach = 2.0 * (body + most)
+    near = [wall for wall in problem.workspace.walls if shapely.distance(wall.core, axis) - wall.rounding < reach]
+    found = [
+        PossibleGap(0.5 * apart - body, "passage", (one.name, other.name))
+        for one, other in combinations(near, 2)
+        if 0.0 < (apart := _apart(one, other, axis)) < reach
+    ]
+    return min(found, key=lambda bound: bound.value, default=None)
+
+
+def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
+    """Distance between two walls where an axis crosses their shortest line [m]; inf where it does not."""
+    line = shapely.shortest_line(one.core, other.core)
+    if not shapely.intersects(line, axis):
+        return float(np.inf)
+    return float(shapely.length(line)) - one.rounding - other.rounding
+
+
+def room_of(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    checks: Sequence[Check],
+    settings: Settings = DEFAULT_SETTINGS,
+) -> RoomRecord:
+    """The record of the room that a verified motion keeps.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        checks: of the verifier, which know its least gaps.
+        settings: of all stages.
+    """
+    room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
+    if room.wanted == 0.0:
+        return room
+    if not room.short:
+        # What the motion keeps is possible, and more was not wanted.
+        return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
+    bounds = list(_bounds_of_passages(problem, trajectory, room))
+    general = possible_gap(problem, room, settings.diagnosis.passages)
+    if general is not None:
+        bounds.append(general)
+    return replace(room, possible=min(bounds, key=lambda bound: bound.value, default=None))
+
+
+def _bounds_of_passages(problem: Problem, trajectory: JointTrajectory, room: RoomRecord) -> Iterator[PossibleGap]:
+    """What the walls leave between which the arm stands where it misses most of the wanted gap on its way."""
+    for part in room.short:
+        if part.cause != "passage":
+            continue
+        pose = np.array([np.interp(part.nearest.time, trajectory.time, column) for column in trajectory.positions.T])
+        bound = gap_between_walls(problem, problem.arm.joint_positions_at(pose), room.wanted)
+        if bound is not None:
+            yield bound
+
+
+PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
+"""Packages that a result depends on."""
+
+
+@cache
+def versions() -> Mapping[str, str]:
+    """Versions of Python and of the packages a result depends on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+def assembled(
+    problem: Problem,
+    plan: VerifiedPlan,
+    simulated: SimulatedMotion,
+    of_simulation: Mapping[str, float],
+    timings: Mapping[str, float],
+    room: RoomRecord | None,
+    tolerance: tuple[SurvivedError, ...] = (),
+) -> Solution:
+    """The solution of a problem.
+
+    Args:
+        problem: what was asked.
+        plan: the motion, which passes every check.
+        simulated: what the simulated arm did.
+        of_simulation: figures of merit of that.
+        timings: CPU time of every stage [s].
+        room: that the motion keeps; None where it was not measured.
+        tolerance: errors that it survives.
+    """
+    figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
+    return Solution(
+        problem=problem,
+        path=plan.path,
+        trajectory=plan.trajectory,
+        joints=plan.joints,
+        simulation=simulated,
+        checks=(*plan.checks, *plan.of_terms.checks),
+        metrics={**figures, **of_simulation, **plan.of_terms.figures},
+        timings=dict(timings),
+        versions=dict(versions()),
+        room=room,
+        tolerance=tolerance,
+        tries=plan.tries,
+        not_checked=left_unchecked(problem, plan.trajectory),
+    )
 
 
 def described(

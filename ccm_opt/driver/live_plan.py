@@ -1,31 +1,50 @@
-"""A plan that follows its problem: the goal or a wall is moved, and the plan is made again, at once where it can be."""
+"""Plans that follow a goal while it is dragged."""
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from ccm_opt.core.arguments import finite_array, is_number
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.expected import expect, expect_that, refusal
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.refusals_in_plane import refuse_closed, refuse_impossible
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.given_terms import compiled_terms
+from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
 from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.live_settings import LIVE, LiveSettings
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
+from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.driver.verified_plan import verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
-from ccm_opt.ground.arguments import finite_array, is_number
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.expected import expect, expect_that, refusal
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
-from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.own_units import OwnUnitsPlanner
-from ccm_opt.planners.resuming_planner import ResumingPlanner
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.motion_task import Motion
+from ccm_opt.planning.own_units import OwnUnitsPlanner
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.solution import Solution
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.solution import JointPath, Solution
+
+
+@dataclass
+class ResumingPlanner:
+    """Plans by the continuous curve, from the motion that it planned last; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        planner: plans what nothing is known of.
+        known: the last motion; None before the first.
+    """
+
+    planner: CurvePlanner
+    known: Motion | None = None
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified motion.
+
+        Raises:
+            NoPlanFound: with the reason and what would help; the last motion stays known.
+        """
+        path, self.known = self.planner.planned(problem, self.known)
+        return path
 
 
 @dataclass(frozen=True)

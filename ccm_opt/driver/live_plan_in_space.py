@@ -5,27 +5,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
-from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.core.arguments import finite_array
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.expected import expect, refusal
+from ccm_opt.core.threads import on_one_thread
+from ccm_opt.driver.calls import in_words_of_its_file
 from ccm_opt.driver.live_plan import LiveAnswer
-from ccm_opt.driver.live_settings import LIVE_IN_SPACE, LiveInSpaceSettings
+from ccm_opt.driver.settings import LIVE_IN_SPACE, LiveInSpaceSettings
 from ccm_opt.driver.space_planning_run import timed_in_space
 from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
-from ccm_opt.ground.arguments import finite_array
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.expected import expect, refusal
-from ccm_opt.ground.threads import on_one_thread
+from ccm_opt.planning.asked_task import space_task
+from ccm_opt.planning.pose_beginnings import any_motion
+from ccm_opt.planning.space_ends import refuse_ends
+from ccm_opt.planning.space_planner import SpacePlanner, joint_path
+from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
-from ccm_opt.space.asked_task import space_task
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.planner import SpacePlanner, joint_path
-from ccm_opt.space.pose_beginnings import any_motion
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.refused_ends import refuse_ends
-from ccm_opt.space.verification import verify_in_space
+from ccm_opt.verification.space_verifier import verify_in_space
 
 
 @dataclass(frozen=True)

@@ -1,26 +1,58 @@
-"""The trade-off between time and room: one problem planned with several wanted gaps, each plan verified by itself."""
+"""Plans from the fastest to the roomiest."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
 
-from ccm_opt.diagnosis.in_space.possible_space_gap import possible_gap_in_space
+from ccm_opt.core.expected import expect
+from ccm_opt.core.length_words import words_in
+from ccm_opt.core.progress import Progress
+from ccm_opt.diagnosis.axis_ways import possible_gap_in_space
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.space_room import room_in_space
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.space_planning_run import room_in_space
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
-from ccm_opt.ground.expected import expect
-from ccm_opt.ground.length_words import words_in
-from ccm_opt.ground.progress import Progress
+from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_solution import AnySolution, SpaceSolution
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.verification.room_over_time import room_over_time
+
+
+@dataclass(frozen=True)
+class ParetoSettings:
+    """Numbers of the trade-off; all of them are taste.
+
+    Attributes:
+        shares: wanted gaps of the plans after the first, as shares of the way from the gap that the first keeps
+            unasked to the largest; the last must be 1. The largest is ``most`` times the default, or the upper bound of
+            what the scene has where that is less.
+        most: the largest wanted gap, in default ones.
+        least_top: share of the default wanted gap below which a bound does not shrink the wanted gaps: where an end has
+            next to nothing, the motion can still keep room elsewhere.
+        enough_of_top: share of the largest wanted gap that its plan must keep; where the scene proves narrower, the gap
+            that it kept takes its place, so that the five plans differ.
+        narrowings: times that this may happen; wanting what another motion kept need not lead to that motion.
+        most_time: share of the fastest plan's duration by which the recommended one may be slower.
+        same_gap: gaps that differ by less than this share of the arm's length count as equal.
+        same_time: durations that differ by less than this share count as equal.
+    """
+
+    shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
+    most: float = 4.0
+    least_top: float = 0.5
+    enough_of_top: float = 0.9
+    narrowings: int = 2
+    most_time: float = 0.15
+    same_gap: float = 1e-4
+    same_time: float = 1e-3
+
+
+DEFAULT_PARETO = ParetoSettings()
+"""Used where no other settings are given."""
 
 
 @overload

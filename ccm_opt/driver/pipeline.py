@@ -1,19 +1,22 @@
-"""The driver: a problem in the plane or in space, and what solves it."""
+"""The stages of solving, in their order."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.ground.progress import Progress
-from ccm_opt.planners.protocols import Planner, Retimer
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.diagnosis.refusals_in_plane import refuse_hopeless
+from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.errors import ProblemError
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.legs import Planner, Retimer
+from ccm_opt.planning.own_units import OwnUnitsPlanner
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import Solution
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_solution import AnySolution, SpaceSolution
-from ccm_opt.user_terms.terms import Constraint, Cost
-
-if TYPE_CHECKING:
-    from ccm_opt.driver.solve_settings import Settings
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 
 
 @overload
@@ -106,3 +109,24 @@ def solve(
         explain=explain,
         settings=settings,
     )
+
+
+def default_planner(
+    problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
+) -> Planner:
+    """The planner for a problem and the user's constraints and costs.
+
+    Raises:
+        ProblemError: hill climbing is asked to keep constraints.
+    """
+    if problem.planner.method == "hill-climbing":
+        if terms is not None:
+            raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
+        from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - most runs need none
+
+        return OwnUnitsPlanner(HillClimbingPlanner(stages, settings.hill_climbing))
+    if problem.arm.base_axes:
+        from ccm_opt.planning.feed.feed_planner import FeedPlanner  # noqa: PLC0415 - likewise
+
+        return OwnUnitsPlanner(FeedPlanner(stages, settings.feed, terms))
+    return OwnUnitsPlanner(CurvePlanner(stages, terms, refuse_hopeless, settings.curve))

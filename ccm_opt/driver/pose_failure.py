@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.collision.room_advice import room_advice
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import short_length
-from ccm_opt.planners.own_units import OwnUnits
-from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.own_units import OwnUnits
+from ccm_opt.planning.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.scene.bad_pose import room_advice
 
 
 def no_pose(

@@ -1,14 +1,15 @@
-"""Which cell is looked at next: poses spread from cell to cell like water, each new one a seed for the cells beside."""
+"""The order in which a reach map asks its cells."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.planners.reach_settings import ReachSettings
-from ccm_opt.planners.tip_reach import FREE, CellPoses, CellTask
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
+from ccm_opt.planning.tip_reach import FREE, CellPoses, CellTask, ReachSettings
 
 Cell = tuple[int, int]
 BESIDE = ((0, 1), (0, -1), (1, 0), (-1, 0))
@@ -134,3 +135,50 @@ class ReachFlood:
 
     def _all(self) -> frozenset[int]:
         return frozenset((FREE, *range(self.count)))
+
+
+TASK = TypeVar("TASK")
+FOUND = TypeVar("FOUND")
+FOUND_contra = TypeVar("FOUND_contra", contravariant=True)
+
+
+class Flood(Protocol[TASK, FOUND_contra]):
+    """Hands out cells to be looked at, and learns what was found."""
+
+    @property
+    def poses(self) -> Mapping[Any, Any]:
+        """What is known of the cells that were reached."""
+
+    def __iter__(self) -> Iterator[TASK]:
+        """Cells to be looked at; new ones as more is added."""
+
+    def add(self, task: TASK, found: FOUND_contra, /) -> None:
+        """Learn what was found in a cell."""
+
+
+def flooded(
+    flood: Flood[TASK, FOUND],
+    look: Callable[[TASK], FOUND],
+    workers: Workers | int,
+    open_cells: int,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Look at all cells that a flood hands out.
+
+    Args:
+        flood: learns what is found.
+        look: at one cell; pickled.
+        workers: where cells are looked at, or on how many processes of this machine.
+        open_cells: how many cells there may be.
+        progress: called with the numbers of cells reached and of cells that may be; None for nobody.
+
+    Raises:
+        BaseException: what looking at a cell raised.
+    """
+    crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
+    for task, found in completed(crew, look, flood):
+        if isinstance(found, BaseException):
+            raise found
+        flood.add(task, found)
+        if progress is not None:
+            progress(len(flood.poses), open_cells)

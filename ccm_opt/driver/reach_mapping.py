@@ -7,28 +7,25 @@ from typing import overload
 
 import numpy as np
 
+from ccm_opt.core.arguments import is_number, is_whole
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
+from ccm_opt.core.executors import Workers
+from ccm_opt.core.expected import expect_that
+from ccm_opt.core.length_words import file_length
+from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_reach
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.flooding import flooded
-from ccm_opt.driver.reach_flood import Cell, ReachFlood
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
+from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arguments import is_number, is_whole
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.ground.executors import Workers
-from ccm_opt.ground.expected import expect_that
-from ccm_opt.ground.length_words import file_length
-from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.ground.stages import Stages
-from ccm_opt.planners.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
+from ccm_opt.planning.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import ReachMap
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_reach_map import SpaceReachMap
+from ccm_opt.solution.space_solution import SpaceReachMap
 
 PLACE_CHECKS = (contact_at_tips, within_reach, supple_enough)
 """Checks of a place that cost next to nothing; each is a proof."""

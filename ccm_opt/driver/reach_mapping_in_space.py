@@ -5,27 +5,24 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.flooding import flooded
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.core.executors import Workers
+from ccm_opt.core.length_words import file_length
+from ccm_opt.core.progress import Stages
+from ccm_opt.core.threads import on_one_thread
+from ccm_opt.driver.calls import in_words_of_its_file
+from ccm_opt.driver.reach_flood import flooded
 from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.executors import Workers
-from ccm_opt.ground.length_words import file_length
-from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.ground.stages import Stages
-from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.space.distances.enclosures import enclosed
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.pose_beginnings import any_motion
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.reach_boxes import reach_box
-from ccm_opt.space.refused_ends import contact_words
-from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
-from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH, SpaceReachSettings
-from ccm_opt.space.tip_cells import SpaceReachQuestion, TipLooker, look_at_cell
-from ccm_opt.space.tip_flood import TipFlood
+from ccm_opt.planning.asked_task import reach_box
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.pose_beginnings import any_motion
+from ccm_opt.planning.space_ends import contact_words
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, TipLooker, look_at_cell
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.distances.enclosures import enclosed
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, SpaceReachSettings, even_directions
 
 
 @in_words_of_its_file

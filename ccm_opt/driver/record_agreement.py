@@ -1,16 +1,18 @@
-"""Whether the rest of a written plan belongs to its motion: keyframes, curves, simulation, figures, checks, room."""
+"""Whether a record agrees with its motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
-from ccm_opt.driver.metrics import figures_of_motion
-from ccm_opt.driver.space_metrics import space_figures_of_motion
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.planners.keyframe_curves import keyframe_curves
+from ccm_opt.driver.metrics import figures_of_motion, space_figures_of_motion
+from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.problem import CurvePose, Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import (
     Check,
     JointStates,
@@ -20,11 +22,21 @@ from ccm_opt.solution import (
     SimulationVerdict,
     SurvivedError,
 )
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE
 from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error
-from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+
+def keyframe_curves(arm: Arm, keyframes: FloatArray) -> tuple[Configuration, ...]:
+    """The curves whose mean headings on the links come nearest to those of the keyframes.
+
+    Args:
+        arm: the arm.
+        keyframes: of all its coordinates, shape (K, c) [rad, m].
+    """
+    return nearest_curves(arm, arm.headings(keyframes[:, : arm.links]))
+
 
 _OF_PLANNING = ("cost_", "residual_", "leader_")
 """What names of figures begin with that nobody can make again from a folder: of costs, constraints and leaders."""

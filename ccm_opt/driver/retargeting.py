@@ -8,34 +8,30 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
-from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.given_terms import compiled_terms
+from ccm_opt.core.arguments import is_number
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.expected import expect, expect_that
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.core.threads import on_one_thread
+from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings, settings_in_space
 from ccm_opt.driver.space_pipeline import described_in_space
-from ccm_opt.driver.space_settings import settings_in_space
+from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_motion import VerifiedPlan, failed_checks, results_of_terms
 from ccm_opt.driver.verified_plan import verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError, VerificationError
-from ccm_opt.ground.arguments import is_number
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.expected import expect, expect_that
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
-from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.jointed.driven_arm import DrivenArm
-from ccm_opt.planners.legs import end_to_end
-from ccm_opt.planners.protocols import Planner
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.legs import Planner, end_to_end
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
-from ccm_opt.space.problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.space.space_solution import AnySolution, SpaceSolution
-from ccm_opt.space.verification import verify_in_space
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+from ccm_opt.verification.space_verifier import verify_in_space
 
 LATER = (0.15, 0.4, 1.0)
 """Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""
@@ -286,7 +282,7 @@ def _onward_in_space(problem: SpaceProblem, under_way: _UnderWay, changed: _Chan
 
 def _expect_goal(solution: AnySolution, goal: object) -> None:
     if isinstance(solution, SpaceSolution):
-        example = "for example ccm_opt.space.problem.SpaceTipGoal(position, direction)"
+        example = "for example ccm_opt.problem.space_problem.SpaceTipGoal(position, direction)"
         expect(goal, (SpaceTipGoal, SpaceJointPose), "a goal in space", example)
     else:
         example = "for example ccm_opt.problem.TipGoal(position, heading)"

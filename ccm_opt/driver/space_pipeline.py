@@ -4,35 +4,31 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_impossible_in_space
-from ccm_opt.driver.errors_in_space import planned_for_errors_in_space
-from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.given_terms import compiled_terms
-from ccm_opt.driver.kept_stage import kept, not_waited_for, simulated_motion
-from ccm_opt.driver.lowered_costs import planned_with_costs
-from ccm_opt.driver.package_versions import versions
-from ccm_opt.driver.several_tries import best_of_tries
-from ccm_opt.driver.short_of_errors import STAGE
-from ccm_opt.driver.space_metrics import space_figures_of_motion
-from ccm_opt.driver.space_planning_run import PlannerInSpace, RetimerInSpace, SpacePlanningRun
-from ccm_opt.driver.space_room import room_in_space
-from ccm_opt.driver.space_settings import SpaceSettings, settings_in_space
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.progress import Progress, Stages
+from ccm_opt.core.threads import on_one_thread
+from ccm_opt.diagnosis.refusals_in_space import refuse_impossible_in_space
+from ccm_opt.driver.calls import in_words_of_its_file
+from ccm_opt.driver.kept_plan import versions
+from ccm_opt.driver.metrics import space_figures_of_motion
+from ccm_opt.driver.robust_planning import STAGE, planned_for_errors_in_space
+from ccm_opt.driver.settings import SpaceSettings, settings_in_space
+from ccm_opt.driver.space_planning_run import PlannerInSpace, RetimerInSpace, SpacePlanningRun, room_in_space
+from ccm_opt.driver.tries import best_of_tries
+from ccm_opt.driver.user_terms import compiled_terms, planned_with_costs
 from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.driver.verified_plan import kept, not_waited_for, simulated_motion
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.progress import Progress
-from ccm_opt.ground.stages import Stages
-from ccm_opt.ground.threads import on_one_thread
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import RoomRecord, SimulatedMotion
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.space_solution import SpaceSolution
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.solution.space_solution import SpaceSolution
 from ccm_opt.verification.left_unchecked import left_unchecked_of_arm
 
 if TYPE_CHECKING:
-    from ccm_opt.driver.solve_settings import Settings
-    from ccm_opt.user_terms.compiled_terms import UserTerms
+    from ccm_opt.driver.settings import Settings
+    from ccm_opt.ik.compiled_terms import UserTerms
 
 
 @on_one_thread
@@ -57,7 +53,7 @@ def solve_in_space(
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)
     if terms is not None:
-        from ccm_opt.driver.contradicting_terms import refuse_contradictions  # noqa: PLC0415 - most have no terms
+        from ccm_opt.driver.user_terms import refuse_contradictions  # noqa: PLC0415 - most have no terms
 
         with stages("necessary checks"):
             # No change of the problem that is tried after a failure would mend this.

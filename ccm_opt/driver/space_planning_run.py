@@ -1,4 +1,4 @@
-"""Plans of one problem in space, made and made again: in several tries, for lowered costs, for changed problems."""
+"""The planning of a problem in space, leg by leg."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ccm_opt import retiming
-from ccm_opt.diagnosis.in_space.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
-from ccm_opt.driver.given_terms import compiled_terms, named_terms
-from ccm_opt.driver.space_settings import DEFAULT_IN_SPACE, SpaceSettings
-from ccm_opt.driver.space_way_back import way_back
+from ccm_opt.diagnosis.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.driver.settings import DEFAULT_IN_SPACE, DEFAULT_SPACE_LOOKS, SpaceLookSettings, SpaceSettings
+from ccm_opt.driver.user_terms import compiled_terms, named_terms
 from ccm_opt.driver.verified_motion import (
     TermResults,
     VerifiedPlan,
@@ -22,28 +24,44 @@ from ccm_opt.driver.verified_motion import (
     worst_of_legs,
 )
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import (
-    Diagnosis,
-    MotionNotFound,
-    NoPlanFound,
-    ProblemError,
-    RetimingError,
-    VerificationError,
-)
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.planners.following.gating import feed_limits
-from ccm_opt.planners.legs import end_to_end
-from ccm_opt.solution import JointPath, JointTrajectory
-from ccm_opt.space.planner import SpacePlanner
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
-from ccm_opt.space.verification import verify_in_space
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, RetimingError, VerificationError
+from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.following.leader import feed_limits
+from ccm_opt.planning.legs import end_to_end
+from ccm_opt.planning.space_ends import GapsAtSamples
+from ccm_opt.planning.space_planner import SpacePlanner
+from ccm_opt.problem.space_problem import SpaceGoal, SpaceJointPose, SpaceProblem
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.solution import JointPath, JointTrajectory, NearPlace, RoomRecord
+from ccm_opt.verification.space_verifier import verify_in_space
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.compiled_terms import UserTerms
+    from ccm_opt.ik.compiled_terms import UserTerms
+
+_SAME = 1e-9
+"""Difference of coordinates up to which two configurations are the same [rad, m]: rounding of the file's numbers."""
+
+
+def way_back(legs: Sequence[tuple[SpaceProblem, JointPath]], goal: SpaceGoal) -> JointPath | None:
+    """The paths of the last legs backwards, to where the latest of them that fits began.
+
+    Args:
+        legs: that are planned, each with its problem.
+        goal: what comes next.
+
+    Returns:
+        None where the goal is not a pose in which a leg began.
+    """
+    if not isinstance(goal, SpaceJointPose):
+        return None
+    back: list[JointPath] = []
+    for leg, path in reversed(legs):
+        back.append(path.reversed())
+        end = leg.start.configuration(leg.arm)
+        if np.max(np.abs(end - goal.configuration(leg.arm))) < _SAME:
+            return end_to_end(back)
+    return None
 
 
 class RetimerInSpace(Protocol):
@@ -125,7 +143,7 @@ class SpacePlanningRun:
         self.stages.tell_known(failure.diagnosis)
         from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS  # noqa: PLC0415 - as below
         from ccm_opt.diagnosis.explain import explained, with_proof  # noqa: PLC0415 - most problems have a plan
-        from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE  # noqa: PLC0415
+        from ccm_opt.diagnosis.in_space import IN_SPACE  # noqa: PLC0415
         from ccm_opt.diagnosis.relaxation import Trials  # noqa: PLC0415
 
         if not changes:
@@ -298,3 +316,40 @@ def timed_in_space(
 def _passes(problem: SpaceProblem, trajectory: JointTrajectory, dynamics: InverseDynamics) -> bool:
     checks = verify_in_space(problem, trajectory, joint_states(problem.arm, trajectory, dynamics))
     return not failed_checks(checks)
+
+
+def room_in_space(
+    problem: SpaceProblem, trajectory: JointTrajectory, settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS
+) -> RoomRecord:
+    """The record of the room that a verified motion keeps.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        settings: at how many samples is looked, and how far.
+    """
+    rests = [0, *trajectory.stops, len(trajectory.time) - 1]
+    even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
+    samples = np.union1d(even, rests)
+    points = joint_positions(problem.arm, trajectory.positions[samples])
+    # Far enough that the wanted gap, or the usual one, can be told from more.
+    wanted = max(problem.wanted_gap, problem.default_gap)
+    reach = max(problem.arm.link_length, settings.beyond_wanted * wanted) + problem.workspace.clearance
+    gaps = GapsAtSamples.of(problem, points, reach)
+    walls = gaps.walls.gap - problem.workspace.clearance
+    itself = gaps.itself.gap
+
+    def place(sample: int) -> NearPlace:
+        near_wall = bool(walls[sample] <= itself[sample])
+        near = gaps.walls if near_wall else gaps.itself
+        link = int(near.link[sample])
+        gap = float(min(walls[sample], itself[sample]))
+        other = int(near.other[sample])
+        obstacle = gaps.names[other] if near_wall and link else ""
+        second = 0 if near_wall or not link else other
+        return NearPlace(gap, problem.wanted_gap, float(trajectory.time[samples[sample]]), link, obstacle, second)
+
+    ends = tuple(place(int(np.searchsorted(samples, rest))) for rest in rests)
+    nearest = place(int(np.argmin(np.minimum(walls, itself))))
+    time = trajectory.time[samples]
+    return RoomRecord(time, problem.wanted_gap, problem.workspace.clearance, walls, itself, reach, nearest, ends)

@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.driver.call_arguments import expect_arguments
+from ccm_opt.core.expected import expect
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.ground.expected import expect
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
-from ccm_opt.solution.simulation_verdict import FOLLOWED
-from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.space.space_solution import AnySolution, SpaceSolution
-from ccm_opt.space.verification.survived_in_space import survived_errors_in_space
+from ccm_opt.solution.records import FOLLOWED
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+from ccm_opt.verification.survived_in_space import survived_errors_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 

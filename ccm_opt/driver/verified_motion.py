@@ -1,4 +1,4 @@
-"""A motion that passes every check, in the plane or in space, and what is made of the checks of one."""
+"""Verifies a motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.ground.length_words import file_length
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.core.length_words import file_length
+from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.retiming.timing_settings import TimingSettings
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
-from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.verifier import verify
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.compiled_terms import UserTerms
+    from ccm_opt.ik.compiled_terms import UserTerms
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def results_of_terms(
     """What a motion makes of the user's constraints and costs; nothing when there are none."""
     if terms is None:
         return TermResults()
-    from ccm_opt.user_terms import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
+    from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
 
     return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory, settings))
 
@@ -91,3 +94,30 @@ def _value(check: Check) -> str:
 def with_hair(settings: TimingSettings, hair: float) -> TimingSettings:
     """Timing whose samples may leave the path by so much in any case [m]."""
     return replace(settings, sampling=replace(settings.sampling, hair=hair))
+
+
+def check(
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[Check, ...]:
+    """Check a timed motion against everything its problem asks, in the plane or in space.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        joints: the same for the drives, with their efforts.
+        settings: tolerances, and how hard to look.
+
+    Returns:
+        One check a promise, each with its worst value and where it was met; malformed data end the list at once.
+
+    Raises:
+        ProblemError: an argument is of another type.
+    """
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.verification.space_verifier import verify_in_space  # noqa: PLC0415 - most problems are in the plane
+
+        return verify_in_space(problem, trajectory, joints, settings)
+    return verify(problem, trajectory, joints, settings)

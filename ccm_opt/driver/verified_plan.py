@@ -1,22 +1,30 @@
-"""A problem to a timed motion that the verifier accepts: plan every leg, time it, verify it, put the legs together."""
+"""Times and verifies the legs of a plan.
 
-from collections.abc import Iterator, Sequence
+Nothing that they say can make a plan worse. A simulation that cannot be run is a verdict; a defect of this package in
+one of them is logged with its traceback, and what it would have said is missing.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from typing import TypeVar
 
 from ccm_opt import retiming
-from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_motion import VerifiedPlan, failed_checks, results_of_terms, with_hair, worst_of_legs
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CcmError, Diagnosis, MotionNotFound, RetimingError, VerificationError
-from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.planners.following.gating import feed_limits
-from ccm_opt.planners.legs import Leg, plan_legs, whole_path
-from ccm_opt.planners.own_units import OwnUnits
-from ccm_opt.planners.protocols import Planner, Retimer
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.following.leader import feed_limits
+from ccm_opt.planning.legs import Leg, Planner, Retimer, plan_legs, whole_path
+from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.solution import Check, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import verify
 
@@ -197,3 +205,49 @@ def _timings(leg: Leg, inverse_dynamics: InverseDynamics, settings: Settings) ->
         settings=with_hair(settings.timing, 0.5 * problem.contact_tolerance),
         paul=settings.transitions,
     )
+
+
+Result = TypeVar("Result")
+
+logger = logging.getLogger(__name__)
+
+
+def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], Result]) -> Result:
+    """What a stage makes of a verified plan.
+
+    Args:
+        stage: makes it.
+        what: what is missing where it fails, in words.
+        instead: what stands for it then.
+    """
+    try:
+        return stage()
+    except Exception as defect:
+        logger.exception("%s: this is a bug in ccm-opt, please report it", what)
+        return instead(defect)
+
+
+def not_waited_for(problem: AnyProblem, plan: VerifiedPlan) -> SimulatedMotion:
+    """What stands for the simulated motion of a plan until there is one."""
+    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
+
+
+def simulated_motion(
+    problem: AnyProblem,
+    plan: VerifiedPlan,
+    settings: SimulationSettings,
+    looks: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[SimulatedMotion, Mapping[str, float]]:
+    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated.
+
+    Settings as for ``simulate_and_check``.
+    """
+    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings, looks)
+    return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
+
+
+def _stands_still(
+    problem: AnyProblem, plan: VerifiedPlan, defect: Exception
+) -> tuple[SimulatedMotion, Mapping[str, float]]:
+    reason = f"a defect of ccm-opt: {type(defect).__name__}: {defect}"
+    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, reason), {}

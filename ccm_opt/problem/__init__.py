@@ -1,13 +1,8 @@
 """A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.shaped_obstacles import obstacles_of
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.drive_limits import DriveLimits, Limits, PointLimit
+from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.problem.definition import Problem
-from ccm_opt.problem.imported_drawing import ImportedDrawing, LeftOut
+from ccm_opt.problem.field_types import ImportedDrawing, LeftOut
 from ccm_opt.problem.options import (
     ControllerName,
     Disturbances,
@@ -20,6 +15,9 @@ from ccm_opt.problem.options import (
     Weights,
 )
 from ccm_opt.problem.poses import CurvePose, Goal, JointPose, Start, Stop, TipGoal, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import DriveLimits, Limits, PointLimit
+from ccm_opt.scene.workspace import Obstacle, Workspace, obstacles_of
 
 __all__ = [
     "Arm",

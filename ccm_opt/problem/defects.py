@@ -6,10 +6,7 @@ from typing import TYPE_CHECKING, TypeAlias, get_args
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Axes, MappingName
-from ccm_opt.jointed.drive_limits import Limits
-from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.options import (
     ControllerName,
     MethodName,
@@ -21,6 +18,9 @@ from ccm_opt.problem.options import (
 )
 from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.problem.poses import JointPose, TipGoal
+from ccm_opt.robot.arm import Axes, MappingName
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.driven_arm import DrivenArm
 
 if TYPE_CHECKING:
     from ccm_opt.problem.definition import Problem

@@ -2,18 +2,17 @@
 
 from dataclasses import dataclass, field
 
+from ccm_opt.core.expected import expect
+from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.errors import ProblemError
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.expected import expect
-from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.problem.defects import defects
-from ccm_opt.problem.field_types import wrong_types
-from ccm_opt.problem.imported_drawing import ImportedDrawing
+from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.problem.planning_problem import PlanningProblem
 from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.scene.workspace import Workspace
 
 
 @dataclass(frozen=True, repr=False)

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import MappingName
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import MappingName
 
 MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.length_words import long_length, words_in
-from ccm_opt.jointed.link_chain import LinkChain
+from ccm_opt.core.length_words import LengthUnit, long_length, words_in
 from ccm_opt.problem.options import PlannerOptions, VerificationOptions
+from ccm_opt.robot.link_chain import LinkChain
 
 CONTACT_SHARE_OF_LENGTH = 1e-6
 """Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made

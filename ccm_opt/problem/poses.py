@@ -6,13 +6,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.ground.arguments import Arguments, finite_array
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.expected import in_words
-from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.core.arguments import Arguments, finite_array
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.expected import in_words
+from ccm_opt.core.length_words import LengthUnit
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.coordinates import Coordinates
 
 
 @dataclass(frozen=True)

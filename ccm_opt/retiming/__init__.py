@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from functools import partial
 
-from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
-from ccm_opt.retiming.joining import joined, reversed_trajectory
-from ccm_opt.retiming.paul_settings import DEFAULT_PAUL, PaulSettings
+from ccm_opt.retiming.paul import DEFAULT_PAUL, PaulSettings
+from ccm_opt.retiming.sampling import joined, reversed_trajectory
 from ccm_opt.retiming.timing import retime
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
+from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 __all__ = ["joined", "retime", "reversed_trajectory", "timings"]

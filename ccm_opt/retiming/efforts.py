@@ -6,10 +6,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
+from ccm_opt.robot.coordinates import Coordinates
 
 InverseDynamics: TypeAlias = Callable[..., FloatArray]
 """(angles, velocities, accelerations), each (N, 3 * links), and with a feed axis its accelerations, (N,) [m/s²], to

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.polyline import leg_lengths
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, GridSettings
 
 

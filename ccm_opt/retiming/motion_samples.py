@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import JointTrajectory
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)

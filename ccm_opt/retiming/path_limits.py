@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 from ccm_opt.problem import Limits
+from ccm_opt.robot.coordinates import FEED, Coordinates, planar_coordinates
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.rounding import TINY
 from ccm_opt.retiming.motion_limits import MotionLimit
 from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.rounding import ROUNDING
+from ccm_opt.core.arrays import ROUNDING, FloatArray
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Bounded jerk: the fastest motion, its path parameter smoothed over time, and slowed down until the limits hold.
+"""Jerk-limited speeds.
 
 TOPP-RA's s̈ jumps. The mean of s over two equal windows of time, one after the other, is a motion along the same path
 whose s̈ is continuous: with windows w its third derivative is
@@ -8,6 +8,10 @@ whose s̈ is continuous: with windows w its third derivative is
 linear between the times at which ṡ or one of its copies has a corner, for ṡ is linear between grid points. So the
 motion is a polynomial of fourth degree in each piece, and lasts 2 w longer. An axis' jerk: q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³;
 time longer by λ divides it by λ³, so that any limit can be met. The window that makes the motion shortest is kept.
+
+The velocity that a joint gains in a step lies between what the accelerations at its two ends would give, unless the
+acceleration jumps twice in the step or turns round in it. Paths with a corner at every keyframe do that every few
+milliseconds. Such steps are halved until what they hide is a small share of the velocity gained and lost.
 """
 
 from dataclasses import dataclass, replace
@@ -16,11 +20,12 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline, PPoly
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.retiming.motion_limits.coordinate_jerk import sides_of_third
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.retiming.motion_limits.coordinate_limits import sides_of_third
+from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.path_limits import PathLimits
 from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SmoothingSettings
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings, SmoothingSettings
 
 
 @dataclass(frozen=True)
@@ -130,3 +135,39 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits, looks: int
     before, after = sides_of_third(spline, places)
     jerks = np.maximum(np.abs(rest + before * v**3), np.abs(rest + after * v**3)) / axes.jerk
     return float(max(np.max(velocity), np.sqrt(np.max(acceleration)), np.cbrt(np.max(jerks))))
+
+
+def unseen_gains(samples: MotionSamples) -> FloatArray:
+    """Velocity gained in each step beyond what the accelerations at its ends explain, shape (T − 1, n) [rad/s, m/s]."""
+    step = samples.steps
+    gained = np.diff(samples.velocity, axis=0)
+    most = step * np.maximum(samples.acceleration[1:], samples.acceleration[:-1])
+    least = step * np.minimum(samples.acceleration[1:], samples.acceleration[:-1])
+    return np.asarray(np.maximum(np.maximum(gained - most, least - gained), 0.0))
+
+
+def halved_where_unseen(
+    samples: MotionSamples, acceleration: FloatArray, settings: SamplingSettings = DEFAULT_TIMING.sampling
+) -> FloatArray | None:
+    """Sample times with those steps halved that hide too much of what a column's acceleration does.
+
+    Args:
+        samples: of a motion.
+        acceleration: limit of every column, shape (n,) [rad/s², m/s²].
+        settings: what may stay unseen.
+
+    Returns:
+        Times [s]; None where the samples show enough.
+    """
+    step = samples.steps
+    unseen = unseen_gains(samples)
+    gained = np.sum(np.abs(np.diff(samples.velocity, axis=0)), axis=0)
+    duration = samples.time[-1]
+    allowed = settings.unseen_share * gained + settings.unseen_floor * duration * acceleration
+    hiding = np.sum(unseen, axis=0) > allowed
+    if not hiding.any():
+        return None
+    # Steps within their share of what is allowed may stay: together they cannot pass it.
+    too_much = np.any(unseen[:, hiding] > allowed[hiding] * step / duration, axis=1)
+    middles = 0.5 * (samples.time[1:] + samples.time[:-1])
+    return np.union1d(samples.time, middles[too_much])

@@ -1,23 +1,147 @@
-"""The fastest speed profile within the rows, by the toppra package (TOPP-RA, Pham and Pham 2018).
+"""Speeds along a path, by reachability.
+
+With x and y the squared speeds at both ends of an interval of width Δ, s̈ = (y − x) / 2Δ there, and each row becomes
+β x + γ y ≤ 1 with a right side that is positive before it is scaled, because the arm can be held still. So x = y = 0
+keeps every row with room to spare, and the controllable squared speeds at each grid point are a whole interval
+[0, K], K > 0. Its end is found by Newton's method on the concave, piecewise linear room that is left for y, from the
+right: it stops after finitely many steps. (Pham and Pham 2018, section IV, for the sweeps themselves.)
 
 Its linear programs have absolute tolerances and fail on paths that stop and on rare crooked ones, where the path turns
 back. There, and where toppra is not installed, the sweeps of ``reachability`` find the speeds; the profile says which.
 toppra loads matplotlib when imported, so it is imported when first used.
+
+TOPP-RA keeps rows that are linear in s̈ and ṡ², at the grid points only. What it cannot know is put right from round to
+round:
+
+- where a limit is passed inside an interval, the rows at the interval's ends are tightened by as much;
+- where tightening does not help, the speed at the interval's ends is bounded instead. It does not help beside a point
+  at which the path stops: the rows there are empty and leave the speed free, and the peak stands inside the interval;
+- viscous friction is linear in ṡ. It enters by the tangent of √(ṡ²) at the speed of the round before, as in Newton's
+  method, so that three or four rounds settle it.
+
+What remains after the last round is met by stretching time, the whole of it; so it must be little.
 """
 
 import logging
 import warnings
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.retiming.grid import refine
 from ccm_opt.retiming.path_rows import PathRows
-from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.reachability import reachable_speeds
+from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
+
+
+class _Lines(NamedTuple):
+    """Bounds on y that are linear in x: ``start + slope x``."""
+
+    start: FloatArray
+    slope: FloatArray
+
+    def least(self, x: float, bound: float) -> tuple[float, float]:
+        """The least of all at x and a constant bound, with its slope."""
+        values = self.start + self.slope * x
+        k = values.argmin() if len(values) else -1
+        return (float(values[k]), float(self.slope[k])) if k >= 0 and values[k] < bound else (bound, 0.0)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """The rows β x + γ y ≤ 1 of one interval as bounds on y.
+
+    Attributes:
+        above: of the rows with γ > 0.
+        below: of those with γ < 0, negated.
+        most: bound on x.
+        reach: bound on y.
+    """
+
+    above: _Lines
+    below: _Lines
+    most: float
+    reach: float
+
+    @classmethod
+    def from_rows(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
+        # γ > 0 bounds y from above, y ≤ (1 − β x) / γ; γ < 0 bounds −y in the same way. A row on which y has no more
+        # effect than rounding bounds x only: as a bound on y it would magnify the rounding of x.
+        up = gamma * reach > ROUNDING
+        down = gamma * reach < -ROUNDING
+        above = _Lines(1.0 / gamma[up], -beta[up] / gamma[up])
+        below = _Lines(-1.0 / gamma[down], beta[down] / gamma[down])
+        with np.errstate(divide="ignore"):
+            # As bounds on x the rows are loosest at y = 0 or, where γ < 0, at y = reach.
+            bounds = np.where(beta > 0.0, (1.0 + np.maximum(-gamma, 0.0) * reach) / beta, np.inf)
+        return cls(above, below, min(most, float(np.min(bounds))), reach)
+
+    def room(self, x: float) -> tuple[float, float, float, float]:
+        """Greatest and least y at a given x, and their slopes."""
+        high, rise = self.above.least(x, self.reach)
+        low, fall = self.below.least(x, 0.0)
+        return high, -low, rise, -fall
+
+    def greatest(self, most_steps: int) -> float:
+        """The greatest x that leaves some y."""
+        x = self.most
+        for _ in range(most_steps):
+            high, low, rise, fall = self.room(x)
+            # There is room for y; or a smaller x gains none, and what is missing is rounding.
+            if high >= low or rise >= fall:
+                break
+            x = max(x - (high - low) / (rise - fall), 0.0)
+        return x
+
+
+def reachable_speeds(
+    rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
+) -> FloatArray:
+    """Find ṡ² of the fastest motion from rest to rest at the grid points; arguments as for ``fastest_profile``.
+
+    Returns:
+        Shape (N + 1,) [1/s²]; positive inside.
+    """
+    beta, gamma = _scaled_rows(rows, slack)
+    count = len(beta)
+    reach = np.zeros(count + 1)
+    stages: list[_Stage] = []
+    # Backward: the greatest ṡ² at each point from which rest at the end can still be reached.
+    for k in range(count - 1, -1, -1):
+        stages.append(_Stage.from_rows(beta[k], gamma[k], cap[k], reach[k + 1]))
+        reach[k] = stages[-1].greatest(settings.newton_steps)
+
+    # Forward: from rest as fast as the rows allow, within what can still be braked.
+    squared = np.zeros(count + 1)
+    for k, stage in enumerate(reversed(stages)):
+        high, low, _, _ = stage.room(min(squared[k], stage.most))
+        squared[k + 1] = min(max(high, low, 0.0), stage.reach)
+
+    # Zeros inside would be stops for ever.
+    slowest = settings.slowest * np.min(squared, where=squared > 0.0, initial=np.max(cap))
+    squared[1:-1] = np.maximum(squared[1:-1], slowest)
+    return squared
+
+
+def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """β and γ of every interval, each of shape (N, 4 R): rows at its begin and at its end, upper and lower side."""
+    # With s̈ = (y − x) / 2Δ a row has β = b − a / 2Δ and γ = a / 2Δ at the start of its interval,
+    # and β = −a / 2Δ and γ = b + a / 2Δ at its end.
+    width = 2.0 * np.diff(rows.s)[:, None]
+    sides = []
+    for sign in (1.0, -1.0):
+        room = slack - sign * rows.c
+        a = sign * rows.a / room
+        b = sign * rows.b / room
+        sides.append((b[:-1] - a[:-1] / width, a[:-1] / width))
+        sides.append((-a[1:] / width, a[1:] / width + b[1:]))
+    beta = np.concatenate([of_x for of_x, _ in sides], axis=1)
+    gamma = np.concatenate([of_y for _, of_y in sides], axis=1)
+    return beta, gamma
 
 
 def fastest_profile(
@@ -112,3 +236,87 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
     # TOPP-RA asks the path for no more than this, since the rows are evaluated already.
     path = SimpleNamespace(path_interval=np.array([0.0, 1.0]), duration=1.0, dof=count)
     return toppra.algorithm.TOPPRA([InterpolatedRows()], path, gridpoints=rows.s, solver_wrapper="seidel")
+
+
+def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.profile) -> SpeedProfile:
+    """The fastest profile of all rounds, each stretched until it keeps the limits.
+
+    Args:
+        dense: the limits at ``settings.substeps`` equal steps of every interval of the grid.
+        settings: shares and rounds.
+    """
+    substeps = settings.substeps
+    rows = dense.every(substeps)
+    bounds = _Bounds.before_the_first_round(dense, substeps, settings.grid_share)
+    # No speed is known before the first round, so its tangent leaves friction out.
+    speed = np.zeros(len(rows.s))
+    duration = np.inf
+    stretched: list[SpeedProfile] = []
+
+    for number in range(settings.rounds):
+        tangent = rows.with_friction(speed, settings.friction_share)
+        profile = fastest_profile(tangent, bounds.slack(tangent), bounds.cap, settings)
+        check = check_profile(profile, dense, substeps, settings.dense_share)
+        stretched.append(profile.slowed(check.stretch))
+        settled = rows.d is None or abs(profile.duration - duration) <= settings.settled * duration
+        if check.stretch <= settings.negligible and settled:
+            break
+
+        if rows.d is not None:
+            # Rows must not be tightened for friction that the tangent missed: the next tangent will not miss it.
+            between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), settings.friction_share)
+            check = check_profile(profile, between, substeps, settings.dense_share)
+        bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
+        # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
+        share = 1.0 if number < settings.tightenings else settings.tangent_share
+        slowed = speed + share * (np.sqrt(profile.squared) - speed)
+        # A tangent at a high speed holds for too much friction at a low one, and may bring the path almost to a stop.
+        speed = np.maximum(slowed, settings.least_tangent * speed)
+        duration = profile.duration
+
+    return min(stretched, key=lambda profile: profile.duration)
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """What a round of TOPP-RA must keep beside the rows.
+
+    Attributes:
+        tightening: taken off what the rows at a grid point may reach, shape (N + 1,).
+        cap: bound on ṡ², shape (N + 1,) [1/s²].
+        share: of every limit that is used at the grid points.
+    """
+
+    tightening: FloatArray
+    cap: FloatArray
+    share: float
+
+    @classmethod
+    def before_the_first_round(cls, dense: PathRows, substeps: int, share: float) -> "_Bounds":
+        """Nothing tightened; ṡ bounded by the velocity limits, whose greatest share in an interval bounds both ends.
+
+        ṡ² is linear in an interval, so the bound holds inside too.
+        """
+        inside = dense.slowness[:-1].reshape(-1, substeps).max(axis=1)
+        widest = _to_ends(np.maximum(inside, dense.slowness[substeps::substeps]), 0.0)
+        return cls(np.zeros(len(widest)), (share / np.maximum(widest, 1e-12)) ** 2, share)
+
+    def slack(self, rows: PathRows) -> FloatArray:
+        """What each row may reach: its share less the tightening, but always some room above the static part."""
+        static = np.abs(rows.c)
+        return np.asarray(np.maximum(self.share - self.tightening[:, None], static + 0.25 * (1.0 - static)))
+
+    def tightened_by(self, check: DenseCheck) -> "_Bounds":
+        """Rows tightened by what the intervals beside them passed the limits by."""
+        return replace(self, tightening=self.tightening + _to_ends(np.maximum(check.excess, 0.0), 0.0))
+
+    def capped_by(self, check: DenseCheck, profile: SpeedProfile) -> "_Bounds":
+        """Speed bounded to what would keep the limits in the intervals that passed them, were only they slowed down."""
+        slowing = _to_ends(np.maximum(check.stretches, 1.0), 1.0)
+        slower = np.minimum(self.cap, profile.squared / slowing**2)
+        return replace(self, cap=np.where(slowing > 1.0, slower, self.cap))
+
+
+def _to_ends(of_intervals: FloatArray, outside: float) -> FloatArray:
+    """The greater value of the two intervals beside each grid point; ``outside`` stands before and after the path."""
+    return np.asarray(np.maximum(np.append(of_intervals, outside), np.append(outside, of_intervals)))

@@ -5,11 +5,11 @@ from functools import cached_property
 
 from scipy.interpolate import BSpline
 
-from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.path_limits import PathLimits
+from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.driven_arm import DrivenArm
 
 
 @dataclass(frozen=True)

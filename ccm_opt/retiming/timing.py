@@ -7,10 +7,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.grid import path_grid, refine, span_lengths
@@ -20,11 +18,12 @@ from ccm_opt.retiming.path_limits import likely_coordinates
 from ccm_opt.retiming.path_rows import PathRows, path_rows
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.sampling import Chords, sample_motion, samples_at
-from ccm_opt.retiming.seen_accelerations import halved_where_unseen
-from ccm_opt.retiming.smoothing import SmoothProfile, jerk_limited
-from ccm_opt.retiming.speed_rounds import fastest_within
+from ccm_opt.retiming.smoothing import SmoothProfile, halved_where_unseen, jerk_limited
+from ccm_opt.retiming.speed_optimizer import fastest_within
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
+from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ccm_opt.solution.solution import SolutionOf
 
 if TYPE_CHECKING:
-    from ccm_opt.space.problem import AnyProblem
+    from ccm_opt.problem.space_problem import AnyProblem
 
 SolutionT_co = TypeVar("SolutionT_co", bound=SolutionOf[Any], covariant=True)
 """What solves the problem: a plan in the plane, or one in space."""

@@ -1,4 +1,4 @@
-"""A verified plan with everything computed on the way."""
+"""The solution of a problem, verified and timed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -8,15 +8,47 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.length_words import short_length, words_in
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import LengthUnit, short_length, words_in
 from ccm_opt.problem import Problem
-from ccm_opt.solution.presenting import presenter
-from ccm_opt.solution.room_record import RoomRecord
+from ccm_opt.solution.records import RoomRecord, SurvivedError, TryRecord
 from ccm_opt.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
-from ccm_opt.solution.survived_error import SurvivedError
-from ccm_opt.solution.try_record import TryRecord
+
+
+class Presenter(Protocol):
+    """Draws, animates and saves plans."""
+
+    def plot(self, plan: Any) -> Any:
+        """A figure of a plan."""
+        ...
+
+    def animate(self, plan: Any, file: str | Path) -> Path:
+        """Write a film of a plan."""
+        ...
+
+    def save(self, solution: Any, folder: str | Path) -> Path:
+        """Write the folder of a plan."""
+        ...
+
+
+_PRESENTERS: list[Presenter] = []
+"""Those who have said that they can; the last counts."""
+
+
+def present_with(presenting: Presenter) -> None:
+    """Let somebody draw and save plans from now on."""
+    _PRESENTERS.append(presenting)
+
+
+def presenter() -> Presenter:
+    """Who draws and saves plans.
+
+    Raises:
+        RuntimeError: nobody has said that they can; what ``ccm_opt`` hands out does.
+    """
+    if not _PRESENTERS:
+        raise RuntimeError("nothing that draws and saves plans is loaded; import ccm_opt.viz.saved_plans first")
+    return _PRESENTERS[-1]
 
 
 class ArmOfLinks(Protocol):

@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
-from ccm_opt.solution.goal_pose_record import GoalPoseRecord, SpaceGoalPoseRecord
-from ccm_opt.solution.room_record import NearPlace
-from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.coordinates import Coordinates, planar_coordinates
+from ccm_opt.solution.records import FOLLOWED, GoalPoseRecord, NearPlace, SimulationVerdict, SpaceGoalPoseRecord
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

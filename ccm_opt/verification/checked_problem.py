@@ -1,12 +1,20 @@
-"""What checks ask of a problem that serve arms in the plane and in space alike."""
+"""A problem as the verifier reads it.
+
+In the plane the bend of a ball is minus its second revolute. In space its two bends are its first and second revolute.
+The others stay at zero.
+"""
 
 from collections.abc import Sequence
 from typing import Protocol, TypeAlias
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.drive_limits import Limits
-from ccm_opt.jointed.driven_arm import DrivenArm
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import PlannerOptions, SimulationOptions, VerificationOptions
+from ccm_opt.robot.coordinates import Coordinates, Limits
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.frames import joint_names
+from ccm_opt.solution import Check, JointStates
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
 """Torques of all revolutes, shape (T, 3 * links) [N m], and the force that carries the base, shape (T,) [N]."""
@@ -53,3 +61,40 @@ class CheckedProblem(Protocol):
     def stops(self) -> Sequence[CheckedStop]:
         """Goals on the way, in order."""
         ...
+
+
+def bends_a_ball(coordinates: Coordinates) -> int:
+    """How many bends a ball joint has: one in the plane, two in space."""
+    return coordinates.joints // (coordinates.revolutes // 3)
+
+
+def revolutes_of_bends(coordinates: Coordinates) -> IntArray:
+    """Number of the revolute of every bend, shape (bends,)."""
+    first = np.arange(0, coordinates.revolutes, 3)
+    if bends_a_ball(coordinates) == 1:
+        return first + 1
+    return np.stack((first, first + 1), axis=1).ravel()
+
+
+def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
+    """Revolutes of bends (T, bends), shape (T, 3 * links)."""
+    values = np.zeros((len(bends), coordinates.revolutes))
+    # In the plane a bend is counter-clockwise in x-z, which is a negative turn about y.
+    values[:, revolutes_of_bends(coordinates)] = -bends if bends_a_ball(coordinates) == 1 else bends
+    return values
+
+
+def joint_of_bend(coordinates: Coordinates, number: int) -> str:
+    """The joint that a bend belongs to, in words."""
+    each = bends_a_ball(coordinates)
+    return f"joint {number + 1}" if each == 1 else f"joint {number // each + 1} {'ab'[number % each]}"
+
+
+def check_names(problem: CheckedProblem, joints: JointStates) -> Check:
+    """Check that the drives are called as those of the arm."""
+    expected = joint_names(problem.arm)
+    # Names of another length are compared as far as both go; what is left over counts as wrong below.
+    differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]
+    wrong = len(differing) + abs(len(joints.names) - len(expected))
+    where = f"expected {differing[0]!r}" if differing else f"{len(joints.names)} names for {len(expected)} revolutes"
+    return Check("joint names", float(wrong), 0.0, "names", where, passed=wrong == 0)

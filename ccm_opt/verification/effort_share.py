@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import CheckedProblem

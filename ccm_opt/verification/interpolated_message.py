@@ -12,15 +12,20 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.bend_layout import bends_a_ball, joint_of_bend, revolutes_of_bends
-from ccm_opt.verification.checked_problem import CheckedProblem, Efforts
+from ccm_opt.verification.checked_problem import (
+    CheckedProblem,
+    Efforts,
+    bends_a_ball,
+    joint_of_bend,
+    revolutes_of_bends,
+)
 from ccm_opt.verification.effort_share import UNIT
-from ccm_opt.verification.pauses import check_pauses
+from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 LONGEST_STEP = 1e-3

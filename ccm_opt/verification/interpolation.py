@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointTrajectory
 
 OF_CUBIC = 0.25

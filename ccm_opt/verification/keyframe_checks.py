@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import CurvePose
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

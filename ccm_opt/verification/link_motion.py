@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.rounding import point_rounding, turn_rounding
 
 

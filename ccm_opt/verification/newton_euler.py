@@ -7,8 +7,8 @@ revolutes (Craig, Introduction to Robotics, section 6.5). The plane is world x-z
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
 
 SAMPLES_AT_ONCE = 512

@@ -1,4 +1,4 @@
-"""The room that a timed motion keeps: its gaps to walls and to itself over time, and where they are least.
+"""Clearance over time.
 
 Like all of the verifier it measures the motion itself, linear between samples, and asks no planner. The gaps over time
 are those at some of the samples; the least gap is looked for at all times, by the halving that proves bodies apart.
@@ -10,22 +10,40 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
-from ccm_opt.solution.room_record import ShortCause
+from ccm_opt.solution.records import ShortCause
 from ccm_opt.verification.bisection import Pairs
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.room_settings import DEFAULT_ROOM, RoomSettings
-from ccm_opt.verification.selfcollision import (
-    check_self_collision,
-    first_distant,
-    pairs_within,
-    self_distances,
-)
+from ccm_opt.verification.selfcollision import check_self_collision, first_distant, pairs_within, self_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import WallGaps, check_walls
+
+
+@dataclass(frozen=True)
+class RoomSettings:
+    """Numbers of the record of a motion's room; no check depends on them.
+
+    Attributes:
+        samples: of the motion whose gaps are kept, at most, its ends and stops aside; the least gap does not depend on
+            them. Taste: more than a chart shows.
+        enough: share of the wanted gap below which a motion counts as having less than was wanted. Taste: planning
+            keeps the wanted gap by soft rows, which give way a little.
+        reach: gaps beyond this share of the arm's length are not told apart. Taste: several times
+            the wanted gap that is usual.
+        reach_wanted: the same in multiples of the wanted gap; the larger of the two reaches counts. Taste.
+    """
+
+    samples: int = 240
+    enough: float = 0.9
+    reach: float = 0.05
+    reach_wanted: float = 4.0
+
+
+DEFAULT_ROOM = RoomSettings()
+"""Used where no other settings are given."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ section 4.2). Samples count as exact: they are what is proved.
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm
 
 UNIT = 2.0**-53
 """Half the distance from 1 to the next number."""

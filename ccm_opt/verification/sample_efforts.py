@@ -16,13 +16,13 @@ from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.bisection import HatMeans
 from ccm_opt.verification.checked_problem import CheckedProblem
 from ccm_opt.verification.effort_share import HoldingEfforts, allowed_share
-from ccm_opt.verification.hat_means import HatMeans
 from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
 from ccm_opt.verification.rounding import point_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

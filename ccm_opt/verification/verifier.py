@@ -1,29 +1,34 @@
-"""The independent verifier: every promise of a plan, checked with code that shares nothing with the planners.
+"""The verifier in the plane.
 
 What stands here a second time (headings and points of the arm, its mount, pairs of links, inverse dynamics, distances)
 stands here on purpose: a mistake in the planners' code must not hide itself.
 """
 
-from ccm_opt.ground.expected import expect
+from ccm_opt.core.expected import expect
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.checked_problem import Efforts
-from ccm_opt.verification.consistency import check_consistency
-from ccm_opt.verification.drive_names import check_names
+from ccm_opt.verification.checked_problem import Efforts, check_names
+from ccm_opt.verification.consistency import check_consistency, check_form
 from ccm_opt.verification.effort_share import check_shares, holding_efforts
-from ccm_opt.verification.form import check_form
-from ccm_opt.verification.limits import check_limits
+from ccm_opt.verification.limits import check_limits, check_points
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane
-from ccm_opt.verification.pauses import check_pauses
-from ccm_opt.verification.point_limits import check_points
 from ccm_opt.verification.sample_efforts import check_sample_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.start_and_goal import check_ends
-from ccm_opt.verification.tolerance.joint_error_check import check_joint_error
+from ccm_opt.verification.start_and_goal import check_ends, check_pauses
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
+
+
+def check_joint_error(
+    problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
+) -> Check:
+    """Check that no error of the joints up to the one asked for brings the arm into contact; ``worst`` in [rad]."""
+    survived = survived_error(problem.arm, problem.workspace, trajectory, joint_errors(problem.arm), settings)
+    return check_of(problem.joint_error, survived)
 
 
 def verify(

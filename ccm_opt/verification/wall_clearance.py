@@ -6,15 +6,15 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import LinkChain
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import LinkChain
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes, unit_rows
 from ccm_opt.verification.rounding import distance_rounding
-from ccm_opt.verification.segments import segment_distances
+from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_edges import Boxes, WallEdges, wall_edges
 

@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.rounding import distance_rounding
-from ccm_opt.verification.segments import segment_distances
+from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 

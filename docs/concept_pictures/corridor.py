@@ -7,13 +7,13 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.workspace_drawing import polygon_patch
-from ccm_opt.freespace.corridor import Corridor, Route
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.corridor import Corridor, Route
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import polygon_patch
 from concept_pictures.panels import (
     FREE_EDGE,
     INFLATED,

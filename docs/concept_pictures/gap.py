@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
-from ccm_opt.files.plotting import style
+from ccm_opt.viz import figure_files as style
 from concept_pictures.panels import INFLATED, PORTAL, SMALL, look_at, panels, picture
 
 HEIGHT = 2.85

@@ -9,11 +9,11 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.workspace_drawing import polygon_patch
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.ground.polyline import leg_lengths
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.polyline import leg_lengths
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import polygon_patch
 from concept_pictures.panels import FOLD_EDGE, draw_obstacles, look_at, panels, picture, title
 
 HEIGHT = 5.0

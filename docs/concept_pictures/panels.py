@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.workspace_drawing import draw_obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import draw_obstacle
 
 DOTS_PER_INCH = 200
 WIDTH = 7.4

@@ -13,10 +13,10 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.workspace_drawing import polygon_patch
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import polygon_patch
 from concept_pictures.panels import FREE_EDGE, SMALL, draw_obstacles, look_at, panels, picture, title
 
 HEIGHT = 2.75

@@ -22,12 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.comparison.journal import open_journal
-from ccm_opt.comparison.running import compare
-from ccm_opt.comparison.runs import Run, Task, execute
-from ccm_opt.comparison.suites import Case, cases_of_suite
-from ccm_opt.ground.cluster import DaskWorkers
-from ccm_opt.ground.executors import LocalWorkers, completed
+from ccm_opt.compare.journal import open_journal
+from ccm_opt.compare.running import compare
+from ccm_opt.compare.runs import Run, Task, execute
+from ccm_opt.compare.suites import Case, cases_of_suite
+from ccm_opt.core.executors import DaskWorkers, LocalWorkers, completed
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import dask_cluster, wait_for_workers
 

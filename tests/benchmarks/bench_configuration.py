@@ -11,14 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import ConfigurationNotFound
-from ccm_opt.freespace.corridor import Route
-from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.ground.polyline import path_length
-from ccm_opt.nlp.configuration_task import ConfigurationTask
-from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.nlp.multiple_shooting import build_configuration_nlp
-from ccm_opt.nlp.solver import built_solver
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import find_configuration
+from ccm_opt.ik.multiple_shooting import build_configuration_nlp
+from ccm_opt.ik.solver import built_solver
+from ccm_opt.scene.corridor import Route
+from ccm_opt.scene.free_space import FreeSpace
 from tests.freespace_scenes import clutter
 from tests.nlp_corridors import ANY_HEADING, open_task, random_pose, s_bend
 

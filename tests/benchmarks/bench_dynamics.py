@@ -19,24 +19,22 @@ import pinocchio as pin
 import pytest
 
 from ccm_opt import load_problem, solve
+from ccm_opt.core import native
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
-from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, ForwardDynamics, InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
-from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.files.plotting.arm_3d import ArmView
-from ccm_opt.ground import native
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
-from ccm_opt.jointed.inverse_kinematics import ball_angles
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.io.mjcf import mjcf_text
+from ccm_opt.io.urdf import urdf_text
 from ccm_opt.problem import SimulationOptions
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
+from ccm_opt.robot.inverse_kinematics import ball_angles
+from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import Solution
+from ccm_opt.viz.arm_3d import ArmView
 from hatch_build import build
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.connect.connecting import Connecting
-from ccm_opt.motion.connect.sampled_check import SampledCheck
-from ccm_opt.motion.link_space import NOMINAL_LINKS
-from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.planners.curve import CurvePlanner
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.rrt_connect import Connecting
+from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.problem import JointPose, Problem
 from tests.benchmarks.plain_connect import plain_connect
 from tests.few_link_scenes import few_link_problem, few_link_scene

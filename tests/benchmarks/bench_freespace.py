@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.scene.free_space import FreeSpace
 from tests.freespace_scenes import SIDE, clutter
 
 MARGIN = 0.02

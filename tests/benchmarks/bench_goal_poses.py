@@ -25,16 +25,16 @@ from itertools import product
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.search import find_motion
-from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
-from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.search import find_motion
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.arm import Arm
 from tests.benchmarks.random_goal_poses import RandomPoses
 from tests.planned_runs import quantile, user_seconds
 from tests.scenes import clutter

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.ground.angles import unit_vector
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from tests.benchmarks import scene_families
 from tests.goal_set_scenes import box_beside, pocket, slot, wall_behind

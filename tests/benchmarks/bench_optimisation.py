@@ -18,15 +18,15 @@ from rich.table import Table
 
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.files.problem_file import load_problem
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.search import find_motion
-from ccm_opt.planners.curve import CurvePlanner, joint_path
+from ccm_opt.io.reading import load_problem
+from ccm_opt.planning.curve_planner import CurvePlanner, joint_path
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.optimise import optimise
+from ccm_opt.planning.search import find_motion
 from ccm_opt.problem import OptimiserName, Problem
 from ccm_opt.retiming import retime
+from ccm_opt.robot.frames import revolute_angles
 from tests.scenes import clutter, later
 
 PROBLEMS = Path(__file__).parents[2] / "problems"

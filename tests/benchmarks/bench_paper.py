@@ -16,13 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.schemas import scm_0, scm_2
-from ccm_opt.hill_climbing.schemas.selection import ranked_selections
-from ccm_opt.hill_climbing.steps import SchemaStopped, run
-from ccm_opt.hill_climbing.world import World
-from ccm_opt.jointed.mapping import MappingName, map_curve, shape_error
+from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.hill_climb import SchemaStopped, run
+from ccm_opt.baseline.schemas import ranked_selections, scm_0, scm_2
+from ccm_opt.baseline.world import World
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.mapping import MappingName, map_curve, shape_error
 from tests.arms import plain_arm
 from tests.benchmarks.bench_planning import head, row
 from tests.planned_runs import user_seconds

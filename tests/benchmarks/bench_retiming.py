@@ -22,15 +22,15 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.problem import Limits
 from ccm_opt.retiming import retime, timing
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.sampling import Profile, sample_motion
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointPath, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
 from tests.dynamics_arms import swan_neck

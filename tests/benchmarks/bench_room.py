@@ -20,11 +20,11 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt import load_problem
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.verification.verifier import verify

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from tests.benchmarks.bench_planning import head, row, warm_up
 from tests.benchmarks.dense_sweep import sweep

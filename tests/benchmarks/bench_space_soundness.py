@@ -13,22 +13,21 @@ import traceback
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 
-from ccm_opt.comparison.space_suites import SPACE_SUITES, space_maker
-from ccm_opt.comparison.suites import shared_folder
+from ccm_opt.compare.suites import SPACE_SUITES, shared_folder, space_maker
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.driver.space_planning_run import PlannerInSpace, plan_legs_in_space, timed_in_space
 from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.ground.deadline import Deadline
+from ccm_opt.planning.asked_task import space_task
+from ccm_opt.planning.space_ends import refuse_ends
+from ccm_opt.planning.space_planner import SpacePlanner, joint_path
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath
-from ccm_opt.space.asked_task import space_task
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.planner import SpacePlanner, joint_path
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.refused_ends import refuse_ends
-from ccm_opt.space.verification import verify_in_space
+from ccm_opt.verification.space_verifier import verify_in_space
 from tests.benchmarks.bench_planning import head, row
 from tests.benchmarks.space_sweep import sweep_in_space
 

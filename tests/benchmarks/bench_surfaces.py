@@ -13,10 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.scene.distances.surface_tree import DEFAULT_DISTANCES, SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.benchmarks.bench_planning import head, row
 
 REACH = 0.026

@@ -19,8 +19,8 @@ import numpy as np
 import shapely
 
 import ccm_opt
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.errors import CcmError
-from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution, SurvivedError
 from ccm_opt.verification.tolerance.error_model import joint_errors

@@ -15,18 +15,18 @@ from dataclasses import replace
 import numpy as np
 
 import ccm_opt
-from ccm_opt.comparison.space_jobs import JOBS, disturbed_job
-from ccm_opt.comparison.suites import shared_folder
+from ccm_opt.compare.space_clutter import JOBS, disturbed_job
+from ccm_opt.compare.suites import shared_folder
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.progress import Stages
 from ccm_opt.driver.space_planning_run import plan_legs_in_space, timed_in_space
 from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.stages import Stages
-from ccm_opt.space.planner import SpacePlanner
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.scene.bodies import MeshBody
-from ccm_opt.space.verification import verify_in_space
+from ccm_opt.planning.space_planner import SpacePlanner
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.verification.space_verifier import verify_in_space
 from tests.benchmarks.bench_planning import head, row
 
 NEARLY_LONGEST = 0.75

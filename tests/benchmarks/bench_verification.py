@@ -6,11 +6,10 @@ import time
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify

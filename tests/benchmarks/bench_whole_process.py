@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.ground.length_units import METRES
+from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from tests.benchmarks.bench_planning import head, row
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointTrajectory
 from tests.scenes import sweep_gaps

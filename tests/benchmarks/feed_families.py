@@ -11,14 +11,12 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.angles import unit_vector
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.planners.following.leader import LeaderPath
-from ccm_opt.planners.following.slide import pose_on
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.planning.following.leader import LeaderPath, pose_on
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.feed_scenes import LINK, RADIUS, fed_arm, make_problem, make_room
 from tests.scenes import random_polygon
 

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
 from tests.benchmarks.dense_sweep import ROUNDING, densely, least_gaps
 from tests.benchmarks.swept_scene import MOST_POSES, POINTER, SweptScene, compiled

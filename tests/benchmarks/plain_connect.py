@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from tests.benchmarks.swept_scene import MOST_POSES, POINTER, SweptScene, compiled
 

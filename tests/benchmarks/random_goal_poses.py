@@ -11,14 +11,13 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.corridor import Route
-from ccm_opt.ground.angles import WHOLE_TURN, wrap
-from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.ground.polyline import arc_lengths, leg_headings, legs_at, without_repeats
-from ccm_opt.motion.ends import Ends
-from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.planners.curve_routes import find_routes, route_room
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.polyline import WHOLE_TURN, arc_lengths, leg_headings, legs_at, without_repeats, wrap
+from ccm_opt.planning.curve_routes import find_routes, route_room
+from ccm_opt.planning.ends import Ends
+from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.problem import Problem
+from ccm_opt.scene.corridor import Route
 
 ROUTES = 12
 """Routes that starts are drawn along, at most."""

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.scenes import Scene, make_arm, random_headings, random_polygon, self_gap, swept, wall_gaps
 
 LINKS = (4, 6, 8, 10, 12, 14, 16, 20, 30, 60, 120, 200)

@@ -5,7 +5,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from ccm_opt.files.problem_file import problem_from_mapping
+from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import Problem
 
 FOLDER = Path(__file__).parents[2] / "problems"

@@ -12,11 +12,11 @@ import coal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
-from ccm_opt.space.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
 from tests.benchmarks.dense_sweep import HAIR, LEAST_SUBSTEPS, ROUNDING, STRAIGHT, Sweep
 
 TRAVEL = 1e-3

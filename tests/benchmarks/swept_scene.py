@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem
 
 POINTER = ctypes.c_void_p

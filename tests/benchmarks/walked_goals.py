@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import NoPlanFound
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.polyline import path_length
-from ccm_opt.motion.continuation import Stalled, follow
-from ccm_opt.motion.portfolio import tip_led
-from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.search_run import SearchRun, pose_headings
-from ccm_opt.motion.tip_paths import TipPath
+from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.portfolio import tip_led
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.search_run import SearchRun, pose_headings
+from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.problem import TipGoal
 from tests.scenes import Scene, motion_task
 

@@ -13,12 +13,11 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from ccm_opt.comparison.scenes import random_headings
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.compare.suites import random_headings
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointTrajectory
 from tests.benchmarks.scene_families import DRAWS, SPARE, NoSceneError, clear, smooth
 from tests.benchmarks.wound_scenes import out_of_bottle, wound_up

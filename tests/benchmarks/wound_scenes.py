@@ -8,12 +8,11 @@ first, and its tip is wanted outside; back in is certainly possible once a way o
 import numpy as np
 import shapely
 
-from ccm_opt.comparison.scenes import random_headings
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.compare.suites import random_headings
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.benchmarks.scene_families import DRAWS, SPARE, NoSceneError, clear, laid_on
 from tests.scenes import Scene, make_arm, random_polygon
 

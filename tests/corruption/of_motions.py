@@ -7,23 +7,22 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from ccm_opt.driver.checking_plans import check
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import described
+from ccm_opt.driver.settings import DEFAULT_IN_SPACE
 from ccm_opt.driver.space_pipeline import described_in_space
-from ccm_opt.driver.space_settings import DEFAULT_IN_SPACE
-from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan
+from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan, check
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.files.export.folder import write_solution
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bodies import BoxBody, SphereBody
+from ccm_opt.scene.scene import SpaceObstacle
+from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
-from ccm_opt.space.problem import AnyProblem, SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BoxBody, SphereBody
-from ccm_opt.space.scene.scene import SpaceObstacle
-from ccm_opt.space.space_solution import AnySolution
+from ccm_opt.solution.space_solution import AnySolution
 
 from .plans import Folder, Generator, kind
 

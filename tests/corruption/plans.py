@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 import ccm_opt
-from ccm_opt.files.export.folder import write_solution
-from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.space_solution import AnySolution
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.folder import write_solution
+from ccm_opt.io.reading import parse_problem
+from ccm_opt.solution.space_solution import AnySolution
 
 from .plans_in_space import PLANS_IN_SPACE, write_problem
 

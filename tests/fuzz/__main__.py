@@ -25,12 +25,11 @@ from tests.fuzz.seeds import WORDS, seeds
 from tests.soak.mutations import mutated
 from tests.space_files import three_mf
 
-with atheris.instrument_imports(include=["ccm_opt.files.scene_import"]):
-    from ccm_opt.files.scene_import.drawing import import_scene
-    from ccm_opt.files.scene_import.formats import READERS
-    from ccm_opt.files.scene_import.import_settings import ImportOptions
-    from ccm_opt.files.scene_import.mesh_file import MESH_READERS, read_mesh_file
-    from ccm_opt.files.scene_import.mesh_mending import mended_mesh
+with atheris.instrument_imports(include=["ccm_opt.io"]):
+    from ccm_opt.io.drawing import READERS, import_scene
+    from ccm_opt.io.mesh_mending import mended_mesh
+    from ccm_opt.io.mesh_obstacles import MESH_READERS, read_mesh_file
+    from ccm_opt.io.settings import ImportOptions
 
 OPTIONS = ImportOptions(scale=0.001)
 LONGEST = 5

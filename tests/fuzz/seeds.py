@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import trimesh
 
-from ccm_opt.space.scene.bodies import BOX_FACES
+from ccm_opt.scene.bodies import BOX_FACES
 from tests.space_files import CUBE, binary_stl, cube_3mf
 
 Tag: TypeAlias = tuple[int, object]

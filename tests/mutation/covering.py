@@ -39,7 +39,7 @@ TESTS = (
 SETTINGS = """\
 [run]
 branch = true
-source = ccm_opt.verification,ccm_opt.collision
+source = ccm_opt.verification,ccm_opt.scene
 data_file = {data}
 [json]
 show_contexts = true

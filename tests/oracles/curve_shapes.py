@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.curve_map import CurveMap
 
 
 def shapes_by_numpy(curve: CurveMap, places: FloatArray) -> FloatArray:

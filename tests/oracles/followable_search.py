@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.followable_search import FollowSearch, WayEnd
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.followable_search import FollowSearch, WayEnd
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.motion.connect.sampled_check import SampledCheck
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.sampled_check import SampledCheck
 
 CHUNK = 2048
 """Poses that are looked at together."""

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.aba import build_aba
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, Structure
 from ccm_opt.dynamics.algorithms.rnea import build_rnea
-from ccm_opt.ground.arrays import FloatArray
 
 BUILDERS: dict[str, Callable[[Structure], Any]] = {"inverse_dynamics": build_rnea, "forward_dynamics": build_aba}
 

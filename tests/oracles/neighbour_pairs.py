@@ -8,10 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.collision.contacts import WALL, Contacts, joined_contacts
-from ccm_opt.collision.pair_search import PairQuestion
-from ccm_opt.collision.segment_pairs import closest_on_segments, segments_cross
-from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.contact_finder import (
+    WALL,
+    Contacts,
+    PairQuestion,
+    closest_on_segments,
+    joined_contacts,
+    segments_cross,
+)
 
 
 @dataclass

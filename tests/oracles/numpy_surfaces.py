@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
-from ccm_opt.space.distances.surface_search import SurfaceBoxes
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.distances.surface_tree import PlaneRows, SurfaceBoxes, Witnesses
 
 from .segment_triangle import nearest_pairs, outward_normals
 

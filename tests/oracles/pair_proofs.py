@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.collision.pair_proofs import Pairs
-from ccm_opt.collision.segment_pairs import closest_on_segments
-from ccm_opt.collision.stretches import Stretches
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.scene.certificate import Pairs, Stretches
+from ccm_opt.scene.contact_finder import closest_on_segments
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 
 _FLAT = 1e-26
 """``FLAT`` of triangles.h."""

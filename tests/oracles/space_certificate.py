@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.space.distances.segment_pairs import segment_distances
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.space_link_motion import LinkPairs
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.space_certificate import LinkPairs
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
 def bows_by_numpy(arm: SpaceArm, rotations: FloatArray, turns: FloatArray) -> FloatArray:

@@ -3,9 +3,9 @@
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.native import element_type
-from ccm_opt.space.distances.surface_search import SurfaceBoxes
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.native import element_type
+from ccm_opt.scene.distances.surface_tree import SurfaceBoxes
 
 NODE = element_type("build_surfaces", "nodes")
 _BITS = 10

@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.wall_segments import WallSegments
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.rounding import SHORTEST
-from ccm_opt.motion.limits.sweep_regions import BEHIND
+from ccm_opt.core.arrays import SHORTEST, FloatArray, IntArray
+from ccm_opt.planning.limits.clearance_rows import BEHIND
+from ccm_opt.scene.walls import WallSegments
 
 
 def planes_by_numpy(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:

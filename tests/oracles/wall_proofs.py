@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ccm_opt.collision.stretches import Stretches
-from ccm_opt.collision.wall_proofs import Links, WallQuestion
-from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.scene.certificate import Links, Stretches, WallQuestion
 
 
 @dataclass(frozen=True)

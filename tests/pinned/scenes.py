@@ -12,24 +12,9 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from ccm_opt.collision.bad_pose import refuse_bad_pose
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS
-from ccm_opt.collision.contact_finder import ContactFinder
-from ccm_opt.collision.pair_proofs import PairProofs
-from ccm_opt.collision.pair_search import PairQuestion, PairSearch
-from ccm_opt.collision.room_advice import room_advice
-from ccm_opt.collision.stretches import Stretches
-from ccm_opt.collision.wall_proofs import WallProofs, WallQuestion
-from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.driver.record_agreement import keyframe_curves
 from ccm_opt.errors import CcmError
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_names, revolute_angles
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.planners.keyframe_curves import keyframe_curves
 from ccm_opt.problem import (
     CurvePose,
     JointPose,
@@ -42,6 +27,14 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
+from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs, WallQuestion
+from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQuestion, PairSearch
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.interpolation import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
@@ -50,9 +43,8 @@ from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.tolerance.error_model import base_heading_error, joint_errors
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, base_heading_error, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error, worst_motion
-from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
 from ccm_opt.verification.tolerance.tube import tube_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import joint_names, revolute_angles
-from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.verifier import verify

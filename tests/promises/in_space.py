@@ -6,16 +6,16 @@ from functools import cache
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.drive_limits import Limits, PointLimit
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import PlannerOptions, SimulationOptions, Tolerances
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.robot.coordinates import Limits, PointLimit
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
+from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.space.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
-from ccm_opt.space.scene.scene import SpaceWorkspace
-from ccm_opt.space.verification.link_frames import LinkFrames
+from ccm_opt.verification.space_chain_motion import LinkFrames
 from tests.space_arms import space_arm
 from tests.space_plans import SpacePlan, places_of, with_body
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.freespace.obstacle import Obstacle
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import CurvePose, JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.arms import plain_arm
 
 from .cases import FULL, LINKS, ROOM, WEIGHTLESS, Case, Mutation, fed, fixed, pausing, peak

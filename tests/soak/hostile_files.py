@@ -11,10 +11,10 @@ from pathlib import Path
 
 from ccm_opt import load_problem
 from ccm_opt.errors import CcmError
-from ccm_opt.files.scene_import.drawing import import_scene
-from ccm_opt.files.scene_import.import_settings import ImportOptions
-from ccm_opt.files.scene_import.mesh_file import read_mesh_file
-from ccm_opt.files.scene_import.mesh_mending import mended_mesh
+from ccm_opt.io.drawing import import_scene
+from ccm_opt.io.mesh_mending import mended_mesh
+from ccm_opt.io.mesh_obstacles import read_mesh_file
+from ccm_opt.io.settings import ImportOptions
 from tests.conftest import PROBLEMS
 from tests.fuzz.seeds import seeds
 from tests.soak.mutations import mutated

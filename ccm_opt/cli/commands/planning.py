@@ -51,8 +51,8 @@ def solve_command(
 ) -> int:
     """Solve problems; write OUT/<name>/ for each."""
     with no_search_for_cycles():
+        from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
         from ccm_opt.cli.solving import SolveOptions, solve_files, with_planner_options  # noqa: PLC0415 - loads numpy
-        from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
     options = SolveOptions(
         out=out,
@@ -104,8 +104,8 @@ def pose_command(
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
 ) -> int:
     """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
+    from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
     from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
-    from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
     terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
     return pose_files(files, out, terms, changes or (), pictures=not no_pictures)

@@ -24,13 +24,13 @@ import websockets.asyncio.server
 from websockets import Headers
 from websockets.http11 import Request, Response
 
-from ccm_opt.cli.view.kinds import AnyFrames, AnyLivePlan, frames_of, handles_of, scene_of
-from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
+from ccm_opt.cli.view.handles import AnyFrames, AnyLivePlan, frames_of, handles_of, scene_of
+from ccm_opt.cli.view.settings import VIEW, ViewSettings
+from ccm_opt.core.arrays import TINY
 from ccm_opt.driver.live_plan import LiveAnswer
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.report.page_units import PageUnits
-from ccm_opt.ground.rounding import TINY
 from ccm_opt.solution import Check
+from ccm_opt.viz.page_units import PageUnits
 
 LOOPBACK = "127.0.0.1"
 """Only this machine sees the page: whoever can reach it can make it plan."""

@@ -1,17 +1,174 @@
-"""Handles on the goal and the obstacles: what is dragged with them is planned again."""
+"""Handles that are dragged, and what is planned anew.
 
+World x is x; of the plane, world z is y, and handles keep to it.
+"""
+
+import threading
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+import viser
 
-from ccm_opt.cli.view.handle_frame import HandleFrame, Turn
-from ccm_opt.cli.view.replanner import Replanner
+from ccm_opt.cli.view.frames import MotionFrames, SpaceFrames, in_space, turned, turned_to
 from ccm_opt.cli.view.scene import Scene
+from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.cli.view.space_scene import SpaceScene
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.errors import CcmError
+from ccm_opt.problem import Goal, TipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.solution import JointStates, JointTrajectory
+
+
+@dataclass
+class Replanner:
+    """Takes changes from any thread, plans them in one of its own, and tells what came of it.
+
+    Attributes:
+        live: the plan that follows.
+        told: called, in the planner's thread, with the plan's answer or what is wrong with what was asked.
+        settings: when it is quiet enough to plan anew.
+    """
+
+    live: LivePlan | LivePlanInSpace
+    told: Callable[[LiveAnswer | str], None]
+    settings: ViewSettings = VIEW
+    _wanted: Callable[[], LiveAnswer] | None = None
+    _fresh: bool = False
+    _ended: bool = False
+    _changed: threading.Condition = field(default_factory=threading.Condition)
+
+    def start(self) -> None:
+        """Begin to plan."""
+        threading.Thread(target=self._run, daemon=True, name="replanner").start()
+
+    def ask(self, change: Callable[[], LiveAnswer]) -> None:
+        """Ask for a change; one that was asked for and not begun is forgotten."""
+        with self._changed:
+            self._wanted = change
+            self._changed.notify()
+
+    def end(self) -> None:
+        """Plan nothing more."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
+    def _run(self) -> None:
+        while (change := self._next()) is not None:
+            try:
+                self.told(change())
+            except CcmError as error:
+                self.told(str(error))
+
+    def _next(self) -> Callable[[], LiveAnswer] | None:
+        """The next change; after some quiet a plan from nothing; None at the end."""
+        with self._changed:
+            while not self._ended:
+                if self._wanted is not None:
+                    change, self._wanted, self._fresh = self._wanted, None, True
+                    return change
+                heard = self._changed.wait(self.settings.quiet if self._fresh else None)
+                if not heard and self._fresh:
+                    self._fresh = False
+                    return partial(self.live.plan_anew, self.settings.anew)
+        return None
+
+
+Turn = FloatArray | float
+"""Where a tip points: a heading in the plane [rad], a direction in space, shape (3,)."""
+
+
+class HandleFrame(Protocol):
+    """Between what is planned and what is dragged."""
+
+    axes: tuple[bool, bool, bool]
+    """Along which axes of the world a handle moves."""
+
+    def goal_of(self, goal: Goal | SpaceGoal) -> tuple[FloatArray, Turn | None] | None:
+        """Place of a goal for the tip [m], and where it points if that is asked for; None for a whole arm."""
+        ...
+
+    def in_world(self, place: FloatArray) -> FloatArray:
+        """A place in the scene, shape (3,)."""
+        ...
+
+    def place(self, position: FloatArray) -> FloatArray:
+        """What place a position in the scene, shape (3,), stands for."""
+        ...
+
+    def quaternion(self, turn: Turn) -> FloatArray:
+        """A turn as a quaternion (w, x, y, z)."""
+        ...
+
+    def turn(self, wxyz: FloatArray) -> Turn:
+        """What a quaternion (w, x, y, z) stands for."""
+        ...
+
+
+class PlaneHandles:
+    """Handles that keep to the plane."""
+
+    axes = (True, False, True)
+
+    def goal_of(self, goal: Goal | SpaceGoal) -> tuple[FloatArray, Turn | None] | None:
+        """Place (x, y) and heading."""
+        return (goal.position, goal.heading) if isinstance(goal, TipGoal) else None
+
+    def in_world(self, place: FloatArray) -> FloatArray:
+        """The place, in the plane of world x and z."""
+        return in_space(place)
+
+    def place(self, position: FloatArray) -> FloatArray:
+        """Its coordinates in the plane, shape (2,)."""
+        return np.array([position[0], position[2]])
+
+    def quaternion(self, turn: Turn) -> FloatArray:
+        """A turn about the plane's normal."""
+        return turned(np.array(turn))
+
+    def turn(self, wxyz: FloatArray) -> float:
+        """The heading of what world x is turned to [rad]."""
+        x, _, z = direction_of(wxyz)
+        return float(np.arctan2(z, x))
+
+
+class SpaceHandles:
+    """Handles that go anywhere."""
+
+    axes = (True, True, True)
+
+    def goal_of(self, goal: Goal | SpaceGoal) -> tuple[FloatArray, Turn | None] | None:
+        """Place (x, y, z) and direction."""
+        return (goal.position, goal.direction) if isinstance(goal, SpaceTipGoal) else None
+
+    def in_world(self, place: FloatArray) -> FloatArray:
+        """The place itself."""
+        return place
+
+    def place(self, position: FloatArray) -> FloatArray:
+        """The position itself, shape (3,)."""
+        return position
+
+    def quaternion(self, turn: Turn) -> FloatArray:
+        """The shortest turn of world x to a direction."""
+        return turned_to(np.asarray(turn))
+
+    def turn(self, wxyz: FloatArray) -> FloatArray:
+        """The direction that world x is turned to, shape (3,)."""
+        return direction_of(wxyz)
+
+
+def direction_of(wxyz: FloatArray) -> FloatArray:
+    """Where a quaternion (w, x, y, z) turns world x to, shape (3,)."""
+    w, x, y, z = wxyz
+    return np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
+
 
 GOAL = "the goal"
 """What can be dragged besides the obstacles."""
@@ -102,3 +259,34 @@ class Handles:
     def _place(self, handle: Any) -> FloatArray:
         """The place where a handle is [m]."""
         return self._frame.place(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
+
+
+AnyFrames: TypeAlias = MotionFrames | SpaceFrames
+"""The poses of a motion."""
+AnyLivePlan: TypeAlias = LivePlan | LivePlanInSpace
+"""A plan that follows drags."""
+
+
+def frames_of(
+    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, settings: ViewSettings = VIEW
+) -> AnyFrames:
+    """The poses of a motion of a problem of either kind."""
+    if isinstance(problem, SpaceProblem):
+        return SpaceFrames(problem, trajectory, joints, settings)
+    return MotionFrames(problem, trajectory, joints, settings)
+
+
+def scene_of(server: viser.ViserServer, frames: AnyFrames, settings: ViewSettings) -> Scene | SpaceScene:
+    """The scene that shows a motion."""
+    if isinstance(frames, SpaceFrames):
+        return SpaceScene(server, frames, settings)
+    return Scene(server, frames, settings)
+
+
+def handles_of(
+    scene: Scene | SpaceScene, live: AnyLivePlan | None, told: Callable[[Any, LiveAnswer | str], None]
+) -> Handles | None:
+    """Handles on what can be dragged; None where nothing can."""
+    if live is None:
+        return None
+    return Handles(scene, live, SpaceHandles() if isinstance(scene, SpaceScene) else PlaneHandles(), told)

@@ -10,13 +10,12 @@ import numpy as np
 import shapely
 import viser
 
-from ccm_opt.cli.view import colours
-from ccm_opt.cli.view.frames import MotionFrames
-from ccm_opt.cli.view.meshes import Mesh, ball, cylinder, extruded, in_space, turned
-from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
-from ccm_opt.files.report.route_layers import route_layers
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.cli.view import settings as colours
+from ccm_opt.cli.view.frames import Mesh, MotionFrames, ball, cylinder, extruded, in_space, turned
+from ccm_opt.cli.view.settings import VIEW, ViewSettings
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.viz.stage_section import route_layers
 
 LAYERS = {"swept region": "/tube", "start": "/start", "route": "/route", "regions": "/regions", "names": "/names"}
 """What can be switched on and off, and where it stands in the scene."""

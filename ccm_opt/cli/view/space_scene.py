@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 import viser
 
-from ccm_opt.cli.view import colours
-from ccm_opt.cli.view.meshes import ball, cylinder, turned_to
+from ccm_opt.cli.view import settings as colours
+from ccm_opt.cli.view.frames import SpaceFrames, ball, cylinder, turned_to
 from ccm_opt.cli.view.scene import path_of
-from ccm_opt.cli.view.space_frames import SpaceFrames
-from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.scene import SpaceObstacle
-from ccm_opt.space.scene.thin_surfaces import within
+from ccm_opt.cli.view.settings import VIEW, ViewSettings
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.round_bodies import seen_triangles
+from ccm_opt.scene.scene import SpaceObstacle
+from ccm_opt.scene.surfaces import within
 
 SPACE_LAYERS = {"start": "/start", "poses on the way": "/poses", "names": "/names"}
 """What can be switched on and off, and where it stands in the scene."""

@@ -10,10 +10,17 @@ import casadi as ca
 
 from ccm_opt.dynamics.algorithms import aba_free, aba_geared
 from ccm_opt.dynamics.algorithms.arm_model import Structure
-from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
 from ccm_opt.dynamics.algorithms.in_plane import AT_REST, OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
-from ccm_opt.jointed.arm import Axes
+from ccm_opt.dynamics.algorithms.link_algebra import (
+    BALL_JOINTS,
+    angles_of,
+    inward,
+    model_symbols,
+    outward,
+    per_ball,
+    sines_and_cosines,
+)
+from ccm_opt.robot.arm import Axes
 
 
 class AbaSteps(NamedTuple):

@@ -16,11 +16,16 @@ from typing import Any
 
 import casadi as ca
 
-from ccm_opt.dynamics.algorithms.aba_base import base_step
-from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
-from ccm_opt.dynamics.algorithms.link_algebra import centripetal, gyroscopic, pack, unpack
-from ccm_opt.dynamics.algorithms.sweep import angles_of
-from ccm_opt.jointed.arm import Axes
+from ccm_opt.dynamics.algorithms.link_algebra import (
+    BALL_JOINTS,
+    angles_of,
+    base_step,
+    centripetal,
+    gyroscopic,
+    pack,
+    unpack,
+)
+from ccm_opt.robot.arm import Axes
 
 STATE = 12
 """Numbers that one link passes on: the upper triangle of M (6), p (3) and n (3)."""

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Axes
-from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Axes
+from ccm_opt.robot.driven_arm import DrivenArm
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import Structure, arm_model
-from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
-from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Axes
-from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.dynamics.algorithms.link_algebra import (
+    BALL_JOINTS,
+    angles_of,
+    inward,
+    model_symbols,
+    outward,
+    per_ball,
+    sines_and_cosines,
+)
+from ccm_opt.robot.arm import Axes
+from ccm_opt.robot.driven_arm import DrivenArm
 
 
 class MassMatrix:

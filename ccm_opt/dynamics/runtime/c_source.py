@@ -14,7 +14,7 @@ import casadi as ca
 from ccm_opt.dynamics.algorithms.aba import aba_steps
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.rnea import rnea_steps
-from ccm_opt.jointed.arm import Axes
+from ccm_opt.robot.arm import Axes
 
 C_FILES = ("sines.c", "recursion.c", "simulation.c")
 SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate", "work_per_link", "loop_rows")

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_BRAKING, BrakingSettings
+from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_BRAKING, BrakingSettings
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm_points import MovingPoint, point_of
-from ccm_opt.jointed.drive_limits import planned_share
-from ccm_opt.jointed.driven_arm import DrivenArm
-from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.problem import DriveLimits, Limits
+from ccm_opt.robot.coordinates import planned_share
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import JointTrajectory
 
 

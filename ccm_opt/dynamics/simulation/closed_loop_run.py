@@ -1,4 +1,4 @@
-"""The arm under its controller, step by step: the closed loop is compiled as a whole (section 5.4).
+"""Simulates the controlled arm, and judges how it followed.
 
 Each step holds the control computed at its start and integrates q̈ = ABA(q, q̇, τ) by the classical Runge–Kutta method; a
 feed axis is one more coordinate, the last. A planar motion under gravity in its plane stays exactly planar: every term
@@ -10,23 +10,183 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, with_rotor_code
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
-from ccm_opt.dynamics.simulation.controller import loop_parameters
-from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
-from ccm_opt.dynamics.simulation.plan_needs import needs_of_plan
-from ccm_opt.dynamics.simulation.reference import StepReference, step_reference
-from ccm_opt.dynamics.simulation.run_faults import RunFault, first_far_off, first_saturation, steps_before
-from ccm_opt.dynamics.simulation.run_verdict import RunFaults, verdict_of_run
-from ccm_opt.dynamics.simulation.simulation_checks import check_axes, check_finite, falls_in_plane
-from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps, SimulationRecord
-from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
+from ccm_opt.dynamics.simulation.controller import Noise, StepReference, disturbed_arm, loop_parameters, step_reference
+from ccm_opt.dynamics.simulation.simulation_checks import (
+    PlanNeeds,
+    check_axes,
+    check_finite,
+    falls_in_plane,
+    needs_of_plan,
+)
+from ccm_opt.dynamics.simulation.simulation_record import (
+    DEFAULT_SIMULATION,
+    SimulatedSteps,
+    SimulationRecord,
+    SimulationSettings,
+)
 from ccm_opt.dynamics.simulation.stability import check_stability
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits, SimulationOptions
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
+
+
+@dataclass(frozen=True)
+class RunFault:
+    """Where a run first goes wrong.
+
+    Attributes:
+        column: of the state that is at fault: a revolute, or after them all the feed axis.
+        step: number of the state from the run's begin; state k stands at k steps.
+        error: of the revolute at that state [rad]; not finite when the state is not.
+    """
+
+    column: int
+    step: int
+    error: float = 0.0
+
+
+def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
+    """The first state that is not finite, or a revolute of which is farther from its reference than ``most`` [rad]."""
+    # Where an error is no number, the first comparison fails, too.
+    if steps.worst_error <= most and steps.is_finite:
+        return None
+    # The feed axis, last, has errors in metres, for which there is no such bound.
+    errors = np.pad(steps.errors, ((0, 0), (0, 1)))
+    bad = (errors > most) | ~np.isfinite(steps.states[1:]).all(axis=1)
+    row, column = np.argwhere(bad)[0]
+    return RunFault(int(column), steps.first + int(row) + 1, float(errors[row, column]))
+
+
+def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | None:
+    """The first effort at its limit, shape (W,) [N m, N]; it is held from that state on."""
+    full = np.abs(steps.efforts) >= limit
+    if not full.any():
+        return None
+    row, column = np.argwhere(full)[0]
+    return RunFault(int(column), steps.first + int(row))
+
+
+def steps_before(steps: SimulatedSteps, fault: RunFault) -> SimulatedSteps:
+    """The steps of a run that end before the state at fault; there may be none."""
+    count = fault.step - steps.first - 1
+    return replace(
+        steps, states=steps.states[: count + 1], efforts=steps.efforts[:count], targets=steps.targets[:count]
+    )
+
+
+SATURATED_ADVICE = ("a smaller planner.effort_share, which leaves the controller more", "smaller disturbances")
+CONTROL_ADVICE = (
+    "a smaller simulation.step",
+    "another simulation.bandwidth, or other simulation.gains",
+    "the other simulation.controller",
+)
+
+
+@dataclass(frozen=True)
+class RunFaults:
+    """All that went wrong in a run.
+
+    Attributes:
+        full: where an effort first met its limit; None when none did.
+        limit: of that effort [N m, N].
+        full_steps: number of steps in which some effort was at its limit.
+        strayed: where a joint was first far off its reference; None when none was.
+        largest_error: of a joint over the whole run [rad].
+        lost: where the run was stopped, since the arm had left its plan for good; None when it was not.
+        needs: what the plan takes of the drives of the simulated arm; None where no drive has a limit.
+    """
+
+    full: RunFault | None = None
+    limit: float = np.inf
+    full_steps: int = 0
+    strayed: RunFault | None = None
+    largest_error: float = 0.0
+    lost: RunFault | None = None
+    needs: PlanNeeds | None = None
+
+
+def verdict_of_run(faults: RunFaults, step: float, names: tuple[str, ...]) -> SimulationVerdict:
+    """The verdict on a run, as far as drives and errors decide it; what the arm touches is not known here.
+
+    Args:
+        faults: of the run.
+        step: length of a step [s].
+        names: of all revolutes.
+    """
+    full = faults.full
+    met = "" if full is None else _words_of_limit(full, faults, step, names)
+    fault = faults.lost or faults.strayed
+    if fault is not None:
+        return _off_the_plan(faults, fault, met, step, names)
+    if full is None:
+        return SimulationVerdict("followed", step)
+    name = _name(full, names)
+    reason = f"{met}{_words_of_needs(faults.needs, names)}"
+    advice = _drive_advice(faults.needs, names)
+    return SimulationVerdict("saturated", step, reason, joint=name, time=full.step * step, advice=advice)
+
+
+def _off_the_plan(
+    faults: RunFaults, fault: RunFault, met: str, step: float, names: tuple[str, ...]
+) -> SimulationVerdict:
+    name = _name(fault, names)
+    time = fault.step * step
+    off = f"the simulated {name} {_words_of_error(fault)} at {time:.4g} s"
+    if faults.lost is None:
+        off = f"{off}, and joints are up to {faults.largest_error:.3g} rad off in all"
+    # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
+    saturated_before = faults.full is not None and faults.full.step <= fault.step
+    cause = f"{off}; before that, {met}" if saturated_before else f"{off}, though no drive was at its limit before"
+    # Drives that could follow the plan are not to blame for being full: the controller drove them there.
+    too_weak = faults.needs is not None and faults.needs.share > 1.0
+    return SimulationVerdict(
+        "strayed" if faults.lost is None else "diverged",
+        step,
+        f"{cause}{_words_of_needs(faults.needs, names)}",
+        joint=name,
+        time=time,
+        advice=_drive_advice(faults.needs, names) if saturated_before or too_weak else CONTROL_ADVICE,
+    )
+
+
+def _words_of_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
+    """What the drives could hold, to go on after the reason."""
+    if needs is None:
+        return ""
+    unit = "N" if needs.column == len(names) else "N m"
+    name = (*names, "the feed axis")[needs.column]
+    most = f"{needs.effort:.4g} {unit} of {name} at {needs.time:.4g} s, of which {needs.held:.4g} {unit} to hold still"
+    plan = "follow this plan with the simulated arm"
+    if needs.share > 1.0:
+        return f"; the drives cannot {plan}: it takes {most}, and the limit is {needs.limit:.4g} {unit}"
+    return f"; the drives could {plan}, at {100.0 * needs.share:.3g} % of a limit at most: {most}"
+
+
+def _drive_advice(needs: PlanNeeds | None, names: tuple[str, ...]) -> tuple[str, ...]:
+    if needs is None or needs.share <= 1.0:
+        return SATURATED_ADVICE
+    if needs.column == len(names):
+        return (f"limits.feed_force above {needs.effort:.4g} N", *SATURATED_ADVICE)
+    return (f"a torque limit above {needs.effort:.4g} N m for {names[needs.column]}", *SATURATED_ADVICE)
+
+
+def _words_of_limit(full: RunFault, faults: RunFaults, step: float, names: tuple[str, ...]) -> str:
+    axis = full.column == len(names)
+    limit = f"force limit of {faults.limit:.4g} N" if axis else f"torque limit of {faults.limit:.4g} N m"
+    met = f"the drive of {_name(full, names)} meets its {limit} at {full.step * step:.4g} s"
+    return f"{met}; in all, drives are at limits for {faults.full_steps * step:.3g} s"
+
+
+def _words_of_error(fault: RunFault) -> str:
+    return f"is {fault.error:.3g} rad off the plan" if np.isfinite(fault.error) else "is not finite"
+
+
+def _name(fault: RunFault, names: tuple[str, ...]) -> str:
+    return (*names, "the feed axis")[fault.column]
 
 
 def simulate(

@@ -16,13 +16,13 @@ stiffness in the loop, which soft gains cannot hold.
 import numpy as np
 from scipy.linalg import eigvalsh
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.simulation.controller import feed_gains, gains
-from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
+from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import Diagnosis, SimulationError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import SimulationOptions
+from ccm_opt.robot.driven_arm import DrivenArm
 
 RUNGE_KUTTA_REACH = 2.78
 """|λ dt| on the negative real axis up to which the classical method is stable, where 1 + z + … + z⁴/24 reaches 1."""

@@ -1,8 +1,6 @@
 """The limits on motions, one file each. To add one, write its file and name it here."""
 
-from ccm_opt.retiming.motion_limits.coordinate_acceleration import CoordinateAcceleration
-from ccm_opt.retiming.motion_limits.coordinate_jerk import CoordinateJerk
-from ccm_opt.retiming.motion_limits.coordinate_velocity import CoordinateVelocity
+from ccm_opt.retiming.motion_limits.coordinate_limits import CoordinateAcceleration, CoordinateJerk, CoordinateVelocity
 from ccm_opt.retiming.motion_limits.drive_effort import DriveEffort
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit
 from ccm_opt.retiming.motion_limits.point_speed import PointSpeed

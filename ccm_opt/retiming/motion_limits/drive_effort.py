@@ -1,4 +1,4 @@
-"""The limits on what the drives give: torques of the revolutes, forces of the axes that carry the base.
+"""Limits of a drive's effort.
 
 An effort τ(q, q̇, q̈) is linear in the accelerations and quadratic in the velocities, so that three evaluations of
 inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0) − d, c = τ(q, 0, 0), with d
@@ -13,16 +13,61 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.rounding import TINY
-from ccm_opt.jointed.drive_limits import planned_share
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import Efforts
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.slowing import slowings
-from ccm_opt.retiming.static_load import too_weak
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
+from ccm_opt.robot.coordinates import Coordinates, planned_share
+
+_AXIS = ("first (yaw)", "second (bend)", "third")
+
+
+def revolute_name(number: int) -> str:
+    """Ball and axis of a revolute in words, the ball counted from 1."""
+    return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
+
+
+def drive_name(number: int, coordinates: Coordinates) -> str:
+    """A revolute in words, or an axis that carries the base; these are counted after the revolutes."""
+    names = [f"the {name} axis" for name in coordinates.base_names]
+    return revolute_name(number) if number < coordinates.revolutes else names[number - coordinates.revolutes]
+
+
+def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
+    """The error for a drive that cannot hold the arm still.
+
+    Args:
+        number: of the drive.
+        share: of its limit that it needs.
+        place: path parameter.
+        limits: of the problem.
+        coordinates: of the arm.
+    """
+    turning = number < coordinates.revolutes
+    kind = "torque" if turning else "force"
+    unit = "N m" if turning else "N"
+    part = "joint" if turning else "axis"
+
+    limit = float(limits.of_drives(coordinates).effort[number])
+    load = share * limit
+    return RetimingError(
+        Diagnosis(
+            reason=f"{drive_name(number, coordinates)} needs {load:.4g} {unit} to hold the arm still at {place:.1%} "
+            f"of the path, but its {kind} limit is {limit:.4g} {unit}",
+            stage="retiming",
+            advice=(
+                f"raise the {kind} limit of this {part} above {load:.4g} {unit}",
+                "make the links lighter, or correct the direction of gravity",
+                "choose a start or goal nearer to the vertical through the base",
+            ),
+            evidence={"revolute": number, kind: load, "limit": limit, "path_position": place},
+        )
+    )
 
 
 class DriveEffort(MotionLimit):

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings

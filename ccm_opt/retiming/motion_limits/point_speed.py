@@ -11,13 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm_points import MovingPoint, point_of
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
+from ccm_opt.robot.points import MovingPoint, point_of
 
 
 class PointSpeed(MotionLimit):

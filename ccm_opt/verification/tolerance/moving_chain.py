@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.link_motion import ChainMotion, chain_points
 from ccm_opt.verification.tolerance.chain_cases import ChainCases
 from ccm_opt.verification.tolerance.error_model import ErrorModel

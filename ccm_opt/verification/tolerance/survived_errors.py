@@ -1,35 +1,66 @@
-"""The largest errors with which a timed motion keeps its clearance from the walls, and off itself, at all times."""
+"""Errors that a planar plan survives.
+
+Where the room about a corner spans less than half a turn, as in the corners of a room seen from inside, a link whose
+axis is nearest to the corner in its own middle is nearer still to one of the two edges that meet there: the one at
+less than a right angle to the shortest line. The nearest points of that edge and the link involve another end of
+either, so a first touch is never at such a corner alone.
+"""
 
 from collections.abc import Callable
 
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.bisection import Pairs
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.selfcollision import first_distant
-from ccm_opt.verification.tolerance.chain_cases import ChainCases
-from ccm_opt.verification.tolerance.chain_support import worst_errors
+from ccm_opt.verification.tolerance.chain_cases import ChainCases, worst_errors
 from ccm_opt.verification.tolerance.error_model import (
+    DEFAULT_TOLERANCE,
     ErrorModel,
+    ToleranceSettings,
     base_heading_error,
     base_position_error,
     joint_errors,
     link_length_errors,
     wall_errors,
 )
-from ccm_opt.verification.tolerance.hidden_corners import hidden_corners
-from ccm_opt.verification.tolerance.largest_error import LargestError, Limiting
-from ccm_opt.verification.tolerance.link_cases import LinkCases
+from ccm_opt.verification.tolerance.largest_error import LargestError, Limiting, LinkCases
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 from ccm_opt.verification.tolerance.wall_cases import WallCases
 from ccm_opt.verification.wall_clearance import exposed_starts
 from ccm_opt.verification.wall_edges import WallEdges, wall_edges
+
+
+def hidden_corners(workspace: Workspace) -> BoolArray:
+    """Which ends of the walls' edges are such corners, in the order of ``wall_edges``, shape (E, 2)."""
+    parts = [_of_part(part) for wall in workspace.obstacles for part in shapely.get_parts(wall.core)]
+    parts.append(_of_ring(workspace.boundary.exterior, room_inside=True))
+    return np.concatenate(parts)
+
+
+def _of_part(part: shapely.Geometry) -> BoolArray:
+    if isinstance(part, shapely.Polygon):
+        holes = [_of_ring(ring, room_inside=True) for ring in part.interiors]
+        return np.concatenate([_of_ring(part.exterior, room_inside=False), *holes])
+    # The room is on both sides of a line, and all about a point.
+    edges = max(len(shapely.get_coordinates(part)) - 1, 1)
+    return np.zeros((edges, 2), dtype=bool)
+
+
+def _of_ring(ring: shapely.LinearRing, *, room_inside: bool) -> BoolArray:
+    points = shapely.get_coordinates(ring)
+    after = np.diff(points, axis=0)
+    before = np.roll(after, 1, axis=0)
+    left = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    inwards = left if shapely.is_ccw(ring) else -left
+    at_start = inwards > 0.0 if room_inside else inwards < 0.0
+    return np.stack((at_start, np.roll(at_start, -1)), axis=1)
+
 
 MODELS: tuple[Callable[[Arm], ErrorModel], ...] = (
     joint_errors,

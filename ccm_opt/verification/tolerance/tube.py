@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.tolerance.chain_support import chain_support
-from ccm_opt.verification.tolerance.error_model import ErrorModel
+from ccm_opt.verification.tolerance.chain_cases import chain_support
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel, ToleranceSettings
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.verification.bisection import Pairs
-from ccm_opt.verification.segments import segment_distances
+from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
 from ccm_opt.verification.wall_clearance import exposed_starts

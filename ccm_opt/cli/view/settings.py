@@ -1,0 +1,83 @@
+"""Numbers and colours of the viewer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.core.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """How a motion is shown in the browser; all of them are taste.
+
+    Attributes:
+        frame_rate: poses a second that are sent to the browser while the motion plays [1/s].
+        slider_rate: times a second that the time slider follows it [1/s].
+        frames: poses of a motion at which gaps are looked at for colours.
+        tube_frames: poses whose union is the region that the arm sweeps.
+        rest: wall time for which the last pose is shown before the motion plays again [s].
+        depth: of extruded obstacles behind and before the plane, in radii of the arm.
+        least_depth: the same at least, as a share of the arm's length.
+        thin_arm: radius at which an arm without one is drawn, as a share of its length.
+        sides: of the cylinder that a link is drawn as.
+        curved: segments of a quarter circle in outlines.
+        most_triangles: of all bodies in space together; of more, small ones are left out.
+        cell: width of the cells in which corners are joined first then, as a share of the scene's extent.
+        glass: opacity of bodies in space.
+        poses: on the way, in space.
+        quiet: wall time without a drag after which the plan is sought anew, for a shorter way [s].
+        anew: CPU time for that [s].
+    """
+
+    frame_rate: float = 30.0
+    slider_rate: float = 10.0
+    frames: int = 160
+    tube_frames: int = 200
+    rest: float = 0.8
+    depth: float = 4.0
+    least_depth: float = 0.06
+    thin_arm: float = 0.006
+    sides: int = 20
+    curved: int = 6
+    most_triangles: int = 60_000
+    cell: float = 0.004
+    glass: float = 0.35
+    poses: int = 12
+    quiet: float = 1.0
+    anew: float = 3.0
+
+
+VIEW = ViewSettings()
+"""Used where no other settings are given."""
+
+
+Colours = npt.NDArray[np.uint8]
+PLAIN = (62, 124, 166)
+"""Of an arm whose colour means nothing."""
+WALLS = (196, 190, 180)
+START = (150, 158, 168)
+GOAL = (31, 138, 64)
+TUBE = (90, 150, 200)
+ROUTE = (196, 78, 22)
+REGION = (120, 90, 170)
+_SCALE = np.array([[49, 130, 98], [227, 190, 70], [190, 50, 45]], dtype=np.float64)
+"""From plenty, over little, to nothing left; the same for all eyes by their brightness."""
+
+
+def plain(links: int) -> Colours:
+    """The same colour for all links, shape (links, 3)."""
+    return np.tile(np.array(PLAIN, dtype=np.uint8), (links, 1))
+
+
+def by_use(shares: FloatArray) -> Colours:
+    """Colours by the share of something that is used up, from 0 to 1, shape (links,) to (links, 3)."""
+    at = 2.0 * np.clip(shares, 0.0, 1.0)
+    places = np.arange(len(_SCALE))
+    return np.stack([np.interp(at, places, channel) for channel in _SCALE.T], axis=1).astype(np.uint8)
+
+
+def by_gap(gaps: FloatArray, plenty: float) -> Colours:
+    """Colours by the gap to walls: a gap of ``plenty`` [m] and more is the first colour, none the last."""
+    return by_use(1.0 - gaps / plenty)

@@ -1,0 +1,231 @@
+"""Random clutter in space, and jobs with ends that are moved.
+
+The arm reaches 1 m with a radius of 15 mm, its base at the origin; the clutter is balls, boxes turned any way, and bars
+with flat and with round ends, all in reach of the arm. A seed gives the same scene on every machine.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from ccm_opt.compare.space_routes import arm_of_links, with_links
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.reading import load_problem
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
+from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.surfaces import SurfaceSoup
+
+LENGTH = 1.0
+"""Length of the arm [m]."""
+RADIUS = 0.015
+"""Radius of its links [m]."""
+KEPT_OFF = 0.01
+"""Least gap between the start or goal pose and a body, or another link [m]."""
+BEND = 3.0
+"""Standard deviation of the curvature of random poses, in each direction [1/m]."""
+VELOCITY = 1.0
+"""Limit of every revolute [rad/s]."""
+ACCELERATION = 2.0
+"""Limit of every revolute [rad/s²]."""
+
+
+def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
+    """Start and goal pose drawn first, then bodies within the arm's reach that keep off both.
+
+    Args:
+        seed: of the scene.
+        count: of bodies.
+        links: of the arm.
+        name: of the problem.
+
+    Returns:
+        The problem: from the start pose to the place and direction of the tip in the goal pose.
+    """
+    rng = np.random.default_rng(seed)
+    arm = arm_of_links(links, LENGTH, RADIUS)
+    start = _clear_pose(rng, arm)
+    goal = _clear_pose(rng, arm)
+    axes = np.concatenate([_axes(joint_positions(arm, pose)) for pose in (start, goal)])
+    bodies: list[SpaceObstacle] = []
+    while len(bodies) < count:
+        body = _random_body(rng, _place_in_reach(rng))
+        if _apart(body, axes) > arm.radius + KEPT_OFF:
+            bodies.append(SpaceObstacle(f"body {len(bodies)}", body))
+    wide = 1.3 * LENGTH
+    bounds = np.array([[-wide, -wide, -wide], [wide, wide, wide]])
+    tip = SpaceTipGoal(joint_positions(arm, goal)[-1], link_rotations(arm, goal)[-1, :, 0])
+    revolutes = 3 * links
+    return SpaceProblem(
+        name,
+        SpaceWorkspace(bounds, tuple(bodies)),
+        arm,
+        Limits(np.full(revolutes, VELOCITY), np.full(revolutes, ACCELERATION)),
+        SpaceJointPose(start.reshape(links, 2)),
+        tip,
+    )
+
+
+def _clear_pose(rng: np.random.Generator, arm: SpaceArm) -> FloatArray:
+    """Bends of a smooth random pose none of whose links comes near another, shape (2 links,) [rad]."""
+    middles = (np.arange(arm.links) + 0.5) / arm.links
+    while True:
+        # Six normally distributed curvatures each way, linear between them: smooth but arbitrary.
+        knots = rng.normal(0.0, BEND, (2, 6))
+        bends = [np.interp(middles, np.linspace(0.0, 1.0, 6), row) * arm.link_length for row in knots]
+        q = np.column_stack(bends).ravel()
+        q[0] = rng.uniform(-np.pi, np.pi)  # the base may point anywhere
+        q[1] = np.arcsin(rng.uniform(-1.0, 1.0))
+        # A little inside the limits, so that no problem fails for rounding at its start or goal.
+        q = np.asarray(np.clip(q, -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
+        points = joint_positions(arm, q)
+        i, j = arm.distant_pairs
+        apart = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
+        if np.all(apart > 2.0 * arm.radius + KEPT_OFF):
+            return q
+
+
+def _axes(points: FloatArray) -> FloatArray:
+    """Axes of links, shape (links, 2, 3) [m]."""
+    return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def _place_in_reach(rng: np.random.Generator) -> FloatArray:
+    """A place in the ball that the arm reaches, all alike likely, shape (3,) [m]."""
+    way = rng.normal(size=3)
+    return np.asarray(LENGTH * rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way))
+
+
+def _random_body(rng: np.random.Generator, middle: FloatArray) -> Body:
+    """A ball, a box or a bar about a place: 60 to 180 mm thick, bars 20 to 60 mm thick and 0.1 to 0.4 m long."""
+    kind = int(rng.integers(4))
+    if kind == 0:
+        return SphereBody(middle, float(rng.uniform(0.03, 0.09)))
+    if kind == 1:
+        half = rng.uniform(0.03, 0.09, 3)
+        return BoxBody(-half, half, RigidPlacement.of_quaternion(middle, rng.normal(size=4)))
+    way = rng.normal(size=3)
+    half_way = 0.5 * rng.uniform(0.1, 0.4) * way / np.linalg.norm(way)
+    bar = CylinderBody if kind == 2 else CapsuleBody
+    return bar(middle - half_way, middle + half_way, float(rng.uniform(0.01, 0.03)))
+
+
+def _apart(body: Body, axes: FloatArray) -> float:
+    """Least distance of a body from segments, shape (k, 2, 3), or somewhat beyond what matters [m]."""
+    tree = SurfaceTree.of(SurfaceSoup.joined([("", body.triangles, body.rounding)]))
+    return float(tree.distances(axes, 4.0 * RADIUS).min())
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """How far the ends of a shipped problem are moved; all of it is taste, some of the room that there is.
+
+    Attributes:
+        base: shift of the base across its direction, at most [m].
+        fed: how far the arm is fed in at the start, at most [m].
+        goal: shift of the goal, at most [m].
+        turn: of the goal's direction, at most [rad].
+        room: gap that the straight arm at the start and the last link at the goal keep at least [m].
+    """
+
+    base: float
+    fed: float
+    goal: float
+    turn: float
+    room: float
+
+
+JOBS: Mapping[str, Disturbance] = {
+    "elbow": Disturbance(base=0.01, fed=0.1, goal=0.03, turn=0.25, room=0.004),
+    "wing-box": Disturbance(base=0.02, fed=0.05, goal=0.02, turn=0.25, room=0.004),
+    "blade-row": Disturbance(base=0.003, fed=0.1, goal=0.01, turn=0.15, room=0.002),
+}
+"""By the name of the shipped problem."""
+MOST_DRAWS = 1000
+"""After so many ends that touch something the disturbance is too large for the scene."""
+
+
+def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> SpaceProblem:
+    """A shipped problem whose base, start and goal are moved at random; ends that leave no room are drawn again.
+
+    Args:
+        seed: of the draws.
+        job: name of the shipped problem.
+        links: of the arm.
+        folder: of the shipped problems in space.
+        name: of the problem.
+
+    Raises:
+        ProblemError: no ends with room were drawn.
+    """
+    problem, tree = _shipped(folder / f"{job}.toml")
+    goal = problem.goal
+    if not isinstance(goal, SpaceTipGoal) or goal.direction is None:
+        raise ProblemError(f"the goal of {job} is no place and direction of the tip")
+    moved = JOBS[job]
+    rng = np.random.default_rng(seed)
+    whole = problem.arm
+    for _ in range(MOST_DRAWS):
+        base = whole.base + moved.base * _across(rng, whole.direction)
+        arm = with_links(replace(whole, base=base), links)
+        start = SpaceJointPose(np.zeros((links, 2)), arm.base_range[0] + float(rng.uniform(0.0, moved.fed)))
+        place = goal.position + moved.goal * _in_ball(rng)
+        direction = goal.direction + np.tan(moved.turn) * _in_ball(rng)
+        direction /= np.linalg.norm(direction)
+        # Of the usual length whatever the number of links, so that a seed has the same ends for all.
+        last = np.stack((place - whole.link_length * direction, place))[None]
+        kept = arm.radius + problem.workspace.clearance + moved.room
+        if float(tree.distances(last, kept).min()) >= kept and _stands_free(tree, arm, start, kept):
+            tip = replace(goal, position=place, direction=direction)
+            limits = _limits(problem.limits, links)
+            return replace(problem, name=name, arm=arm, start=start, goal=tip, limits=limits, source="")
+    raise ProblemError(f"no start and goal near those of {job} leave {moved.room} m of room")
+
+
+@cache
+def _shipped(file: Path) -> tuple[SpaceProblem, SurfaceTree]:
+    problem = load_problem(file)
+    if not isinstance(problem, SpaceProblem):
+        raise ProblemError(f"{file} is no problem in space")
+    return problem, SurfaceTree.of(problem.workspace.soup)
+
+
+def _stands_free(tree: SurfaceTree, arm: SpaceArm, start: SpaceJointPose, kept: float) -> bool:
+    """Whether the arm beyond its mount keeps a distance at the start."""
+    points = joint_positions(arm, start.configuration(arm))
+    along = points[0] + (arm.mount_length + arm.radius) * arm.direction
+    return float(tree.distances(np.stack((along, points[-1]))[None], kept).min()) >= kept
+
+
+def _limits(limits: Limits, links: int) -> Limits:
+    """The limits of an arm of another number of links; those of the shipped problems are alike for all."""
+
+    def all_alike(values: FloatArray) -> FloatArray:
+        return np.full(3 * links, float(values[0]))
+
+    torque = None if limits.torque is None else all_alike(limits.torque)
+    jerk = None if limits.jerk is None else all_alike(limits.jerk)
+    velocity = all_alike(limits.velocity)
+    return replace(limits, velocity=velocity, acceleration=all_alike(limits.acceleration), torque=torque, jerk=jerk)
+
+
+def _in_ball(rng: np.random.Generator) -> FloatArray:
+    """A place in the unit ball, all alike likely, shape (3,)."""
+    way = rng.normal(size=3)
+    return np.asarray(rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way))
+
+
+def _across(rng: np.random.Generator, direction: FloatArray) -> FloatArray:
+    """A place in the unit disc across a direction, shape (3,)."""
+    place = _in_ball(rng)
+    return np.asarray(place - (place @ direction) * direction)

@@ -1,1 +1,0 @@
-"""The continuous curvature manipulator: segments, configurations, forward kinematics, segment types (section 2)."""

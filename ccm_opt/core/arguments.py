@@ -1,0 +1,138 @@
+"""The arguments of a function that makes something: all that is wrong with them is told at once."""
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from typing import TypeGuard
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.expected import in_words
+from ccm_opt.core.length_words import METRES
+from ccm_opt.errors import ProblemError
+
+LARGEST = 1e15
+"""Places and angles beyond have no digits left for what moves, and areas of them none in single precision."""
+
+
+@dataclass
+class Arguments:
+    """Arguments that are looked at one after the other; what is wrong is collected, and refused in the end.
+
+    Attributes:
+        of: what they make, in words.
+        unit: of the lengths among them: "m", "mm" or "in".
+        metres: in that unit.
+        wrong: what is wrong so far, a line each.
+    """
+
+    of: str
+    unit: object = "m"
+    metres: float = field(init=False, default=1.0)
+    wrong: list[str] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.choice("unit", self.unit, METRES)
+        if not self.wrong:
+            self.metres = METRES[str(self.unit)]
+
+    def number(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
+        """A finite number.
+
+        Args:
+            name: of the argument.
+            value: what was given.
+            least: that it may be.
+            above: what it must be greater than.
+
+        Returns:
+            The number; not a number where it is none.
+        """
+        if is_number(value) and value >= least and value > above:
+            return float(value)
+        bound = f" greater than {above:g}" if math.isfinite(above) else ""
+        self._refused(name, f"a number of at least {least:g}" if math.isfinite(least) else f"a number{bound}", value)
+        return math.nan
+
+    def length(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
+        """A length that is given in the unit, in metres."""
+        return self.metres * self.number(name, value, least=least, above=above)
+
+    def whole(self, name: str, value: object, least: int) -> int:
+        """A whole number of at least so much; that where it is none."""
+        if is_whole(value) and value >= least:
+            return int(value)
+        self._refused(name, f"a whole number of at least {least}", value)
+        return least
+
+    def numbers(self, name: str, value: object, count: int, what: str = "numbers") -> FloatArray:
+        """So many finite numbers, shape (count,); zeros where they are none."""
+        found = finite_array(value)
+        if found is None or found.shape != (count,):
+            self._refused(name, f"{count} {what}", value)
+            return np.zeros(count)
+        return found
+
+    def each(self, name: str, value: object, count: int, *, above: float = -math.inf) -> FloatArray:
+        """One number for all of ``count``, or one for each, shape (count,)."""
+        if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
+            found = self.numbers(name, value, count)
+            if np.any(found <= above) and np.any(found):
+                self._refused(name, f"numbers greater than {above:g}", value)
+            return found
+        return np.full(count, self.number(name, value, above=above))
+
+    def choice(self, name: str, value: object, choices: Collection[str]) -> None:
+        """One of some words."""
+        if not isinstance(value, str) or value not in choices:
+            self._refused(name, f"one of {', '.join(choices)}", value)
+
+    def flag(self, name: str, value: object) -> None:
+        """True or false."""
+        if not isinstance(value, bool):
+            self._refused(name, "True or False", value)
+
+    def must(self, holds: bool, line: str) -> None:
+        """A line about what is wrong unless something holds; what is no number is told already."""
+        if not holds:
+            self.wrong.append(line)
+
+    def refuse(self) -> None:
+        """Refuse them if anything is wrong.
+
+        Raises:
+            ProblemError: with a line for each.
+        """
+        if self.wrong:
+            raise ProblemError(f"{self.of} cannot be made:\n" + "\n".join(f"  {line}" for line in self.wrong))
+
+    def _refused(self, name: str, expected: str, value: object) -> None:
+        self.wrong.append(f"{name}: expected {expected}, got {in_words(value)}")
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value is a finite number; true and false are none."""
+    if isinstance(value, (bool, np.bool_)):
+        return False
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value is a whole number; true and false are none."""
+    return isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
+
+
+def finite_array(value: object) -> FloatArray | None:
+    """A value as an array of numbers of at most ``LARGEST``, or None where it is none."""
+    if isinstance(value, (str, bytes)):
+        return None
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    if found.dtype.kind not in "iuf":
+        return None
+    numbers = found.astype(np.float64)
+    return numbers if np.all(np.abs(numbers) <= LARGEST) else None

@@ -1,0 +1,72 @@
+"""Files that are read whole and written whole."""
+
+import os
+import stat
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0)
+"""Opening a pipe that nobody writes to would else wait for ever."""
+
+
+def read_plain(path: Path, most_bytes: int) -> bytes:
+    """The content of a regular file.
+
+    Args:
+        path: of the file, or of a link to one.
+        most_bytes: files of more are refused unread.
+
+    Raises:
+        OSError: it cannot be read, is no regular file, or is larger.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | _AT_ONCE)
+    try:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            raise OSError("it is no regular file")
+        if about.st_size > most_bytes:
+            raise OSError(f"it has {about.st_size} bytes, at most {most_bytes} are read")
+        with os.fdopen(handle, "rb", closefd=False) as file:
+            content = file.read(most_bytes + 1)  # some files of the system say that they have none
+    finally:
+        os.close(handle)
+    if len(content) > most_bytes:
+        raise OSError(f"it has more than {most_bytes} bytes")
+    return content
+
+
+def put_file(place: Path, content: bytes) -> None:
+    """Write a file such that whoever reads it finds the old content or the new one, whole, also after a failure.
+
+    Args:
+        place: of the file; what is no file, such as a pipe or ``/dev/null``, is written to as it is.
+        content: of the file.
+
+    Raises:
+        OSError: it cannot be written; then it is as it was.
+    """
+    true_place = place.resolve()
+    if true_place.exists() and not true_place.is_file():
+        true_place.write_bytes(content)
+        return
+    handle, name = tempfile.mkstemp(prefix=f".{true_place.name}.", dir=true_place.parent)
+    beside = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.chmod(true_place.stat().st_mode if true_place.exists() else 0o666 & ~_umask())
+        beside.replace(true_place)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink()
+        raise
+
+
+def _umask() -> int:
+    """What new files of this process are not allowed."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,167 @@
+"""Polygons of the plane."""
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import TINY, FloatArray
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The scalar cross product a × b of plane vectors, shapes (..., 2) broadcast to (...)."""
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
+
+
+def after_each(vertices: FloatArray) -> FloatArray:
+    """The vertex after each vertex of a closed ring, shape (m, 2)."""
+    return np.concatenate((vertices[1:], vertices[:1]))
+
+
+def signed_area(vertices: FloatArray) -> float:
+    """The area of a simple polygon [m²], positive when ``vertices`` (m, 2) run counter-clockwise."""
+    x, y = vertices.T
+    return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
+
+
+def counter_clockwise(vertices: FloatArray) -> FloatArray:
+    """The same polygon with its vertices (m, 2) running counter-clockwise."""
+    return vertices if signed_area(vertices) >= 0.0 else vertices[::-1]
+
+
+def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
+    """Whether a counter-clockwise polygon turns left, or goes straight on, at each vertex.
+
+    Args:
+        vertices: shape (m, 2) [m].
+        tolerance: the depth of dents that count as straight [m].
+    """
+    edges = after_each(vertices) - vertices
+    following = after_each(edges)
+    longer = np.maximum(np.linalg.norm(edges, axis=1), np.linalg.norm(following, axis=1))
+    return bool(np.all(cross(edges, following) >= -tolerance * longer))
+
+
+def without_short_edges(vertices: FloatArray, shortest: float = 1e-12) -> FloatArray:
+    """Vertices (m, 2) of a closed ring without those nearer than ``shortest`` [m] to the one before."""
+    before = np.concatenate((vertices[-1:], vertices[:-1]))
+    kept: FloatArray = vertices[np.linalg.norm(vertices - before, axis=1) > shortest]
+    return kept
+
+
+def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The half-planes ``normals @ x <= offsets`` whose intersection is a convex polygon.
+
+    Args:
+        vertices: counter-clockwise, no two alike in succession, shape (m, 2) [m].
+
+    Returns:
+        Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; row i belongs to the edge from vertex i to
+        i + 1.
+    """
+    edges = after_each(vertices) - vertices
+    normals = (edges / np.hypot(edges[:, 0], edges[:, 1])[:, None])[:, ::-1] * (1.0, -1.0)
+    return normals, np.einsum("ij,ij->i", normals, vertices)
+
+
+def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
+    """The part of a convex polygon with ``normal @ x <= offset`` (one step of Sutherland & Hodgman, 1974).
+
+    Args:
+        vertices: counter-clockwise, shape (m, 2) [m].
+        normal: shape (2,).
+        offset: [m].
+
+    Returns:
+        Counter-clockwise vertices, shape (k, 2); k = 0 when nothing is left.
+    """
+    excess: list[float] = (vertices @ normal - offset).tolist()
+    if max(excess) <= 0.0:
+        return vertices
+    points: list[list[float]] = vertices.tolist()
+    kept: list[list[float]] = []
+    for i, here in enumerate(excess):
+        there = excess[i - 1]
+        if (here < 0.0 < there) or (there < 0.0 < here):
+            # The edge from the vertex before crosses the line: keep the point where it does.
+            x, y = points[i]
+            u, v = points[i - 1]
+            fraction = here / (here - there)
+            kept.append([x + fraction * (u - x), y + fraction * (v - y)])
+        if here <= 0.0:
+            kept.append(points[i])
+    return np.array(kept, dtype=np.float64).reshape(-1, 2)
+
+
+def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
+    """The part of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
+    for normal, offset in zip(normals, offsets, strict=True):
+        if len(vertices) == 0:
+            break
+        vertices = clip(vertices, normal, float(offset))
+    return vertices
+
+
+def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, directions: FloatArray) -> FloatArray:
+    """The parts of lines inside a convex polygon that hold given points.
+
+    Args:
+        normals: of the polygon's half-planes, shape (m, 2).
+        offsets: shape (m,) [m].
+        through: points inside, one on each line, shape (n, 2) [m].
+        directions: of the lines, unit, shape (n, 2).
+
+    Returns:
+        The two ends of each, the one behind first, shape (n, 2, 2) [m]; both are the point when a line only touches.
+    """
+    rate = directions @ normals.T
+    slack = np.maximum(offsets - through @ normals.T, 0.0)
+    # Lines parallel to an edge, up to rounding of the cosine, never meet it.
+    reach = slack / np.where(np.abs(rate) > TINY, rate, 1.0)
+    ahead = np.min(np.where(rate > TINY, reach, np.inf), axis=1)[:, None]
+    behind = np.max(np.where(rate < -TINY, reach, -np.inf), axis=1)[:, None]
+    return np.stack((through + behind * directions, through + ahead * directions), axis=1)
+
+
+def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
+    """The nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
+    tail = segments[..., 0, :]
+    along = segments[..., 1, :] - tail
+    fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
+    return np.asarray(tail + np.clip(fraction, 0.0, 1.0)[..., None] * along, dtype=np.float64)
+
+
+_NEEDLE = 1e-6
+"""Corners that turn back as nearly as this are needles [rad]."""
+_ARC = 8
+"""Sides of a quarter of the circle about the tip of a needle."""
+
+
+def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
+    """A shape grown by a distance, its corners prolonged to points: all that is within the distance is inside.
+
+    Args:
+        shape: polygons of the plane [m].
+        distance: by which it grows, or shrinks where it is negative [m].
+        limit: corners that would reach farther than so many times the distance are cut off.
+    """
+    # About the tip of a needle without width GEOS divides by zero, shapely warns of it, and the tip does not grow.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        grown: shapely.Geometry = shapely.buffer(shape, distance, join_style="mitre", mitre_limit=limit)
+        tips = _needle_tips(shape)
+        if len(tips) == 0:
+            return grown
+        around = shapely.buffer(shapely.MultiPoint(tips), abs(distance) / np.cos(np.pi / (4 * _ARC)), quad_segs=_ARC)
+        tipped: shapely.Geometry = shapely.union(grown, around) if distance > 0.0 else shapely.difference(grown, around)
+    return tipped
+
+
+def _needle_tips(shape: shapely.Geometry) -> FloatArray:
+    """Corners at which an outline turns back on itself, shape (k, 2) [m]."""
+    tips = [np.zeros((0, 2))]
+    for ring in shapely.get_rings(shape):
+        corners = shapely.get_coordinates(ring)[:-1]
+        after = after_each(corners) - corners
+        before = np.roll(after, 1, axis=0)
+        along = np.sum(before * after, axis=1)
+        tips.append(corners[(along < 0.0) & (np.abs(cross(before, after)) <= _NEEDLE * np.abs(along))])
+    return np.concatenate(tips)

@@ -1,0 +1,131 @@
+"""Polylines and angles in the plane.
+
+Points may have any number of coordinates unless a function says ``(k, 2)``: a motion in joint space is a polyline too.
+"""
+
+from typing import overload
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+
+WHOLE_TURN = 2.0 * np.pi
+"""One turn round the circle [rad]."""
+
+
+@overload
+def wrap(angle: float) -> float: ...
+
+
+@overload
+def wrap(angle: FloatArray) -> FloatArray: ...
+
+
+def wrap(angle: float | FloatArray) -> float | FloatArray:
+    """The same direction in [-π, π), of one angle or of an array of any shape [rad]."""
+    # The remainder of a positive divisor is never negative, so half a turn either way becomes -π.
+    return (angle + np.pi) % WHOLE_TURN - np.pi
+
+
+@overload
+def whole_turns(angle: float) -> float: ...
+
+
+@overload
+def whole_turns(angle: FloatArray) -> FloatArray: ...
+
+
+def whole_turns(angle: float | FloatArray) -> float | FloatArray:
+    """The multiple of 2π nearest to an angle, or to each of an array of any shape [rad].
+
+    Added to a, the whole turns of b - a give the same direction as a, at most half a turn away from b.
+    """
+    return WHOLE_TURN * np.round(angle / WHOLE_TURN)
+
+
+def sweep_on_side(angle: float, side: int) -> float:
+    """The same change of direction made by turning to one side only [rad].
+
+    Args:
+        angle: the change, up to whole turns [rad].
+        side: +1 for the left, with a result in [0, 2π); -1 for the right, with a result in (-2π, 0].
+    """
+    return side * ((side * angle) % WHOLE_TURN)
+
+
+def heading_of(vector: FloatArray) -> float:
+    """Direction of a vector, shape (2,), in [-π, π] [rad]; 0 for the zero vector."""
+    return float(np.arctan2(vector[1], vector[0]))
+
+
+def vector_headings(vectors: FloatArray) -> FloatArray:
+    """Direction of each vector, shape (..., 2) to (...), in [-π, π] [rad]."""
+    return np.asarray(np.arctan2(vectors[..., 1], vectors[..., 0]), dtype=np.float64)
+
+
+def unit_vector(heading: float | FloatArray) -> FloatArray:
+    """The unit vector with a heading, or with each of an array, shape (...) to (..., 2) [rad]."""
+    return np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+
+
+def leg_lengths(points: FloatArray) -> FloatArray:
+    """Length of each leg between vertices, shape (k, d) to (k - 1,) [m]."""
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1), dtype=np.float64)
+
+
+def arc_lengths(points: FloatArray) -> FloatArray:
+    """Length of the polyline up to each vertex, shape (k, d) to (k,) [m]; the first is 0, the last is the whole."""
+    return np.concatenate(([0.0], np.cumsum(leg_lengths(points))))
+
+
+def path_length(points: FloatArray) -> float:
+    """The length [m] of a polyline, points of shape (k, d)."""
+    return float(np.sum(leg_lengths(points)))
+
+
+def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) -> FloatArray:
+    """Points at lengths along a polyline; its ends beyond them.
+
+    Args:
+        points: the vertices, shape (k, d) [m].
+        arcs: arc length of each vertex, from ``arc_lengths``, shape (k,) [m].
+        places: arc lengths, shape (...) [m].
+
+    Returns:
+        Shape (..., d) [m].
+    """
+    return np.stack([np.interp(places, arcs, coordinate) for coordinate in points.T], axis=-1)
+
+
+def legs_at(arcs: FloatArray, places: FloatArray) -> IntArray:
+    """Number of the leg that each place lies on, the later one at a vertex; the end legs beyond the ends.
+
+    Args:
+        arcs: arc length of each vertex, not decreasing, shape (k,) [m].
+        places: arc lengths, any shape [m].
+    """
+    leg: IntArray = np.clip(np.searchsorted(arcs, places, side="right") - 1, 0, len(arcs) - 2)
+    return leg
+
+
+def leg_headings(points: FloatArray) -> FloatArray:
+    """Heading of each leg, unwrapped: neighbours differ by half a turn at most, shape (k, 2) to (k - 1,) [rad]."""
+    return np.unwrap(vector_headings(np.diff(points, axis=0)))
+
+
+def without_repeats(points: FloatArray, apart: float) -> FloatArray:
+    """The vertices (k, d) less those that are no farther than ``apart`` [m] from the one before; the first stays."""
+    return points[np.concatenate(([True], leg_lengths(points) > apart))]
+
+
+def nearest_place(points: FloatArray, arcs: FloatArray, target: FloatArray, candidates: FloatArray) -> float:
+    """The candidate arc length at which a polyline is nearest to a point.
+
+    Args:
+        points: the vertices, shape (k, d) [m].
+        arcs: arc length of each vertex, shape (k,) [m].
+        target: the point, shape (d,) [m].
+        candidates: arc lengths to choose from, shape (m,) [m].
+    """
+    apart = np.linalg.norm(points_at(points, arcs, candidates) - target, axis=1)
+    return float(candidates[np.argmin(apart)])

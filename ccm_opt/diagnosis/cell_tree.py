@@ -1,0 +1,189 @@
+"""Cubes of many sizes that fill a box, split where more has to be known, and which of them touch.
+
+No place of a cube is farther than half its diagonal from its middle; so its distance from all surfaces is that of the
+middle, less or more by that at most. Which cubes touch is kept as a list of pairs. Where a cube is split its pairs are
+handed to those of its parts that still touch, so that nothing ever has to be looked up.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+
+_UNITS = 2**20
+"""Lengths of the finest cube in a first one; places are counted in them, so that touching is a matter of integers."""
+_CORNERS = np.array(list(product((0, 1), repeat=3)))
+"""Of a cube, shape (8, 3)."""
+_PARTS = np.array([(a, b) for a in range(8) for b in range(a)])
+"""Pairs of the eight parts of a cube, all of which touch, shape (28, 2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellTree:
+    """Cubes that fill a box; those that were split are replaced by their parts.
+
+    Attributes:
+        tree: of the surfaces.
+        origin: lower corner of the box, shape (3,) [m].
+        first: size of a first cube [m].
+        reach: distances are cut off here [m].
+        low: lower corners, counted in the finest units, shape (n, 3).
+        size: of the cubes, counted likewise, shape (n,).
+        gap: distance of their middles from the surfaces, at most the reach, shape (n,) [m].
+        pairs: numbers of cubes that touch, shape (m, 2).
+    """
+
+    tree: SurfaceTree
+    origin: FloatArray
+    first: float
+    reach: float
+    low: IntArray
+    size: IntArray
+    gap: FloatArray
+    pairs: IntArray
+
+    @classmethod
+    def over(cls, tree: SurfaceTree, box: FloatArray, cells: int, reach: float) -> "CellTree":
+        """Cubes of one size over a box.
+
+        Args:
+            tree: of the surfaces.
+            box: lower and upper corner, shape (2, 3) [m].
+            cells: about how many.
+            reach: distances are cut off here [m].
+        """
+        sides = np.maximum(box[1] - box[0], 1e-9)
+        first = float((np.prod(sides) / cells) ** (1.0 / 3.0))
+        counts = np.maximum(np.ceil(sides / first).astype(np.intp), 1)
+        # Cubes stand out of the box evenly on both sides.
+        origin = box[0] - 0.5 * (counts * first - sides)
+        numbers = np.arange(int(np.prod(counts))).reshape(counts)
+        low = np.stack(np.unravel_index(numbers.ravel(), tuple(counts)), axis=1) * _UNITS
+        shape = (int(counts[0]), int(counts[1]), int(counts[2]))
+        gap = tree.grid(origin + 0.5 * first, first, shape, reach).ravel()
+        size = np.full(len(low), _UNITS, dtype=np.intp)
+        return cls(tree, origin, first, reach, low.astype(np.intp), size, gap, _neighbours(numbers))
+
+    def __len__(self) -> int:
+        return len(self.size)
+
+    @property
+    def sides(self) -> FloatArray:
+        """Size of every cube, shape (n,) [m]."""
+        return np.asarray(self.size * (self.first / _UNITS))
+
+    @property
+    def half_diagonals(self) -> FloatArray:
+        """How far a place of each cube is from its middle at most, shape (n,) [m]."""
+        return np.asarray(0.5 * np.sqrt(3.0) * self.sides)
+
+    @property
+    def middles(self) -> FloatArray:
+        """Shape (n, 3) [m]."""
+        return np.asarray(self.origin + (self.low + 0.5 * self.size[:, None]) * (self.first / _UNITS))
+
+    @property
+    def greatest(self) -> FloatArray:
+        """What a place of each cube may have as distance from the surfaces at most, shape (n,) [m]."""
+        return np.asarray(self.gap + self.half_diagonals)
+
+    @property
+    def least(self) -> FloatArray:
+        """What every place of each cube has as distance from the surfaces at least, shape (n,) [m]."""
+        return np.asarray(self.gap - self.half_diagonals)
+
+    def distances_from(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Distance of the middle of each cube from a segment between two places (3,), shape (n,) [m]."""
+        way = end - start
+        middles = self.middles
+        square = float(way @ way)
+        share = np.zeros(len(self)) if square == 0.0 else np.clip((middles - start) @ way / square, 0.0, 1.0)
+        return np.asarray(np.linalg.norm(middles - start - share[:, None] * way, axis=1))
+
+    def split(self, chosen: BoolArray) -> tuple["CellTree", IntArray]:
+        """The tree with some cubes split into eight each, and for every cube of it the number of that it comes from.
+
+        Args:
+            chosen: which ones, shape (n,).
+        """
+        parents = np.flatnonzero(chosen)
+        kept = np.flatnonzero(~chosen)
+        half = self.size[parents] // 2
+        parts = (self.low[parents, None, :] + half[:, None, None] * _CORNERS).reshape(-1, 3)
+        low = np.concatenate((self.low[kept], parts))
+        size = np.concatenate((self.size[kept], np.repeat(half, 8)))
+        origins = np.concatenate((kept, np.repeat(parents, 8)))
+        middles = self.origin + (parts + 0.5 * np.repeat(half, 8)[:, None]) * (self.first / _UNITS)
+        gap = self.tree.distances(np.stack((middles, middles), axis=1), self.reach)
+        # Of a cube that is kept the first number counts; of one that is split its eight parts begin there.
+        places = np.zeros(len(self), dtype=np.intp)
+        places[kept] = np.arange(len(kept))
+        places[parents] = len(kept) + 8 * np.arange(len(parents))
+        pairs = _handed_on(self.pairs, chosen, places, self, low, size)
+        inner = (places[parents][:, None, None] + _PARTS).reshape(-1, 2)
+        gaps = np.concatenate((self.gap[kept], gap))
+        pairs = np.concatenate((pairs, inner)).astype(np.intp)
+        return CellTree(self.tree, self.origin, self.first, self.reach, low, size, gaps, pairs), origins
+
+
+def _neighbours(numbers: IntArray) -> IntArray:
+    """Pairs of cells of a grid that share a side, an edge or a corner, shape (m, 2)."""
+    found = []
+    for step in product((-1, 0, 1), repeat=3):
+        if step <= (0, 0, 0):
+            continue
+        one = numbers[tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, numbers.shape, strict=True))]
+        other = numbers[tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(step, numbers.shape, strict=True))]
+        found.append(np.column_stack((one.ravel(), other.ravel())))
+    return np.concatenate(found).astype(np.intp)
+
+
+def _handed_on(
+    pairs: IntArray, chosen: BoolArray, places: IntArray, before: "CellTree", low: IntArray, size: IntArray
+) -> IntArray:
+    """The pairs of cubes that touched and still do, when some were split.
+
+    Args:
+        pairs: of the cubes before, shape (m, 2).
+        chosen: which of these were split.
+        places: new number of each, or that of the first of its parts.
+        before: the cubes before.
+        low: lower corners of the cubes now.
+        size: of the cubes now.
+    """
+    split = chosen[pairs]
+    kept = [places[pairs[~split.any(axis=1)]]]
+    for here, other in ((0, 1), (1, 0)):
+        # One side after the other, so that of both the parts that do not touch fall away early.
+        alone = split[:, here] & ~split[:, other]
+        kept.append(_parts_that_touch(places[pairs[alone]], here, low, size, low, size))
+    both = pairs[split.all(axis=1)]
+    halved = _parts_that_touch(np.column_stack((places[both[:, 0]], both[:, 1])), 0, low, size, before.low, before.size)
+    halved[:, 1] = places[halved[:, 1]]
+    kept.append(_parts_that_touch(halved, 1, low, size, low, size))
+    return np.concatenate(kept)
+
+
+def _parts_that_touch(
+    pairs: IntArray, side: int, low: IntArray, size: IntArray, others_low: IntArray, others_size: IntArray
+) -> IntArray:
+    """Pairs whose cube on one side is replaced by those of its eight parts that touch the other, shape (k, 2).
+
+    Args:
+        pairs: of the first of eight parts, on that side, and another cube.
+        side: 0 or 1.
+        low: lower corners of the parts.
+        size: of the parts.
+        others_low: lower corners of the other cubes.
+        others_size: of the other cubes.
+    """
+    several = np.repeat(pairs, 8, axis=0)
+    several[:, side] += np.tile(np.arange(8), len(pairs))
+    part = several[:, side]
+    other = several[:, 1 - side]
+    away = others_low[other] - low[part]
+    apart = (away > size[part, None]) | (away < -others_size[other, None])
+    return np.asarray(several[~np.any(apart, axis=1)])

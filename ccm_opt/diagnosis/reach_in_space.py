@@ -1,0 +1,268 @@
+"""Whether the goal is near enough, far enough and in a direction that the joints can turn to, whatever stands there."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.length_words import long_length
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, SpaceReachSettings
+from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, space_tip_places, whole_space_poses
+from ccm_opt.diagnosis.ranking import degrees, point
+from ccm_opt.diagnosis.reach import cannot_curl_up, cannot_turn_enough, least_chord, out_of_reach
+from ccm_opt.errors import Finding
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.space_arm import SpaceArm
+
+
+def within_space_reach(problem: SpaceProblem) -> Iterator[Finding]:
+    """Goals of the tip that are farther from every place of the base than the arm is long."""
+    arm = problem.arm
+    for place in space_tip_places(problem):
+        distance = _from_base(arm, place.goal.position)
+        least = distance - place.tolerances.position
+        if least > arm.length + ROUNDING:
+            bounds = {"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)}
+            yield out_of_reach(place.key, place.goal.position, distance, place.tolerances.position, arm.length, bounds)
+
+
+def _from_base(arm: SpaceArm, place: FloatArray) -> float:
+    """Distance of a place from the nearest place of the base [m]."""
+    low, high = arm.base_range
+    along = float(np.clip((place - arm.base) @ arm.direction, low, high))
+    return float(np.linalg.norm(place - arm.base - along * arm.direction))
+
+
+def _feed_that_reaches(arm: SpaceArm, place: SpaceTipPlace) -> dict[str, float]:
+    """The least upper end of the feed axis from which the arm reaches a goal [m]; nothing where none does."""
+    if arm.feed is None:
+        return {}
+    towards = place.goal.position - arm.base
+    along = float(towards @ arm.direction)
+    aside = float(np.linalg.norm(towards - along * arm.direction))
+    reach = arm.length + place.tolerances.position
+    if aside > reach or along < arm.feed.high:
+        return {}
+    return {"arm.feed.range": along - float(np.sqrt(reach**2 - aside**2))}
+
+
+def within_space_joint_limits(problem: SpaceProblem) -> Iterator[Finding]:
+    """Poses at which a bend is beyond its limit."""
+    arm = problem.arm
+    limits = arm.bend_limits
+    for pose in whole_space_poses(problem):
+        bends = np.abs(pose.q[: 2 * arm.links])
+        worst = int(np.argmax(bends - limits))
+        if bends[worst] - limits[worst] <= ROUNDING:
+            continue
+        joint = worst // 2
+        key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
+        yield Finding(
+            "joint limit",
+            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, its limit is "
+            f"{np.rad2deg(limits[worst]):.2f}°",
+            key=pose.key,
+            proved=bool(np.max(bends - limits) > pose.bend_play + ROUNDING),
+            measured=float(bends[worst]),
+            allowed=float(limits[worst]),
+            unit="rad",
+            bounds={key: float(np.max(bends[2:]) if joint else np.max(bends[:2]))},
+        )
+
+
+def supple_enough_in_space(problem: SpaceProblem) -> Iterator[Finding]:
+    """Goals of the tip that the joints cannot turn to."""
+    for place in space_tip_places(problem):
+        turned = list(_turned_far_enough(problem.arm, place))
+        yield from turned
+        curled = [] if problem.arm.base_axes else list(_curled_enough(problem.arm, place))
+        yield from curled
+        near = _from_base(problem.arm, place.goal.position) - place.tolerances.position <= problem.arm.length
+        if near and not turned and not curled:
+            yield from _both_at_once(problem.arm, place)
+
+
+def most_turn(limit: float) -> float:
+    """Most angle between a link and the next where each of the two bends has a limit [rad].
+
+    The next link points in (cos a cos b, sin a cos b, −sin b) as seen from the one before, so that the angle is arccos
+    (cos a cos b): largest with both bends at the limit up to a right angle, beyond with one of them zero.
+    """
+    if limit <= 0.5 * np.pi:
+        return float(np.arccos(np.cos(limit) ** 2))
+    return float(min(limit, np.pi))
+
+
+def least_limit(turn: float) -> float:
+    """The limit of both bends with which a joint turns by an angle [rad]."""
+    return float(np.arccos(np.sqrt(np.cos(turn)))) if turn <= 0.5 * np.pi else turn
+
+
+def _turned_far_enough(arm: SpaceArm, place: SpaceTipPlace) -> Iterator[Finding]:
+    """The tip's direction, and that of the goal, lie within the sum of all turns.
+
+    Directions of links are a chain on the unit sphere whose steps are the turns. The direction from base to tip is a
+    positive combination of them. A chain shorter than π lies within half its length of its middle, a convex cap; so
+    that direction is no farther than the chain's length from either end.
+    """
+    towards = place.goal.position - arm.base
+    distance = float(np.linalg.norm(towards))
+    bends = (arm.links - 1) * most_turn(arm.joint_limit)
+    base = most_turn(arm.base_limit)
+    tip = None if place.goal.direction is None else place.goal.direction / np.linalg.norm(place.goal.direction)
+    if tip is not None:
+        turn = angle_between(tip, arm.direction) - place.tolerances.heading
+        yield from _short_of_turn(arm, place, "from the base's direction to the goal's", turn, bends, base)
+    # A base that is fed sees the goal in many directions.
+    if arm.base_axes or distance <= place.tolerances.position:
+        return
+    # The tip may be anywhere in the tolerance, so the goal may be seen in another direction by that.
+    aside = float(np.arcsin(min(place.tolerances.position / distance, 1.0)))
+    turn = angle_between(towards, arm.direction) - aside
+    yield from _short_of_turn(arm, place, "from the base's direction towards the goal", turn, bends, base)
+    if tip is not None:
+        turn = angle_between(towards, tip) - aside - place.tolerances.heading
+        yield from _short_of_turn(arm, place, "from the way to the goal to its direction", turn, bends, 0.0)
+
+
+def angle_between(one: FloatArray, other: FloatArray) -> float:
+    """Angle between two directions of any length [rad]."""
+    one = one / np.linalg.norm(one)
+    other = other / np.linalg.norm(other)
+    return 2.0 * float(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
+
+
+def _short_of_turn(
+    arm: SpaceArm, place: SpaceTipPlace, what: str, turn: float, bends: float, base: float
+) -> Iterator[Finding]:
+    """A turn that is more than all joints together can make, with the limits that would do [rad]."""
+    most = bends + base
+    if turn <= most + ROUNDING:
+        return
+    bounds = {"arm.joint_limit_deg": least_limit((turn - base) / (arm.links - 1))}
+    if base:
+        bounds["arm.base_limit_deg"] = least_limit(min(base + turn - most, np.pi))
+    yield cannot_turn_enough(place.key, place.goal.position, what, turn, most, bounds)
+
+
+def _curled_enough(arm: SpaceArm, place: SpaceTipPlace) -> Iterator[Finding]:
+    """The goal is not nearer to the base than the tightest plane arc brings the tip (Schur's theorem for polygons)."""
+    distance = _from_base(arm, place.goal.position) + place.tolerances.position
+    nearest = least_chord(arm.links, arm.link_length, most_turn(arm.joint_limit))
+    if distance >= nearest - ROUNDING:
+        return
+    turn = brentq(
+        lambda bend: least_chord(arm.links, arm.link_length, bend) - distance,
+        most_turn(arm.joint_limit),
+        2.0 * np.pi / arm.links,
+    )
+    needed = {"arm.joint_limit_deg": least_limit(float(turn))}
+    yield cannot_curl_up(place.key, place.goal.position, distance, arm.joint_limit, nearest, needed)
+
+
+@dataclass(frozen=True)
+class TurnCaps:
+    """Where links may point at all: within caps about the base's direction and about that asked for at the goal.
+
+    Attributes:
+        arm: whose joints turn.
+        place: of the tip, with or without a direction.
+    """
+
+    arm: SpaceArm
+    place: SpaceTipPlace
+
+    def farthest(self, ways: FloatArray) -> FloatArray:
+        """How far the tip can be from the base along directions at most, shape (k, 3) to (k,) [m].
+
+        Link i points within its i − 1 turns and the base's of the base's direction, and within what turns are left of
+        the tip's; so along w it reaches no farther than l cos of how much w is outside of either cap.
+        """
+        arm = self.arm
+        turn = most_turn(arm.joint_limit)
+        before = most_turn(arm.base_limit) + turn * np.arange(arm.links)
+        outside = _angles(ways, arm.direction)[:, None] - before
+        if self.place.goal.direction is not None:
+            after = self.place.tolerances.heading + turn * np.arange(arm.links)[::-1]
+            outside = np.maximum(outside, _angles(ways, self.place.goal.direction)[:, None] - after)
+        return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
+
+    def missing(self, ways: FloatArray) -> FloatArray:
+        """By how much the arm falls short of the goal along directions, wherever its base is, shape (k,) [m]."""
+        arm = self.arm
+        ends = arm.base + np.outer(arm.base_range, arm.direction)
+        needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
+        return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
+
+    def worst(self, settings: SpaceReachSettings) -> tuple[float, FloatArray]:
+        """The most by which the arm falls short along any direction that is looked at, and that direction (3,)."""
+        ways = _spread_directions(settings.directions)
+        best = ways[int(np.argmax(self.missing(ways)))]
+        # Closer and closer about the best: any direction proves what it proves.
+        spread = 4.0 / np.sqrt(settings.directions)
+        for _ in range(settings.refinements):
+            near = best + spread * _spread_directions(settings.directions_near)
+            near = np.concatenate((best[None], near / np.linalg.norm(near, axis=1, keepdims=True)))
+            best = near[int(np.argmax(self.missing(near)))]
+            spread *= 0.5
+        return float(self.missing(best[None])[0]), best
+
+
+def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
+    unit = direction / np.linalg.norm(direction)
+    return np.asarray(np.arccos(np.clip(ways @ unit, -1.0, 1.0)))
+
+
+def _spread_directions(count: int) -> FloatArray:
+    """Directions spread evenly over the sphere, on a spiral by the golden ratio, shape (count, 3)."""
+    number = np.arange(count) + 0.5
+    height = 1.0 - 2.0 * number / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * number
+    aside = np.sqrt(1.0 - height**2)
+    return np.column_stack((aside * np.cos(turn), aside * np.sin(turn), height))
+
+
+def _both_at_once(
+    arm: SpaceArm, place: SpaceTipPlace, settings: SpaceReachSettings = DEFAULT_DIAGNOSIS.space_reach
+) -> Iterator[Finding]:
+    """The goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
+    missing, way = TurnCaps(arm, place).worst(settings)
+    if missing <= DEFAULT_DIAGNOSIS.passages.touching * arm.length:
+        return
+    reached = "with its direction " if place.goal.direction is not None else ""
+    sharpest = degrees(most_turn(arm.joint_limit))
+    yield Finding(
+        "too stiff",
+        f"{place.key}: the arm cannot turn to the goal {reached}within its length; it falls short by "
+        f"{long_length(missing)}; a joint turns by {sharpest} at most",
+        key=place.key,
+        place=point(place.goal.position),
+        measured=missing,
+        allowed=0.0,
+        bounds=_limits_that_reach(arm, place, way),
+    )
+
+
+def _limits_that_reach(arm: SpaceArm, place: SpaceTipPlace, way: FloatArray) -> dict[str, float]:
+    """For each number of the arm that may mend it the least at which it no longer falls short along one direction."""
+
+    def missing(changed: SpaceArm) -> float:
+        return float(TurnCaps(changed, place).missing(way[None])[0])
+
+    def least(changed: Callable[[float], SpaceArm], low: float, high: float) -> float | None:
+        if missing(changed(high)) > 0.0:
+            return None
+        return float(brentq(lambda value: missing(changed(value)), low, high, rtol=1e-6))
+
+    found = {
+        "arm.joint_limit_deg": least(lambda value: replace(arm, joint_limit=value), arm.joint_limit, np.pi),
+        "arm.base_limit_deg": least(
+            lambda value: replace(arm, base_limit=value), arm.base_limit, max(np.pi, arm.base_limit)
+        ),
+        "arm.link_length": least(
+            lambda value: replace(arm, link_length=value), arm.link_length, 10.0 * arm.link_length
+        ),
+    }
+    return {key: value for key, value in found.items() if value is not None}

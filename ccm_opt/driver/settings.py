@@ -1,0 +1,185 @@
+"""Numbers of the stages, as users exchange them."""
+
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
+
+from ccm_opt.baseline.settings import BaselineSettings
+from ccm_opt.core.expected import expect
+from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
+from ccm_opt.driver.tries import TriesSettings
+from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
+from ccm_opt.ik.terms import COST_SHARES, TermCheckSettings
+from ccm_opt.planning.planner_settings import CurvePlannerSettings, FeedPlannerSettings, FollowingSettings
+from ccm_opt.planning.tip_reach import ReachSettings
+from ccm_opt.retiming.paul import PaulSettings
+from ccm_opt.retiming.timing_settings import TimingSettings
+from ccm_opt.verification.room_over_time import RoomSettings
+from ccm_opt.verification.tolerance.error_model import ToleranceSettings
+from ccm_opt.verification.verification_settings import VerificationSettings
+
+if TYPE_CHECKING:
+    from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of every stage; each class says of each number what it means and where it comes from.
+
+    To change one, replace what is on the way to it, for example
+    ``Settings(timing=replace(TimingSettings(), standing=1e-8))``.
+
+    Attributes:
+        curve: of the curve planner, from free space to the smooth path.
+        reach: of the map of where the tip can be.
+        feed: of the planner for an arm on a feed axis.
+        hill_climbing: of the paper's planner.
+        timing: of timing along a path.
+        transitions: of timing by Paul's transitions.
+        verification: tolerances of the verifier.
+        tries: which of several tries is the best.
+        room: how closely the room that a motion keeps is looked at.
+        tolerance: how closely the errors that a motion survives are sought.
+        user_terms: how users' constraints are checked on the finished motion.
+        simulation: of the simulation and the checks before it.
+        braking: of coming to rest where a motion is given another goal.
+        diagnosis: of the explanation of failures.
+    """
+
+    curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
+    reach: ReachSettings = field(default_factory=ReachSettings)
+    feed: FeedPlannerSettings = field(default_factory=FeedPlannerSettings)
+    hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
+    transitions: PaulSettings = field(default_factory=PaulSettings)
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+    tries: TriesSettings = field(default_factory=TriesSettings)
+    room: RoomSettings = field(default_factory=RoomSettings)
+    tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
+    user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    braking: BrakingSettings = field(default_factory=BrakingSettings)
+    diagnosis: DiagnosisSettings = field(default_factory=DiagnosisSettings)
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            kind: object = each.default_factory
+            if isinstance(kind, type):
+                expect(getattr(self, each.name), kind, f"{kind.__name__} for {each.name}=")
+
+
+DEFAULT_SETTINGS = Settings()
+"""What every solve uses unless it is given others."""
+
+
+@dataclass(frozen=True)
+class SpaceSettings:
+    """Settings of the stages of a solve in space.
+
+    Attributes:
+        following: of the limits of a feed axis.
+        timing: of timing along a path.
+        transitions: of timing by Paul's transitions.
+        tries: which of several tries is the best.
+        tolerance: how closely the errors that a motion survives are sought.
+        user_terms: how users' constraints are checked on the finished motion.
+        cost_shares: shares of the weights of the user's costs with which a plan is sought.
+        simulation: of the simulation and the checks before it.
+        trials: of changes that might help where there is no plan; the defaults when None.
+    """
+
+    following: FollowingSettings = field(default_factory=FollowingSettings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
+    transitions: PaulSettings = field(default_factory=PaulSettings)
+    tries: TriesSettings = field(default_factory=TriesSettings)
+    tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
+    user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
+    cost_shares: tuple[float, ...] = COST_SHARES
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    trials: "TrialSettings | None" = None
+
+
+DEFAULT_IN_SPACE = SpaceSettings()
+"""What every solve in space uses unless it is given others."""
+
+
+def settings_in_space(settings: "Settings | None") -> SpaceSettings:
+    """Those of a solve's settings that count in space; the defaults when None."""
+    if settings is None:
+        return DEFAULT_IN_SPACE
+    return SpaceSettings(
+        following=settings.feed.following,
+        timing=settings.timing,
+        transitions=settings.transitions,
+        tries=settings.tries,
+        tolerance=settings.tolerance,
+        user_terms=settings.user_terms,
+        cost_shares=settings.curve.cost_shares,
+        simulation=settings.simulation,
+        trials=settings.diagnosis.space_trials,
+    )
+
+
+@dataclass(frozen=True)
+class SpaceLookSettings:
+    """How closely a motion in space is looked at after it was verified.
+
+    Attributes:
+        looks: samples at which the room is measured, at most. Taste: as many as a chart shows.
+        first_looks: samples at which the simulated arm is looked at first, as far as a link; the others need only be
+            looked at as far as the nearest surface of these. Taste: on the elbow with 9500 samples, as long as a
+            hundredth of looking so far at all of them.
+        least_reach: how far the others are looked at at least, in links. Taste.
+        beyond_wanted: how far the room is looked at, in wanted gaps; a link at least. Taste: the chart's height.
+    """
+
+    looks: int = 400
+    first_looks: int = 40
+    least_reach: float = 1.0 / 16.0
+    beyond_wanted: float = 1.5
+
+
+DEFAULT_SPACE_LOOKS = SpaceLookSettings()
+"""Used where no other settings are given."""
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """How long people wait for a plan when they drag a goal or a wall.
+
+    Attributes:
+        patience: CPU time for a plan after a change [s]. Taste: what a hand that drags bears.
+        free_rounds: most steps of the optimisation before it is decided where the motion ends. Measured: with
+            four and three, motions last as long as with the nine and five of ``solve`` to within 1 % after 25 drags,
+            and take four fifths of the time (``bench_live``).
+        end_rounds: most steps after that. Taste: the next change goes on from there.
+    """
+
+    patience: float = 0.6
+    free_rounds: int = 4
+    end_rounds: int = 3
+
+    def hurried(self, settings: Settings) -> Settings:
+        """The settings of all stages for plans that are soon followed by others."""
+        motion = settings.curve.motion
+        optimisation = replace(motion.optimisation, free_rounds=self.free_rounds, end_rounds=self.end_rounds)
+        return replace(settings, curve=replace(settings.curve, motion=replace(motion, optimisation=optimisation)))
+
+
+LIVE = LiveSettings()
+"""Used where no other settings are given."""
+
+
+@dataclass(frozen=True)
+class LiveInSpaceSettings:
+    """How long people wait for a plan when they drag a goal in space.
+
+    Attributes:
+        patience: CPU time for the search after a change [s]. Taste: three times what the elbow takes; timing and
+            verification come on top.
+    """
+
+    patience: float = 1.0
+
+
+LIVE_IN_SPACE = LiveInSpaceSettings()
+"""Used where no other settings are given."""

@@ -1,0 +1,162 @@
+"""Users' constraints and costs, as the driver treats them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.expected import expect
+from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, UnreachableGoal, VerificationError
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, contradictions, contradictions_in_space
+from ccm_opt.ik.terms import COST_SHARES, TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
+from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.mapping import map_curve
+
+
+def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
+    """Kind and name of every constraint and cost that binds a plan, those first that a reason names."""
+    hard = [("constraint", each.name) for each in constraints if not each.soft]
+    soft = [("constraint", each.name) for each in constraints if each.soft]
+    every = [*hard, *soft, *(("cost", each.name) for each in costs)]
+    return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
+
+
+def compiled_terms(arm: DrivenArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
+    """The user's constraints and costs for an arm; None when there are none.
+
+    Raises:
+        ProblemError: they are no lists, or one of them cannot be used.
+    """
+    # An empty list is fine, and everything else that is as good as false to Python is not.
+    expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
+    expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
+    if not (constraints or costs):
+        return None
+    from ccm_opt.ik.compiled_terms import compile_terms  # noqa: PLC0415 - most problems have no terms
+
+    return compile_terms(arm, constraints, costs)
+
+
+ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
+
+
+def refuse_contradictions(
+    problem: AnyProblem, terms: UserTerms | None, settings: TermCheckSettings = TERM_CHECKS
+) -> None:
+    """Refuse constraints that are proved not to hold at a goal, whatever the pose.
+
+    A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
+
+    Args:
+        problem: what to solve.
+        terms: the user's constraints and costs.
+        settings: how exactly constraints are checked.
+
+    Raises:
+        UnreachableGoal: naming the constraint and by how much it is off.
+    """
+    if terms is None or _breaks_start(problem, terms, settings):
+        return
+    # In the plane proofs know a fixed base alone.
+    if problem.arm.base_axes and isinstance(problem, Problem):
+        return
+    several = len(problem.stops) > 0
+    stops: list[tuple[Goal | SpaceGoal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
+    goals = [*stops, (problem.goal, problem.tolerances)]
+    for number, (goal, tolerances) in enumerate(goals, start=1):
+        where = f"goal {number} of {len(goals)}" if several else "the goal"
+        findings = tuple(_finding(each, where) for each in _contradictions(terms, goal, tolerances, settings))
+        if findings:
+            raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))
+
+
+def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: TermCheckSettings) -> bool:
+    """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
+    headings = _shape_at_start(problem)
+    misses = (
+        float(item.residuals(headings[None], np.zeros(1))[0])
+        for item in terms.hard
+        if bool(applies_at(item.constraint.where, np.array([0.0, 1.0]))[0])
+    )
+    return any(not miss <= settings.tolerance for miss in misses)
+
+
+def _shape_at_start(problem: AnyProblem) -> FloatArray:
+    """Headings of the links at the start, or in space its configuration, shape (k,)."""
+    if isinstance(problem, SpaceProblem):
+        return problem.start.configuration(problem.arm)
+    if isinstance(problem.start, JointPose):
+        return problem.arm.headings(problem.start.bends)
+    return map_curve(problem.arm, problem.start.configuration, problem.planner.mapping)
+
+
+def _contradictions(
+    terms: UserTerms, goal: Goal | SpaceGoal, tolerances: Tolerances, settings: TermCheckSettings
+) -> tuple[Contradiction, ...]:
+    if isinstance(goal, SpaceTipGoal):
+        region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
+        return contradictions_in_space(terms, region, settings)
+    if not isinstance(goal, TipGoal):
+        return ()
+    places = GoalPlaces(goal.position, goal.heading, tolerances.position, tolerances.heading)
+    return contradictions(terms, places, settings)
+
+
+def _finding(each: Contradiction, where: str) -> Finding:
+    reason = (
+        f"constraint '{each.name}' cannot hold at {where}: off by {each.miss:.4g} with the tip there, and by "
+        f"{each.least:.4g} at least wherever it counts as there"
+    )
+    return Finding("constraint", reason, key="constraints", measured=each.miss, allowed=0.0, unit="")
+
+
+Plan = TypeVar("Plan")
+PlannedProblem = TypeVar("PlannedProblem", Problem, SpaceProblem)
+
+
+def planned_with_costs(
+    problem: PlannedProblem,
+    terms: "UserTerms | None",
+    attempt: Callable[[PlannedProblem, "UserTerms | None"], Plan],
+    shares: Sequence[float] = COST_SHARES,
+) -> tuple[Plan, float]:
+    """A plan with as much of the user's costs as one is found with; hard constraints hold in full.
+
+    Args:
+        problem: what to solve.
+        terms: the user's constraints and costs.
+        attempt: plans, times and verifies a problem under terms.
+        shares: of the costs' weights that are tried, one after the other.
+
+    Returns:
+        The plan, and the share of the costs' weights that it was made with.
+
+    Raises:
+        NoPlanFound: there is none without any costs either; or the goal cannot be reached.
+        VerificationError: the verifier refuses the last plan, which knows no costs.
+    """
+    deadline = Deadline.after(problem.planner.time_limit)
+    if terms is None or not terms.all_costs:
+        return attempt(problem, terms), shares[0]
+    hurried = problem
+    for share in shares[:-1]:
+        try:
+            return attempt(hurried, _lowered(terms, share)), share
+        except UnreachableGoal:
+            raise
+        except (NoPlanFound, VerificationError):
+            left = deadline.left
+            if left <= 0.0:
+                raise
+            hurried = replace(problem, planner=replace(problem.planner, time_limit=left))
+    return attempt(hurried, _lowered(terms, shares[-1])), shares[-1]
+
+
+def _lowered(terms: "UserTerms", share: float) -> "UserTerms":
+    return terms if share == 1.0 else terms.with_costs_lowered(share)

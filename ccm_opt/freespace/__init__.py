@@ -1,1 +1,0 @@
-"""Free space: workspace, convex regions, triangulation, taut routes (section 4.1)."""

@@ -1,8 +1,0 @@
-"""What counts as rounding, in one place; the verifier has figures of its own, to share none with what it checks."""
-
-ROUNDING = 1e-9
-"""Lengths [m], angles [rad] and shares below this are rounding: a thousandth of what any check of a motion notices."""
-TINY = 1e-12
-"""Keeps divisions finite, and is nothing beside numbers round one: some thousand times the spacing of doubles there."""
-SHORTEST = 1e-6
-"""Shortest length [m], or share of one, that shapes are made of: what is shorter has no direction to be trusted."""

@@ -1,0 +1,275 @@
+"""Users' constraints and costs as compiled CasADi functions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.expected import expect
+from ccm_opt.errors import ProblemError
+from ccm_opt.ik.functions import CompiledConstraint, CompiledCost, TimedConstraint, as_cost
+from ccm_opt.ik.quantities import ArmQuantities, Quantities, SpaceQuantities
+from ccm_opt.ik.row_set import RowSet
+from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, answer_of
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.space_arm import SpaceArm
+
+TIME_TO_BUILD = 10.0
+"""That an expression may take [s]; those of arms of 100 links take milliseconds."""
+_COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
+"""Operations whose result is true or false."""
+
+
+def _is_comparison(entry: Any) -> bool:
+    """Whether an entry of an expression is true or false and nothing else."""
+    return any(entry.is_op(operation) for operation in _COMPARISONS)
+
+
+def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
+    """The expression as a column, checked."""
+    made = answer_of(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
+    try:
+        column = ca.vec(ca.SX(made))
+    except (NotImplementedError, RuntimeError, TypeError) as error:
+        got = f"{type(made).__module__}.{type(made).__name__}"
+        raise ProblemError(
+            f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {got}"
+        ) from error
+
+    if isinstance(made, bool) or any(_is_comparison(column[k]) for k in range(column.numel())):
+        raise ProblemError(
+            f"{kind} '{term.name}': expected a number, got a comparison, which is true or false; "
+            "return what is compared, and bound it by lower= and upper="
+        )
+    if column.numel() == 0:
+        raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
+    # Without allow_free CasADi would refuse the foreign symbols too, but with an error that does not name the term.
+    free = ca.Function("check", list(quantities.timed_symbols), [column], {"allow_free": True}).get_free()
+    if free:
+        names = ", ".join(str(symbol) for symbol in free[:4])
+        raise ProblemError(
+            f"{kind} '{term.name}': free symbol(s) {names}; use the quantities that the function is given, not symbols "
+            "of its own"
+        )
+    return ca.densify(column)
+
+
+def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> CompiledConstraint:
+    """A constraint with its functions.
+
+    Raises:
+        ProblemError: naming the constraint and what is wrong with it.
+    """
+    expression = _expression(constraint, "constraint", quantities)
+    lower = _bound(constraint, "lower", expression.numel())
+    upper = _bound(constraint, "upper", expression.numel())
+    if np.any(lower > upper):
+        raise ProblemError(f"constraint '{constraint.name}': a lower bound exceeds its upper bound")
+    # An entry that is free on both sides is most likely a slip.
+    if not np.all(np.isfinite(lower) | np.isfinite(upper)):
+        raise ProblemError(f"constraint '{constraint.name}': give each entry a lower or an upper bound")
+    return CompiledConstraint(constraint, expression, lower, upper, quantities)
+
+
+def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
+    """One of the bounds, for every entry of the expression, shape (count,)."""
+    value = getattr(constraint, key)
+    try:
+        bound = np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"constraint '{constraint.name}': {key} must be numbers, got {value!r}") from error
+    if len(bound) not in {1, count}:
+        raise ProblemError(
+            f"constraint '{constraint.name}': the expression has {count} entries, but {key} has {len(bound)}; "
+            "give one number, or one for each entry"
+        )
+    if np.any(np.isnan(bound)):
+        raise ProblemError(f"constraint '{constraint.name}': {key} must not be NaN")
+    return np.broadcast_to(bound, (count,)).copy()
+
+
+def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
+    """A cost with its functions.
+
+    Raises:
+        ProblemError: naming the cost and what is wrong with it.
+    """
+    expression = _expression(cost, "cost", quantities)
+    if expression.numel() != 1:
+        raise ProblemError(f"cost '{cost.name}': expected a scalar, got {expression.numel()} entries; sum them up")
+    if quantities.is_timed(expression):
+        raise ProblemError(
+            f"cost '{cost.name}': a cost shapes the path, which has no speed yet; weigh planner.weights.duration, or "
+            "limit speeds by limits.tip_velocity and limits.points"
+        )
+    return CompiledCost(cost, expression, quantities)
+
+
+def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
+    """Messages and checks call terms by their names, so that no two may have the same.
+
+    Raises:
+        ProblemError: two have the same.
+    """
+    names = [term.name for term in terms]
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise ProblemError(f"names of constraints and costs must differ, got '{double[0]}' twice")
+
+
+@dataclass(frozen=True, eq=False)
+class UserTerms:
+    """All constraints and costs of one problem, compiled.
+
+    Attributes:
+        quantities: the symbols of the arm.
+        constraints: hard and soft ones.
+        costs: those that the user wrote.
+        timed: hard constraints on speeds, which planning knows nothing of.
+    """
+
+    quantities: ArmQuantities
+    constraints: tuple[CompiledConstraint, ...]
+    costs: tuple[CompiledCost, ...]
+    timed: tuple[TimedConstraint, ...] = ()
+
+    @property
+    def hard(self) -> tuple[CompiledConstraint, ...]:
+        """Constraints that must hold."""
+        return tuple(c for c in self.constraints if not c.constraint.soft)
+
+    @cached_property
+    def motion_rows(self) -> RowSet:
+        """Rows of the hard constraints that hold at the keyframes on the way."""
+        return self._rows([c for c in self.hard if c.constraint.where != "goal"])
+
+    @cached_property
+    def path_rows(self) -> RowSet:
+        """Rows of the hard constraints that hold between keyframes too."""
+        return self._rows([c for c in self.hard if c.constraint.where not in {"goal", "keyframes"}])
+
+    @cached_property
+    def goal_rows(self) -> RowSet:
+        """Rows of the hard constraints that hold at the goal, those of the whole motion among them."""
+        return self._rows(self.hard_at_goal)
+
+    @cached_property
+    def hard_at_goal(self) -> tuple[CompiledConstraint, ...]:
+        """Constraints that must hold at the goal, those of the whole motion among them."""
+        return tuple(c for c in self.hard if _holds_at_the_goal(c.constraint.where))
+
+    def residuals_at_goal(self, headings: FloatArray) -> dict[str, float]:
+        """By how much a pose at the goal misses each constraint that covers it, soft ones too, by name.
+
+        Args:
+            headings: of the links, shape (links,) [rad].
+        """
+        return {
+            item.constraint.name: float(item.residuals(headings[None], np.ones(1))[0])
+            for item in self.constraints
+            if _holds_at_the_goal(item.constraint.where)
+        }
+
+    def softened(self, headings: FloatArray, weight: float) -> "UserTerms":
+        """The same terms with every hard constraint soft, its violation weighed as a turn of the whole arm.
+
+        Args:
+            headings: where the slopes are taken that turn the users' units into radians, shape (links,) [rad].
+            weight: of half the squared violation [1/rad²].
+        """
+        return replace(self, constraints=tuple(_softened(item, headings, weight) for item in self.constraints))
+
+    def with_costs_lowered(self, share: float) -> "UserTerms":
+        """The same terms with a share of the weights of costs and soft constraints; without these where it is 0."""
+        if share == 0.0:
+            return replace(self, constraints=self.hard, costs=())
+        constraints = tuple(
+            replace(item, constraint=replace(item.constraint, weight=share * item.constraint.weight))
+            for item in self.constraints
+        )
+        costs = tuple(replace(item, cost=replace(item.cost, weight=share * item.cost.weight)) for item in self.costs)
+        return replace(self, constraints=constraints, costs=costs)
+
+    @cached_property
+    def all_costs(self) -> tuple[CompiledCost, ...]:
+        """The costs, with every soft constraint as half its squared violation."""
+        soft = tuple(as_cost(c) for c in self.constraints if c.constraint.soft)
+        return (*self.costs, *soft)
+
+    @cached_property
+    def parametric(self) -> bool:
+        """Whether anything that shapes the path depends on the path parameter, so that keyframes must know theirs."""
+        path_parameter = self.quantities.path_parameter
+        expressions = [c.expression for c in self.constraints] + [c.expression for c in self.costs]
+        return any(isinstance(where, Interval) for where in self._places) or any(
+            ca.depends_on(expression, path_parameter) for expression in expressions
+        )
+
+    @cached_property
+    def breaks(self) -> FloatArray:
+        """Path parameters inside (0, 1) at which an interval of a term begins or ends, increasing."""
+        # Keyframes are put there, so that no interval of a term begins or ends between two of them.
+        ends = {u for where in self._places if isinstance(where, Interval) for u in (where.first, where.last)}
+        return np.array(sorted(ends - {0.0, 1.0}))
+
+    @property
+    def _places(self) -> list[Where]:
+        """Where each constraint and each cost applies."""
+        constraints = [compiled.constraint.where for compiled in self.constraints]
+        costs = [compiled.cost.where for compiled in self.costs]
+        return constraints + costs
+
+    def _rows(self, constraints: Sequence[CompiledConstraint]) -> RowSet:
+        return RowSet.from_constraints(self.quantities, constraints)
+
+
+def compile_terms(arm: Arm | SpaceArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
+    """Build and check every constraint and cost for an arm.
+
+    Raises:
+        ProblemError: an expression has a wrong shape or type, or holds foreign symbols; the message names it.
+    """
+    expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
+    expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
+    for constraint in constraints:
+        _refuse_other_kind(constraint, Constraint)
+    for cost in costs:
+        _refuse_other_kind(cost, Cost)
+
+    refuse_double_names([*constraints, *costs])
+    quantities = SpaceQuantities.from_arm(arm) if isinstance(arm, SpaceArm) else Quantities.from_arm(arm)
+    compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
+    # Only the finished motion has speeds, so these are kept from the planners.
+    timed = [constraint for constraint in compiled if quantities.is_timed(constraint.expression)]
+    return UserTerms(
+        quantities,
+        tuple(constraint for constraint in compiled if constraint not in timed),
+        tuple(compiled_cost(c, quantities) for c in costs),
+        tuple(TimedConstraint(constraint) for constraint in timed),
+    )
+
+
+def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> None:
+    """The most common mistake is a bare function, so the message names the decorator."""
+    if not isinstance(term, kind):
+        wanted = kind.__name__
+        raise ProblemError(f"expected a {wanted}, got {term!r}; decorate the function with @ccm_opt.{wanted.lower()}")
+
+
+def _softened(item: CompiledConstraint, headings: FloatArray, weight: float) -> CompiledConstraint:
+    """A constraint as a soft one."""
+    slopes = np.asarray(item.slopes(headings, 1.0))
+    norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
+    steepest = float(norms.max(initial=0.0))
+    # A slope of zero there says nothing of the unit.
+    scale = steepest if steepest > 0.0 else 1.0
+    return replace(item, constraint=replace(item.constraint, soft=True, weight=weight / scale**2))
+
+
+def _holds_at_the_goal(where: Where) -> bool:
+    # Every named place includes the goal, which is the end of the motion and a keyframe.
+    return not isinstance(where, Interval) or where.last == 1.0

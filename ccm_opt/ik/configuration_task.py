@@ -1,0 +1,151 @@
+"""What a configuration is asked for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.scene.corridor import Corridor
+
+
+@dataclass(frozen=True)
+class ConfigurationSettings:
+    """How a configuration is guessed, what the NLP weighs and keeps, and what its check allows.
+
+    Lengths marked [L] are in units of the arm's length, as all of the NLP.
+
+    Attributes:
+        end_tolerance: a base or goal this near its region counts as inside [arm lengths]. Taste.
+        segment_totals: segments in all at the attempts after the first. Taste.
+        windings: whole turns at the ends that are tried, the fewest first. Taste.
+        guess_samples: samples of the guessed heading. Taste.
+        path_samples: samples of the taut path at which its region is looked up. Taste.
+        corner_rounding: width over which corners of the guessed heading are rounded [L]. Taste.
+        end_blend: length over which the guess turns from the base's heading to the path's, and from the path's to the
+            tip's [L]. Taste.
+        least_region_share: length that the guess gives to each region at least [L]. Taste.
+        guess_curvature: share of the curvature limit that the guess may use: it starts inside. Taste.
+        knot_weight: weight of uneven knots. Taste; leaves no direction of the variables without curvature.
+        bound_weight: weight of the bounds on ``|κ|``. Taste; as for the knots, and it keeps the certificates tight.
+        slope_weight: weight of steps of curvature. Taste.
+        nearness_weight: weight of nearness to walls, before the user's. Taste.
+        nearness_distance: sides of regions farther away than this cost nothing [L]. Taste.
+        least_piece: least arc length between knots [L]. Taste.
+        least_spacing: least share of its segment that a piece keeps while knots are free. Taste.
+        region_shrinkage: by how much regions shrink, so that quadrature and polish stay inside the real ones [L].
+            Derived: ten times what the check of containment allows on an arm of a metre.
+        curvature_reserve: share of the curvature limit that is kept for the polish. Taste.
+        half_plane_counts: numbers of half-planes that solvers are built for, so that tasks share them. Taste.
+        most_iterations: IPOPT's iterations, at most. Taste.
+        optimality: residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse,
+            since the polish follows.
+        violation: violation of a row, in the NLP's units, at which IPOPT may stop. Derived: a tenth of ``feasibility``.
+        first_barrier: IPOPT's first barrier parameter. Taste.
+        feasibility: violation of a row, in the NLP's units, that counts as satisfied. Taste; the polish mends more.
+        rows_kept: violated rows that a result names. Taste.
+        rows_reported: violated rows that a message names. Taste.
+        polish_steps: Newton steps that bring the tip onto the goal, at most. Taste; three are usual.
+        tip_tolerance: distance of the tip from the goal that the check allows [arm lengths]. Taste.
+        tip_heading_tolerance: turn of the tip from the goal's heading that the check allows [rad]. Taste.
+        containment_tolerance: distance outside its region at which a point of the curve passes the check [arm lengths].
+            Taste.
+        check_samples: points of each segment that the check looks at. Taste.
+    """
+
+    end_tolerance: float = 1e-6
+    segment_totals: tuple[int, ...] = (4, 6, 8)
+    windings: int = 3
+    guess_samples: int = 401
+    path_samples: int = 401
+    corner_rounding: float = 0.06
+    end_blend: float = 0.12
+    least_region_share: float = 0.05
+    guess_curvature: float = 0.9
+    knot_weight: float = 4.0
+    bound_weight: float = 0.1
+    slope_weight: float = 1e-3
+    nearness_weight: float = 10.0
+    nearness_distance: float = 0.03
+    least_piece: float = 4e-3
+    least_spacing: float = 0.08
+    region_shrinkage: float = 1e-5
+    curvature_reserve: float = 1e-3
+    half_plane_counts: tuple[int, ...] = (4, 6, 8, 12, 16, 24, 32, 48, 64)
+    most_iterations: int = 80
+    optimality: float = 1e-4
+    violation: float = 1e-7
+    first_barrier: float = 0.1
+    feasibility: float = 1e-6
+    rows_kept: int = 40
+    rows_reported: int = 3
+    polish_steps: int = 8
+    tip_tolerance: float = 1e-5
+    tip_heading_tolerance: float = 1e-6
+    containment_tolerance: float = 1e-6
+    check_samples: int = 201
+
+
+DEFAULT_CONFIGURATION = ConfigurationSettings()
+"""The numbers that are used unless a task brings others."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationTask:
+    """What one configuration NLP is asked for.
+
+    Attributes:
+        base: position of the base, shape (2,) [m].
+        base_heading_range: least and greatest base heading [rad]; equal when the heading is fixed.
+        length: of the whole arm [m].
+        curvature_limit: bound on |κ| [1/m].
+        goal: tip position, shape (2,) [m].
+        goal_heading: tip heading up to whole turns [rad], or None when any will do.
+        corridor: convex regions in order; the first holds the base, the last the goal.
+        segments_per_region: curvature segments a region gets at the first attempt.
+        mount_length: arm length from the base that may lie outside the first region [m]. It is used only when the
+            base itself does: the arm then starts with a straight stub of that length.
+        fixed_knots: keep the spline knots of every segment at a quarter, a half and three quarters.
+        bending_weight: of the arm's bending in the objective.
+        clearance_weight: of nearness to walls in the objective.
+        side_gaps: how far behind each side of each region the walls begin [m]; needed for the clearance's weight.
+        settings: numbers of the method.
+    """
+
+    base: FloatArray
+    base_heading_range: tuple[float, float]
+    length: float
+    curvature_limit: float
+    goal: FloatArray
+    goal_heading: float | None
+    corridor: Corridor
+    segments_per_region: int = 1
+    mount_length: float = 0.0
+    fixed_knots: bool = False
+    bending_weight: float = 1.0
+    clearance_weight: float = 0.0
+    side_gaps: tuple[FloatArray, ...] = ()
+    settings: ConfigurationSettings = DEFAULT_CONFIGURATION
+
+    def __post_init__(self) -> None:
+        low, high = self.base_heading_range
+        if not low <= high:
+            raise ProblemError(f"the base heading range must not be empty, got {low} .. {high} rad")
+        if not (self.length > 0.0 and self.curvature_limit > 0.0):
+            raise ProblemError(
+                f"length and curvature limit must be positive, got {self.length} m and {self.curvature_limit} 1/m"
+            )
+        if self.segments_per_region < 1 or not self.corridor.regions:
+            raise ProblemError(
+                f"at least one region and one segment a region are needed, got {len(self.corridor.regions)} regions "
+                f"and {self.segments_per_region} segments"
+            )
+        if np.shape(self.base) != (2,) or np.shape(self.goal) != (2,):
+            raise ProblemError(f"base and goal are points, got shapes {np.shape(self.base)} and {np.shape(self.goal)}")
+
+    @property
+    def stub(self) -> float:
+        """Length of the straight stub at the base [m]: the mount when the base is outside its region, else zero."""
+        region = self.corridor.regions[0]
+        outside = bool(np.any(region.normals @ self.base > region.offsets + self.settings.end_tolerance))
+        return self.mount_length if outside else 0.0

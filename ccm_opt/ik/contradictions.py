@@ -1,0 +1,410 @@
+"""Users' constraints that no pose at the goal can keep.
+
+After R. E. Moore, *Interval Analysis*, 1966. Bounds hold up to rounding; who compares them allows for that.
+
+A constraint that is a function of the tip's pose is bounded over all places and headings that count as the goal, by
+interval arithmetic and bisection of the heading. What is not proved is left to the search.
+
+As in the plane: what is a function of the tip's place and direction alone is bounded over all that counts as the goal,
+by interval arithmetic; what is not proved is left to the search.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import CcmError
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.functions import CompiledConstraint
+from ccm_opt.ik.quantities import Quantities, SpaceQuantities
+from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
+from ccm_opt.robot.arm import Arm
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Closed intervals, one for each of B boxes.
+
+    Attributes:
+        low: shape (B,).
+        high: shape (B,).
+    """
+
+    low: FloatArray
+    high: FloatArray
+
+
+class NotBounded(Exception):  # noqa: N818 - an outcome, not a defect
+    """An expression holds an operation of which no bounds are known here."""
+
+
+def interval_values(function: Any, boxes: list[Intervals]) -> list[Intervals]:
+    """Bounds of the entries of a function's only result.
+
+    Args:
+        function: CasADi function of SX symbols with one column for an argument.
+        boxes: an interval for every entry of the argument.
+
+    Raises:
+        NotBounded: naming the operation that is not known.
+    """
+    work: dict[int, Intervals] = {}
+    results: dict[int, Intervals] = {}
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        given = function.instruction_input(k)
+        target = function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            work[target[0]] = boxes[given[1]]
+        elif operation == ca.OP_OUTPUT:
+            results[target[1]] = work[given[0]]
+        elif operation == ca.OP_CONST:
+            value = np.full_like(boxes[0].low, function.instruction_constant(k))
+            work[target[0]] = Intervals(value, value)
+        elif operation in _OPERATIONS:
+            work[target[0]] = _OPERATIONS[operation](*(work[at] for at in given))
+        else:
+            raise NotBounded(f"operation {operation} of CasADi")
+    return [results[entry] for entry in sorted(results)]
+
+
+def _add(a: Intervals, b: Intervals) -> Intervals:
+    return Intervals(a.low + b.low, a.high + b.high)
+
+
+def _negated(a: Intervals) -> Intervals:
+    return Intervals(-a.high, -a.low)
+
+
+def _times(a: Intervals, b: Intervals) -> Intervals:
+    products = np.stack((a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high))
+    return Intervals(products.min(axis=0), products.max(axis=0))
+
+
+def _inverse(a: Intervals) -> Intervals:
+    # Where zero may be divided by, nothing is known.
+    crosses = (a.low <= 0.0) & (a.high >= 0.0)
+    safe = np.where(crosses, 1.0, a.low)
+    safe_high = np.where(crosses, 1.0, a.high)
+    return Intervals(np.where(crosses, -np.inf, 1.0 / safe_high), np.where(crosses, np.inf, 1.0 / safe))
+
+
+def _square(a: Intervals) -> Intervals:
+    least = np.where((a.low <= 0.0) & (a.high >= 0.0), 0.0, np.minimum(a.low**2, a.high**2))
+    return Intervals(least, np.maximum(a.low**2, a.high**2))
+
+
+def _root(a: Intervals) -> Intervals:
+    # Below zero the root is not a number; such a pose cannot keep a constraint either, but that is not claimed here.
+    return Intervals(np.where(a.low < 0.0, -np.inf, np.sqrt(np.maximum(a.low, 0.0))), np.sqrt(np.maximum(a.high, 0.0)))
+
+
+def _absolute(a: Intervals) -> Intervals:
+    larger = np.maximum(np.abs(a.low), np.abs(a.high))
+    smaller = np.where((a.low <= 0.0) & (a.high >= 0.0), 0.0, np.minimum(np.abs(a.low), np.abs(a.high)))
+    return Intervals(smaller, larger)
+
+
+def _sine(a: Intervals) -> Intervals:
+    low = np.minimum(np.sin(a.low), np.sin(a.high))
+    high = np.maximum(np.sin(a.low), np.sin(a.high))
+    return Intervals(
+        np.where(_holds_turn(a, -0.5 * np.pi), -1.0, low), np.where(_holds_turn(a, 0.5 * np.pi), 1.0, high)
+    )
+
+
+def _cosine(a: Intervals) -> Intervals:
+    return _sine(Intervals(a.low + 0.5 * np.pi, a.high + 0.5 * np.pi))
+
+
+def _holds_turn(a: Intervals, angle: float) -> Any:
+    """Whether an interval holds an angle, whole turns aside; a little more is taken for a yes."""
+    turn = 2.0 * np.pi
+    return np.floor((a.high - angle) / turn + 1e-12) >= np.ceil((a.low - angle) / turn - 1e-12)
+
+
+def _rising(function: Callable[[FloatArray], FloatArray]) -> Callable[[Intervals], Intervals]:
+    """A function that never falls."""
+    return lambda a: Intervals(function(a.low), function(a.high))
+
+
+def _least(a: Intervals, b: Intervals) -> Intervals:
+    return Intervals(np.minimum(a.low, b.low), np.minimum(a.high, b.high))
+
+
+def _most(a: Intervals, b: Intervals) -> Intervals:
+    return Intervals(np.maximum(a.low, b.low), np.maximum(a.high, b.high))
+
+
+_OPERATIONS: dict[int, Callable[..., Intervals]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: _add,
+    ca.OP_SUB: lambda a, b: _add(a, _negated(b)),
+    ca.OP_MUL: _times,
+    ca.OP_DIV: lambda a, b: _times(a, _inverse(b)),
+    ca.OP_NEG: _negated,
+    ca.OP_TWICE: lambda a: _add(a, a),
+    ca.OP_SQ: _square,
+    ca.OP_INV: _inverse,
+    ca.OP_SQRT: _root,
+    ca.OP_FABS: _absolute,
+    ca.OP_SIN: _sine,
+    ca.OP_COS: _cosine,
+    ca.OP_EXP: _rising(np.exp),
+    ca.OP_ATAN: _rising(np.arctan),
+    ca.OP_TANH: _rising(np.tanh),
+    ca.OP_FMIN: _least,
+    ca.OP_FMAX: _most,
+}
+"""What each operation makes of intervals."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """A constraint that cannot hold at a goal.
+
+    Attributes:
+        name: of the constraint.
+        miss: by how much it is missed at least with the tip exactly at the goal, in the user's unit.
+        least: by how much it is proved to be missed anywhere within the goal's tolerances.
+    """
+
+    name: str
+    miss: float
+    least: float
+
+
+@dataclass(frozen=True, eq=False)
+class _TipQuantities(Quantities):
+    """Quantities in which the tip's place stands for itself, and does not follow from the headings."""
+
+    tip_place: Any = None
+
+    @property
+    def joint_positions(self) -> Any:
+        """Positions of the joints; the last column is the symbol of the tip."""
+        return ca.horzcat(super().joint_positions[:, :-1], self.tip_place)
+
+
+@dataclass(frozen=True)
+class GoalPlaces:
+    """Where the tip may be and point to.
+
+    Attributes:
+        position: of the goal, shape (2,) [m].
+        heading: of the last link there [rad]; None where any will do.
+        around: distance that still counts [m].
+        turned: turn that still counts [rad].
+    """
+
+    position: FloatArray
+    heading: float | None
+    around: float
+    turned: float
+
+
+def contradictions(
+    terms: UserTerms, goal: GoalPlaces, settings: TermCheckSettings = TERM_CHECKS
+) -> tuple[Contradiction, ...]:
+    """Hard constraints that are proved not to hold at a goal.
+
+    Args:
+        terms: the user's constraints, of an arm whose base stands still.
+        goal: for the tip.
+        settings: how much a constraint may be missed, and how finely headings are told apart.
+    """
+    with np.errstate(all="ignore"):  # what is not a number proves nothing
+        found = [_contradiction(item, goal, settings) for item in terms.hard_at_goal]
+    return tuple(each for each in found if each is not None)
+
+
+def _contradiction(item: CompiledConstraint, goal: GoalPlaces, settings: TermCheckSettings) -> Contradiction | None:
+    function = _of_tip(item)
+    if function is None:
+        return None
+    least = _proved_miss(item, function, goal, settings)
+    if not least > settings.tolerance:
+        return None
+    exact = replace(goal, around=0.0, turned=0.0)
+    return Contradiction(item.constraint.name, _proved_miss(item, function, exact, settings), least)
+
+
+def _of_tip(item: CompiledConstraint) -> ca.Function | None:
+    """The constraint as a function of (x, y, heading) of the tip; None when it depends on more of the pose."""
+    known = item.quantities
+    if not isinstance(known, Quantities):
+        return None
+    tip = ca.SX.sym("tip", 2)
+    quantities = _TipQuantities(
+        known.arm,
+        known.link_headings,
+        known.base_feed,
+        known.path_parameter,
+        known.heading_rates,
+        known.feed_rate,
+        tip,
+    )
+    try:
+        expression = ca.vec(ca.SX(item.constraint.expression(quantities)))
+    except (CcmError, NotImplementedError, RuntimeError, TypeError):
+        return None
+    expression = ca.substitute(expression, ca.vertcat(known.path_parameter, known.base_feed), ca.DM([1.0, 0.0]))
+    symbols = ca.vertcat(tip, known.link_headings[-1])
+    if expression.numel() != len(item.lower) or ca.depends_on(expression, known.link_headings[:-1]):
+        return None
+    return ca.Function("of_tip", [symbols], [ca.densify(expression)])
+
+
+def _headings(arm: Arm, goal: GoalPlaces) -> Intervals:
+    """All headings of the last link that count as the goal's and that the joints can turn to, whole turns included."""
+    most = float(np.sum(arm.bend_limits))
+    lowest = arm.base_heading - most
+    highest = arm.base_heading + most
+    if goal.heading is None:
+        return Intervals(np.array([lowest]), np.array([highest]))
+    turn = 2.0 * np.pi
+    first = np.floor((lowest - goal.heading - goal.turned) / turn)
+    last = np.ceil((highest - goal.heading + goal.turned) / turn)
+    middle = goal.heading + turn * np.arange(first, last + 1.0)
+    return Intervals(middle - goal.turned, middle + goal.turned)
+
+
+def _proved_miss(
+    item: CompiledConstraint, function: ca.Function, goal: GoalPlaces, settings: TermCheckSettings
+) -> float:
+    """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
+    pieces = _headings(item.quantities.arm, goal)
+    for _ in range(settings.bisections):
+        places = [_about(coordinate, goal.around, pieces) for coordinate in goal.position.tolist()]
+        try:
+            misses = least_misses(item, interval_values(function, [*places, pieces]))
+        except NotBounded:
+            return 0.0
+        if np.all(misses > settings.tolerance):
+            return float(misses.min())
+        pieces = _halved(pieces)
+    return 0.0
+
+
+def _about(centre: float, around: float, like: Intervals) -> Intervals:
+    return Intervals(np.full_like(like.low, centre - around), np.full_like(like.low, centre + around))
+
+
+def least_misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
+    """By how much the worst entry is missed at least, in every box."""
+    above = np.stack([value.low - high for value, high in zip(values, item.upper, strict=True)])
+    below = np.stack([low - value.high for value, low in zip(values, item.lower, strict=True)])
+    worst: FloatArray = np.nan_to_num(np.maximum(above, below), nan=-np.inf, posinf=0.0).max(axis=0)
+    return worst
+
+
+def _halved(pieces: Intervals) -> Intervals:
+    middle = 0.5 * (pieces.low + pieces.high)
+    return Intervals(np.concatenate((pieces.low, middle)), np.concatenate((middle, pieces.high)))
+
+
+@dataclass(frozen=True, eq=False)
+class _SpaceTipQuantities(SpaceQuantities):
+    """Quantities in which the tip's place and direction stand for themselves, and do not follow from the bends."""
+
+    tip_place: Any = None
+    tip_points: Any = None
+
+    @property
+    def joint_positions(self) -> Any:
+        """Positions of the joints; the last column is the symbol of the tip."""
+        of_bends = SpaceQuantities(
+            self.arm, self.bends, self.base_feed, self.path_parameter, self.bend_rates, self.feed_rate
+        ).joint_positions
+        return ca.horzcat(of_bends[:, :-1], self.tip_place)
+
+    @property
+    def tip_direction(self) -> Any:
+        """The symbol of the last link's direction, shape (3, 1)."""
+        return self.tip_points
+
+
+@dataclass(frozen=True)
+class GoalRegion:
+    """Where the tip may be and point to.
+
+    Attributes:
+        position: of the goal, shape (3,) [m].
+        direction: of the last link there, a unit vector of shape (3,); None where any will do.
+        around: distance that still counts [m].
+        turned: turn that still counts [rad].
+    """
+
+    position: FloatArray
+    direction: FloatArray | None
+    around: float
+    turned: float
+
+    def box(self) -> list[Intervals]:
+        """Bounds on the place and on the direction, six intervals."""
+        bounds = [(float(x) - self.around, float(x) + self.around) for x in self.position]
+        if self.direction is None:
+            bounds += [(-1.0, 1.0)] * 3
+        else:
+            chord = 2.0 * np.sin(0.5 * min(self.turned, np.pi))
+            bounds += [(max(float(d) - chord, -1.0), min(float(d) + chord, 1.0)) for d in self.direction]
+        return [Intervals(np.array([low]), np.array([high])) for low, high in bounds]
+
+
+def contradictions_in_space(
+    terms: UserTerms, goal: GoalRegion, settings: TermCheckSettings = TERM_CHECKS
+) -> tuple[Contradiction, ...]:
+    """Hard constraints that are proved not to hold at a goal.
+
+    Args:
+        terms: the user's constraints.
+        goal: for the tip.
+        settings: how much a constraint may be missed.
+    """
+    exact = GoalRegion(goal.position, goal.direction, 0.0, 0.0)
+    found = []
+    with np.errstate(all="ignore"):  # what is not a number proves nothing
+        for item in terms.hard_at_goal:
+            function = _of_tip_in_space(item)
+            least = 0.0 if function is None else _contradictions_in_space_proved_miss(item, function, goal)
+            if function is not None and least > settings.tolerance:
+                found.append(
+                    Contradiction(
+                        item.constraint.name, _contradictions_in_space_proved_miss(item, function, exact), least
+                    )
+                )
+    return tuple(found)
+
+
+def _of_tip_in_space(item: CompiledConstraint) -> ca.Function | None:
+    """The constraint as a function of the tip's place and direction; None when it depends on more of the pose."""
+    known = item.quantities
+    if not isinstance(known, SpaceQuantities):
+        return None
+    place = ca.SX.sym("tip", 3)
+    points = ca.SX.sym("direction", 3)
+    rates = known.rates
+    quantities = _SpaceTipQuantities(
+        known.arm, known.bends, known.base_feed, known.path_parameter, *rates, tip_place=place, tip_points=points
+    )
+    try:
+        expression = ca.vec(ca.SX(item.constraint.expression(quantities)))
+    except (CcmError, NotImplementedError, RuntimeError, TypeError):
+        return None
+    expression = ca.substitute(expression, known.path_parameter, ca.SX(1.0))
+    of_pose = ca.vertcat(known.bends, known.base_feed)
+    if expression.numel() != len(item.lower) or ca.depends_on(expression, of_pose):
+        return None
+    return ca.Function("of_tip", [ca.vertcat(place, points)], [ca.densify(expression)])
+
+
+def _contradictions_in_space_proved_miss(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
+    """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
+    try:
+        return max(0.0, float(least_misses(item, interval_values(function, goal.box())).min()))
+    except NotBounded:
+        return 0.0

@@ -1,0 +1,291 @@
+"""The curve ODE, its constraints and its costs in CasADi.
+
+Lengths are in units of the arm's length. A segment starts in the state X = (x, y, θ, κ, s) and is shaped by the
+control U = (C_1..C_4, a_0..a_3, B_0..B_3): curvature at the knots after the first (C_0 = κ keeps the curvature
+continuous), arc lengths between knots, and a bound on |κ| for each piece.
+
+Lengths are in units of the arm's length.
+
+Weights are for lengths in units of the arm's length. The knot and bound terms are what makes the NLP converge: they
+leave no direction of the variables without curvature.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.configuration_task import DEFAULT_CONFIGURATION, ConfigurationSettings
+from ccm_opt.robot.segment import PIECES
+
+STATES = 5
+"""Size of X."""
+CONTROLS = 12
+"""Size of U."""
+SUBSTEPS = 2
+"""Chords a piece is cut into, for quadrature and for containment."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+"""Gauss points of one chord."""
+
+
+@dataclass(frozen=True)
+class SegmentFlow:
+    """Expressions of one curvature segment.
+
+    Attributes:
+        end: state at its end, (5, 1).
+        points: positions at the sub-step ends, base first, (2, PIECES * SUBSTEPS + 1).
+        bernstein: Bernstein coefficients of κ, a row a piece, (PIECES, 4).
+        bending: ∫κ² ds.
+    """
+
+    end: ca.SX
+    points: ca.SX
+    bernstein: ca.SX
+    bending: ca.SX
+
+
+def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
+    """Second derivatives M_0..M_4 of the natural cubic spline by the Thomas algorithm, (5, 1).
+
+    a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}],
+    M_0 = M_4 = 0; the matrix is diagonally dominant, so elimination needs no pivots (Golub and Van Loan, 4.3).
+    """
+    slopes = [(values[i + 1] - values[i]) / widths[i] for i in range(PIECES)]
+    diagonal = [2 * (widths[i] + widths[i + 1]) for i in range(3)]
+    right = [6 * (slopes[i + 1] - slopes[i]) for i in range(3)]
+    for i in (1, 2):
+        factor = widths[i] / diagonal[i - 1]
+        diagonal[i] -= factor * widths[i]
+        right[i] -= factor * right[i - 1]
+    last = right[2] / diagonal[2]
+    middle = (right[1] - widths[2] * last) / diagonal[1]
+    return ca.vertcat(0, (right[0] - widths[1] * middle) / diagonal[0], middle, last, 0)
+
+
+def piece_polynomials(widths: ca.SX, values: ca.SX) -> ca.SX:
+    """Power coefficients of κ on each piece over arc length from the piece's start, (PIECES, 4)."""
+    moments = natural_spline_moments(widths, values)
+    rows = []
+    for i in range(PIECES):
+        a = widths[i]
+        left = moments[i]
+        right = moments[i + 1]
+        slope = (values[i + 1] - values[i]) / a - a * (2 * left + right) / 6
+        rows.append(ca.horzcat(values[i], slope, left / 2, (right - left) / (6 * a)))
+    return ca.vertcat(*rows)
+
+
+def turn(polynomial: ca.SX, arc: ca.SX) -> ca.SX:
+    """Heading gained from a piece's start to ``arc``: the integral of its cubic, a quartic."""
+    c = polynomial
+    return arc * (c[0] + arc * (c[1] / 2 + arc * (c[2] / 3 + arc * c[3] / 4)))
+
+
+def squared_curvature(polynomial: ca.SX, width: ca.SX) -> ca.SX:
+    """∫κ² ds over one piece; four Gauss points are exact for a sextic."""
+    total = ca.SX(0)
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        t = width * (node + 1) / 2
+        kappa = polynomial[0] + t * (polynomial[1] + t * (polynomial[2] + t * polynomial[3]))
+        total += weight / 2 * kappa**2
+    return width * total
+
+
+def bernstein_coefficients(polynomial: ca.SX, width: ca.SX) -> ca.SX:
+    """Bernstein coefficients of a cubic on [0, width]; the cubic stays within their hull (Farouki 2012), (1, 4)."""
+    c0, c1, c2, c3 = (polynomial[i] * width**i for i in range(4))
+    return ca.horzcat(c0, c0 + c1 / 3, c0 + 2 * c1 / 3 + c2 / 3, c0 + c1 + c2 + c3)
+
+
+def chord_vector(polynomial: ca.SX, heading: ca.SX, start: ca.SX, width: ca.SX) -> ca.SX:
+    """∫ (cos θ, sin θ) ds over one sub-step by four Gauss points, (2, 1)."""
+    x = ca.SX(0)
+    y = ca.SX(0)
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        theta = heading + turn(polynomial, start + width * (node + 1) / 2)
+        x += weight / 2 * ca.cos(theta)
+        y += weight / 2 * ca.sin(theta)
+    return width * ca.vertcat(x, y)
+
+
+def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
+    """Integrate one segment: X_{k+1} = F(X_k, U_k) and what costs and constraints need on the way."""
+    position = state[:2]
+    heading = state[2]
+    values = ca.vertcat(state[3], control[:4])
+    widths = control[4:8]
+    polynomials = piece_polynomials(widths, values)
+
+    points = [position]
+    bernstein = []
+    bending = ca.SX(0)
+    for i in range(PIECES):
+        polynomial = polynomials[i, :]
+        step = widths[i] / SUBSTEPS
+        for j in range(SUBSTEPS):
+            position += chord_vector(polynomial, heading, j * step, step)
+            points.append(position)
+        heading += turn(polynomial, widths[i])
+        bernstein.append(bernstein_coefficients(polynomial, widths[i]))
+        bending += squared_curvature(polynomial, widths[i])
+
+    end = ca.vertcat(position, heading, values[4], state[4] + ca.sum1(widths))
+    return SegmentFlow(end, ca.horzcat(*points), ca.vertcat(*bernstein), bending)
+
+
+@cache
+def segment_function() -> ca.Function:
+    """(X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
+    state = ca.SX.sym("X", STATES)
+    control = ca.SX.sym("U", CONTROLS)
+    flow = segment_flow(state, control)
+    return ca.Function("segment", [state, control], [flow.end, flow.points, flow.bernstein, flow.bending])
+
+
+@dataclass(frozen=True)
+class RowBlock:
+    """A block of constraint rows: ``lower <= expression <= upper``, one name a row."""
+
+    names: tuple[str, ...]
+    expression: ca.SX
+    lower: FloatArray
+    upper: FloatArray
+
+
+def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
+    """Rows that must vanish."""
+    return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
+
+
+def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
+    """Rows that must be zero or more."""
+    return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
+
+
+def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
+    """X_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
+    what = ("x", "y", "heading", "curvature", "arc length")
+    return equal_to_zero(tuple(f"segment {k}: gap in {name} at its end" for name in what), following - flow.end)
+
+
+def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
+    """The first segment begins at the end of the base's straight stub; the base is the origin."""
+    names = ("base: x", "base: y")
+    return equal_to_zero(names, state[:2] - stub * ca.vertcat(ca.cos(state[2]), ca.sin(state[2])))
+
+
+def knot_spacing(k: int, control: ca.SX, fraction: ca.SX) -> RowBlock:
+    """a_i ≥ fraction · L_k: spline knots keep apart."""
+    widths = control[4:8]
+    names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))
+    return not_negative(names, widths - fraction * ca.sum1(widths))
+
+
+def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
+    """B_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
+    names = []
+    rows = []
+    for i in range(PIECES):
+        for j in range(4):
+            rows += [control[8 + i] - flow.bernstein[i, j], control[8 + i] + flow.bernstein[i, j]]
+            names += [f"segment {k}: curvature of piece {i} {side} its bound" for side in ("above", "below minus")]
+    return not_negative(tuple(names), ca.vertcat(*rows))
+
+
+def certified_containment(
+    k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX, ends: tuple[bool, bool] = (False, False)
+) -> RowBlock:
+    """A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, so the whole curve stays in the region.
+
+    Between two points h apart along the curve it leaves their chord by at most B t(1-t) h²/2, t in [0, 1] (the error
+    of linear interpolation, de Boor, chapter II), and the region is convex. Margins α² B h²/2 and (1-α)² B h²/2 at
+    the two points cover that for every α. Everywhere α = 1/2; where the arm itself begins or ends α = 0 leaves that
+    point without margin, since a base or a goal may touch the wall.
+
+    Args:
+        k: number of the segment.
+        control: U_k.
+        flow: the segment's points.
+        normals: shape (half-planes, 2).
+        offsets: shape (half-planes, 1).
+        ends: whether the segment's start is the arm's base, and its end the arm's tip.
+    """
+    names = []
+    rows = []
+    shares = _margin_shares(ends)
+    for i in range(PIECES):
+        sagitta = control[8 + i] * (control[4 + i] / SUBSTEPS) ** 2 / 2
+        for j in range(SUBSTEPS + 1):
+            point = SUBSTEPS * i + j
+            rows.append(offsets - normals @ flow.points[:, point] - shares[i, j] * sagitta)
+            names += [
+                f"segment {k}: piece {i} at point {point}, side {row} of its region" for row in range(normals.shape[0])
+            ]
+    return not_negative(tuple(names), ca.vertcat(*rows))
+
+
+def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
+    """Share of B h²/2 kept as margin by each piece at each of its points, shape (PIECES, SUBSTEPS + 1)."""
+    shares = np.full((PIECES, SUBSTEPS + 1), 0.25)
+    if ends[0]:
+        shares[0, :2] = [0.0, 1.0]
+    if ends[1]:
+        shares[-1, -2:] = [1.0, 0.0]
+    return shares
+
+
+def bending(squared_curvature: ca.SX) -> ca.SX:
+    """∫κ² ds of one segment, twice the elastic energy of a unit rod."""
+    return squared_curvature
+
+
+def uneven_knots(control: ca.SX) -> ca.SX:
+    """Σ (a_i / L_k - 1/4)²: pulls the knots towards even spacing."""
+    widths = control[4:8]
+    return ca.sumsqr(widths / ca.sum1(widths) - 0.25)
+
+
+def curvature_bounds(control: ca.SX) -> ca.SX:
+    """Σ B_i²: keeps the certified bounds tight."""
+    return ca.sumsqr(control[8:12])
+
+
+def curvature_steps(state: ca.SX, control: ca.SX) -> ca.SX:
+    """Σ (C_{i+1} - C_i)²: a small preference for gently changing curvature."""
+    values = ca.vertcat(state[3], control[:4])
+    return ca.sumsqr(values[1:] - values[:-1])
+
+
+def nearness(
+    points: ca.SX, normals: FloatArray, offsets: FloatArray, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
+) -> ca.SX:
+    """Σ max(0, 1 - slack/D)² of points behind sides of their region: what they lack to the distance D of each.
+
+    Args:
+        points: shape (2, m).
+        normals: of the sides, shape (k, 2).
+        offsets: shape (k,).
+        settings: the distance D, and the weight of the sum.
+    """
+    slack = ca.repmat(ca.DM(offsets), 1, points.shape[1]) - ca.DM(normals) @ points
+    lacking = ca.fmax(1.0 - slack / settings.nearness_distance, 0.0)
+    return settings.nearness_weight * ca.sumsqr(lacking) / points.shape[1]
+
+
+def configuration_cost(
+    state: ca.SX,
+    control: ca.SX,
+    squared_curvature: ca.SX,
+    weight: ca.SX,
+    settings: ConfigurationSettings = DEFAULT_CONFIGURATION,
+) -> ca.SX:
+    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term, with the weights usual."""
+    return (
+        weight * bending(squared_curvature)
+        + settings.knot_weight * uneven_knots(control)
+        + settings.bound_weight * curvature_bounds(control)
+        + settings.slope_weight * curvature_steps(state, control)
+    )

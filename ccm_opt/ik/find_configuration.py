@@ -1,0 +1,354 @@
+"""Finds the configuration of a curve through a corridor.
+
+The guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve gets Λ ≥ ℓ, the
+heading swings about the path's by a sin 2πmu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) = ℓ/Λ takes up
+the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity). Its m bumps
+rise Λ/(2m) H₀(a) from the path, H₀ Struve's function; m is the least that fits the region.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice, product
+
+import numpy as np
+import shapely
+from scipy.ndimage import gaussian_filter1d
+from scipy.special import struve
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import WHOLE_TURN, unit_vector
+from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.ik.configuration_task import ConfigurationSettings, ConfigurationTask
+from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose, shortfalls
+from ccm_opt.ik.multiple_shooting import ConfigurationNLP, build_configuration_nlp, pack_variables, unpack_variables
+from ccm_opt.ik.path_profile import PathProfile, path_profile, region_crossings
+from ccm_opt.ik.solver import solve_nlp
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment import PIECES, POWERS, Knots, piece_coefficients
+from ccm_opt.robot.segment_types import SegmentType, end_angle
+from ccm_opt.scene.corridor import ConvexRegion
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+"""Gauss points of a piece."""
+
+
+@dataclass(frozen=True)
+class HeadingBasis:
+    """θ at quadrature nodes, linear in the curvature values of a chain: θ = θ_0 + rows @ values.
+
+    Attributes:
+        rows: at the nodes, shape (nodes, values) [m].
+        weights: ∫ f ds = weights @ f(nodes), shape (nodes,) [m].
+        tip: the same row at the chain's end, shape (values,) [m].
+    """
+
+    rows: FloatArray
+    weights: FloatArray
+    tip: FloatArray
+
+
+def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Configuration:
+    """The configuration of a solution with tip position, heading and length exact.
+
+    Args:
+        nlp: the NLP solved.
+        variables: its solution.
+
+    Returns:
+        In metres; with a mount the first segment is its straight stub.
+    """
+    task = nlp.task
+    states, controls = unpack_variables(variables)
+    widths = controls[:, 4:8] * (task.length - task.stub) / controls[:, 4:8].sum()
+    values = np.append(states[0, 3], controls[:, :4]) / task.length
+    heading, values = _newton(nlp, widths, float(states[0, 2]), values)
+    curvatures = [values[4 * k : 4 * k + 5] for k in range(len(widths))]
+    lengths = widths.sum(axis=1).tolist()
+    knots = [_knots(row) for row in widths]
+    if task.stub > 0.0:
+        lengths = [task.stub, *lengths]
+        curvatures = [np.zeros(5), *curvatures]
+        knots = [(0.25, 0.5, 0.75), *knots]
+    return Configuration.chain(task.base, heading, lengths, curvatures, knots)
+
+
+def heading_basis(widths: FloatArray) -> HeadingBasis:
+    """The linear map from the 4 K + 1 curvature values of a chain to its headings.
+
+    Args:
+        widths: arc lengths between knots, shape (K, 4) [m].
+    """
+    count = 4 * len(widths) + 1
+    start = np.zeros(count)
+    rows = []
+    weights = []
+    for k, row in enumerate(widths):
+        for width, coefficients in zip(row, piece_coefficients(row, np.eye(5)), strict=True):
+            arcs = np.append(0.5 * width * (_NODES + 1.0), width)
+            turns = (arcs[:, None] ** POWERS / POWERS) @ coefficients
+            block = np.tile(start, (len(arcs), 1))
+            block[:, 4 * k : 4 * k + 5] += turns
+            rows.append(block[:-1])
+            weights.append(0.5 * width * _WEIGHTS)
+            start = block[-1]
+    return HeadingBasis(np.vstack(rows), np.concatenate(weights), start)
+
+
+def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: FloatArray) -> tuple[float, FloatArray]:
+    """Least change of base heading and curvature, in units of the arm's length, that puts the tip on the goal."""
+    task = nlp.task
+    basis = heading_basis(widths)
+
+    # A fixed base keeps its heading; behind a straight stub the curvature begins at zero.
+    free = np.append(nlp.upper[2] > nlp.lower[2], np.full(len(values), fill_value=True))
+    free[1] = task.stub == 0.0
+    scale = np.append(1.0, np.full(len(values), 1.0 / task.length))[free]
+
+    unknowns = np.append(heading, values)
+    for _ in range(task.settings.polish_steps):
+        residual, jacobian = _tip_equations(nlp, basis, unknowns)
+        if np.abs(residual).max() < 1e-13 * task.length:
+            break
+        # The least step that solves the linearised equations, in scaled unknowns.
+        step = np.linalg.lstsq(jacobian[:, free] * scale, -residual, rcond=1e-12)[0]
+        unknowns[free] += scale * step
+    low, high = task.base_heading_range
+    return float(np.clip(unknowns[0], low, high)), unknowns[1:]
+
+
+def _tip_equations(nlp: ConfigurationNLP, basis: HeadingBasis, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tip position [m] and, when asked for, heading minus the goal's, with their Jacobian in (θ_0, values)."""
+    task = nlp.task
+    theta = unknowns[0] + basis.rows @ unknowns[1:]
+    cosine = np.cos(theta)
+    sine = np.sin(theta)
+    stub = task.stub * unit_vector(unknowns[0])
+    position = stub + np.array([basis.weights @ cosine, basis.weights @ sine])
+    inner = np.stack((-(basis.weights * sine) @ basis.rows, (basis.weights * cosine) @ basis.rows))
+    # Turning the base turns the whole arm about it.
+    turning = np.array([-position[1], position[0]])
+    residual = position - (task.goal - task.base)
+    jacobian = np.column_stack((turning, inner))
+    if nlp.tip_heading is None:
+        return residual, jacobian
+    miss = unknowns[0] + basis.tip @ unknowns[1:] - nlp.tip_heading
+    return np.append(residual, miss), np.vstack((jacobian, np.append(1.0, basis.tip)))
+
+
+def _knots(widths: FloatArray) -> Knots:
+    b, c, d = np.cumsum(widths)[:3] / widths.sum()
+    return float(b), float(c), float(d)
+
+
+@dataclass(frozen=True)
+class Meander:
+    """How the arm's length is spread over the regions, all lengths in units of the arm's.
+
+    Attributes:
+        edges: arc length of the curve at the regions' boundaries, shape (regions + 1,).
+        crossings: length of the taut path there, shape (regions + 1,).
+        amplitudes: swing a of the heading in each region, positive to the left first [rad], shape (regions,).
+        waves: number m of bumps in each region, shape (regions,).
+    """
+
+    edges: FloatArray
+    crossings: FloatArray
+    amplitudes: FloatArray
+    waves: FloatArray
+
+    def swing(self, s: FloatArray) -> FloatArray:
+        """Heading added to the path's, a sin 2πmu over each region [rad]."""
+        region = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.amplitudes) - 1)
+        u = (s - self.edges[region]) / np.diff(self.edges)[region]
+        added: FloatArray = self.amplitudes[region] * np.sin(2.0 * np.pi * self.waves[region] * u)
+        return added
+
+
+def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -> FloatArray:
+    """Variables of the NLP near a smooth curve along a path, shape (variables,).
+
+    Args:
+        nlp: the NLP to start.
+        profile: the path's headings.
+        bulge: +1 swings the surplus length to the roomier side of each region, -1 to the other.
+    """
+    meander = spread_length(nlp, profile, bulge)
+    s = np.linspace(0.0, 1.0, nlp.task.settings.guess_samples)
+    heading = profile.direction_at(np.interp(s, meander.edges, meander.crossings)) + meander.swing(s)
+    smooth = _rounded(s, heading, profile, nlp.task.settings)
+    return _sample(nlp, profile, s, smooth, _boundaries(nlp.regions, meander.edges))
+
+
+def spread_length(nlp: ConfigurationNLP, profile: PathProfile, bulge: int) -> Meander:
+    """Give each region its stretch of the taut path and, by its area squared, its share of the rest."""
+    task = nlp.task
+    regions = task.corridor.regions
+    crossings = region_crossings(profile, task)
+    lengths = curve_shares(task, profile)
+    taut = np.diff(crossings)
+
+    # The swing that takes up each region's surplus length, to the side with more room in the middle of its stretch.
+    swings = [end_angle(SegmentType.LEFT_RIGHT, min(1.0, t / length)) for t, length in zip(taut, lengths, strict=True)]
+    amplitudes = np.array(swings)
+    middle = crossings[:-1] + 0.5 * taut
+    points = profile.point_at(middle) * task.length + task.base
+    across = profile.direction_at(middle) + 0.5 * np.pi
+    reaches = [_reaches(region, *rest) for region, *rest in zip(regions, points, across, strict=True)]
+    left, right = np.array(reaches).T / task.length
+    sides = np.where(left >= right, 1, -1) * bulge
+
+    # As few bumps as fit that room; no more than there are segments to make them, nor than the curvature allows.
+    rise = 0.5 * lengths * struve(0, amplitudes)
+    fitting = np.ceil(rise / np.maximum(np.where(sides > 0, left, right), 1e-3))
+    segments = np.bincount(nlp.regions, minlength=len(regions))
+    bendable = task.curvature_limit * task.length * lengths / (2.0 * np.pi * np.maximum(amplitudes, 1e-9))
+    most = np.floor(np.minimum(segments, bendable))
+    waves = np.clip(fitting, 1, np.maximum(most, 1))
+    return Meander(np.append(0.0, np.cumsum(lengths)), crossings, sides * amplitudes, waves)
+
+
+def curve_shares(task: ConfigurationTask, profile: PathProfile) -> FloatArray:
+    """Share of the arm's length that each region gets, shape (regions,): its taut stretch, surplus length by area²."""
+    regions = task.corridor.regions
+    taut = np.diff(region_crossings(profile, task))
+    areas = np.array([shapely.Polygon(region.vertices).area for region in regions])
+    lengths = taut + max(0.0, 1.0 - float(profile.arcs[-1])) * areas**2 / (areas**2).sum()
+    lengths = np.maximum(lengths, min(task.settings.least_region_share, 0.5 / len(regions)))
+    shares: FloatArray = lengths / lengths.sum()
+    return shares
+
+
+def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
+    """Distance from a point to the region's edge along the heading ``across`` and against it [m]."""
+    slack = region.offsets - region.normals @ point
+    rate = region.normals @ unit_vector(across)
+    ahead = rate > 1e-9
+    behind = rate < -1e-9
+    return (
+        float((slack[ahead] / rate[ahead]).min(initial=np.inf)),
+        float((slack[behind] / -rate[behind]).min(initial=np.inf)),
+    )
+
+
+def _boundaries(regions: tuple[int, ...], edges: FloatArray) -> FloatArray:
+    """Arc length at every segment boundary; the segments of one region share it evenly, shape (segments + 1,)."""
+    counts = np.bincount(regions, minlength=len(edges) - 1)
+    return np.append(0.0, np.cumsum(np.repeat(np.diff(edges) / counts, counts)))
+
+
+def _rounded(s: FloatArray, heading: FloatArray, profile: PathProfile, settings: ConfigurationSettings) -> FloatArray:
+    """Sampled headings (m,) [rad] with the ends brought to the wanted headings and the corners rounded."""
+    base = profile.base_heading - heading[0]
+    tip = profile.tip_heading - heading[-1]
+    heading = heading + base * np.clip(1.0 - s / settings.end_blend, 0.0, 1.0)
+    heading = heading + tip * np.clip(1.0 - (1.0 - s) / settings.end_blend, 0.0, 1.0)
+    smooth: FloatArray = gaussian_filter1d(heading, settings.corner_rounding * len(s), mode="nearest")
+    return smooth
+
+
+def _sample(
+    nlp: ConfigurationNLP, profile: PathProfile, s: FloatArray, heading: FloatArray, boundaries: FloatArray
+) -> FloatArray:
+    """States at the segment boundaries and controls from a sampled heading; positions sheared to meet the goal."""
+    # Trapezium rule, then a shear: the tip's distance from the goal is spread evenly over the arm's length.
+    tangents = unit_vector(heading)
+    steps = 0.5 * np.diff(s)[:, None] * (tangents[1:] + tangents[:-1])
+    points = np.vstack((np.zeros(2), np.cumsum(steps, axis=0)))
+    points += s[:, None] * (profile.points[-1] - points[-1])
+
+    limit = nlp.task.settings.guess_curvature * nlp.task.curvature_limit * nlp.task.length
+    curvature = np.clip(np.gradient(heading, s), -limit, limit)
+    knots = boundaries[:-1, None] + np.diff(boundaries)[:, None] * np.linspace(0.0, 1.0, PIECES + 1)
+    values = np.interp(knots, s, curvature)
+    # The bounds on |κ| start a little above what they bound, inside their rows.
+    bounds = np.minimum(1.1 * np.maximum(np.abs(values[:, 1:]), np.abs(values[:, :-1])) + 0.1, limit)
+    controls = np.hstack((values[:, 1:], np.diff(knots, axis=1), bounds))
+    at = [np.interp(boundaries, s, column) for column in (*points.T, heading, curvature)]
+    guess = pack_variables(np.column_stack((*at, boundaries)), controls)
+    return np.clip(guess, nlp.lower, nlp.upper)
+
+
+def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
+    """A configuration that reaches the goal inside the corridor within the curvature limit.
+
+    Tries one segment a region first, then more; for each the nearest winding of the tip heading, then its
+    neighbours, and the surplus length to either side. Every answer is polished and densely checked.
+
+    Args:
+        task: poses, length, limits and corridor.
+        most_attempts: give up after so many; all by default, at most ten. Most tasks need one.
+
+    Returns:
+        A checked configuration: tip within 1e-5 m, |κ| within the limit, inside the corridor.
+
+    Raises:
+        ConfigurationNotFound: no attempt passed; its diagnosis names the row that stood in the way.
+    """
+    if (obstacle := beyond_reach(task)) is not None:
+        raise ConfigurationNotFound(obstacle)
+    failures: list[FailedAttempt] = []
+    for regions, profile, bulge in islice(attempts(task), most_attempts):
+        outcome = attempt(task, regions, profile, bulge)
+        if isinstance(outcome, Configuration):
+            return outcome
+        failures.append(outcome)
+    raise ConfigurationNotFound(diagnose(task, failures))
+
+
+def attempt(
+    task: ConfigurationTask, regions: tuple[int, ...], profile: PathProfile, bulge: int
+) -> Configuration | FailedAttempt:
+    """One guess, one solve, one check.
+
+    Args:
+        task: what is to be found.
+        regions: region of each segment.
+        profile: headings along the path, with their whole turns.
+        bulge: side of the surplus length.
+    """
+    tip_heading = None if task.goal_heading is None else profile.tip_heading
+    nlp = build_configuration_nlp(task, regions, tip_heading)
+    result = solve_nlp(nlp, initial_guess(nlp, profile, bulge))
+    if not result.feasible:
+        return FailedAttempt(nlp, result)
+    configuration = polished_configuration(nlp, result.variables)
+    missed = shortfalls(nlp, configuration)
+    return FailedAttempt(nlp, result, missed) if missed else configuration
+
+
+def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathProfile, int]]:
+    """Regions of the segments, path headings and side of the surplus length, most promising first."""
+    profiles = winding_profiles(task)
+    first, *others = segment_regions(task, profiles[0])
+    # Most tasks need the first guess only; more segments cost more than another side or winding.
+    yield first, profiles[0], 1
+    yield first, profiles[0], -1
+    for profile in profiles[1:]:
+        yield first, profile, 1
+    for regions in others:
+        yield regions, profiles[0], 1
+        yield regions, profiles[0], -1
+
+
+def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
+    """The path's headings with the fewest whole turns at its ends: the nearest winding, then its neighbours."""
+    low, high = task.base_heading_range
+    # A base that turns freely meets the path's heading as it is; a fixed one may have to wind round to it.
+    base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
+    tip = (0,) if task.goal_heading is None else (0, 1, -1)
+    profiles = [path_profile(task, *turns) for turns in product(base, tip)]
+    return sorted(profiles, key=lambda profile: profile.end_turns)[: task.settings.windings]
+
+
+def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
+    """Region of each segment: ``segments_per_region`` each, then the totals of the settings, shared by curve length."""
+    count = len(task.corridor.regions)
+    shares = np.full(count, task.segments_per_region)
+    plans = [shares.copy()]
+    lengths = curve_shares(task, profile)
+    for total in task.settings.segment_totals:
+        while shares.sum() < total:
+            shares[np.argmax(lengths / shares)] += 1  # to the region whose segments are longest
+        if shares.sum() > plans[-1].sum():
+            plans.append(shares.copy())
+    return [tuple(np.repeat(np.arange(count), plan).tolist()) for plan in plans]

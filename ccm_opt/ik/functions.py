@@ -1,0 +1,218 @@
+"""Functions of users' terms, over poses and over time."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.ik.quantities import ArmQuantities
+from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, applies_at
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledConstraint:
+    """A constraint with its expression and bounds.
+
+    Attributes:
+        constraint: what the user wrote.
+        expression: column of m entries.
+        lower: shape (m,).
+        upper: shape (m,).
+        quantities: holds the symbols.
+    """
+
+    constraint: Constraint
+    expression: Any
+    lower: FloatArray
+    upper: FloatArray
+    quantities: ArmQuantities
+
+    @cached_property
+    def function(self) -> Any:
+        """(φ, feed, u) to the expression."""
+        return ca.Function("constraint", list(self.quantities.symbols), [self.expression])
+
+    @cached_property
+    def slopes(self) -> Any:
+        """Pose and u to the derivative of the expression by the pose."""
+        pose, in_pose = self.quantities.in_poses(self.expression)
+        symbols = [pose, self.quantities.path_parameter]
+        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(in_pose, pose))])
+
+    def residuals(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
+
+        Args:
+            headings: shape (N, links) [rad], or poses, shape (N, c) [rad, link lengths].
+            u: path parameter, shape (N,).
+            feed: shape (N,) or scalar [m]; of poses their own.
+        """
+        headings, feed = self.quantities.parted(headings, feed)
+        return self.violations(evaluated(self.function, headings, u, feed))
+
+    def excesses(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """The same with its sign: below zero there is so much to spare; arguments as for ``residuals``."""
+        headings, feed = self.quantities.parted(headings, feed)
+        return self.beyond_bounds(evaluated(self.function, headings, u, feed))
+
+    def violations(self, values: FloatArray) -> FloatArray:
+        """As ``residuals`` for values of the expression, shape (N, m)."""
+        beyond: FloatArray = np.maximum(self.beyond_bounds(values), 0.0)
+        return beyond
+
+    def beyond_bounds(self, values: FloatArray) -> FloatArray:
+        """As ``excesses`` for values of the expression, shape (N, m)."""
+        # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
+        finite = np.all(np.isfinite(values), axis=1)
+        values = np.where(finite[:, None], values, 0.0)
+        below = self.lower - values
+        above = values - self.upper
+        worst: FloatArray = np.where(finite, np.maximum(below, above).max(axis=1), np.nan)
+        return worst
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledCost:
+    """A cost with its expression.
+
+    Attributes:
+        cost: what the user wrote; soft constraints stand as costs too.
+        expression: scalar.
+        quantities: holds the symbols.
+    """
+
+    cost: Cost
+    expression: Any
+    quantities: ArmQuantities
+
+    @cached_property
+    def function(self) -> Any:
+        """(φ, feed, u) to the cost."""
+        return ca.Function("cost", list(self.quantities.symbols), [self.expression])
+
+    def values(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
+        headings, feed = self.quantities.parted(headings, feed)
+        return evaluated(self.function, headings, u, feed)[:, 0]
+
+    @cached_property
+    def _derivatives(self) -> Any:
+        pose, in_pose = self.quantities.in_poses(self.expression)
+        hessian, gradient = ca.hessian(in_pose, pose)
+        symbols = [pose, self.quantities.path_parameter]
+        return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
+
+    def second_order(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Gradient, shape (c,), and Hessian, shape (c, c), by one pose: link headings, and what carries the base."""
+        gradient, hessian = self._derivatives(headings, u)
+        return np.asarray(gradient)[:, 0], np.asarray(hessian)
+
+    def applies(self, u: FloatArray) -> BoolArray:
+        """At which places of the motion, the last of them the goal, the cost counts, shape (N,)."""
+        return applies_at(self.cost.where, u)
+
+
+def evaluated(function: Any, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    """Values of a function of (φ, feed, u) at many poses, shape (N, m); headings of shape (N, links)."""
+    count = len(headings)
+
+    feeds = np.broadcast_to(np.asarray(feed, dtype=np.float64), (count,))
+    places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
+    # CasADi maps a function over the columns of its arguments: one pose, one column.
+    values = function(ca.DM(headings.T), ca.DM(feeds).T, ca.DM(places).T)
+    return np.asarray(values, dtype=np.float64).reshape(-1, count).T
+
+
+def as_cost(compiled: CompiledConstraint) -> CompiledCost:
+    """A soft constraint as a cost: half its squared violation."""
+    term = compiled.constraint
+    # Costs are averaged over keyframes anyway, so that "keyframes" and "motion" are one place to them.
+    where: Where = "motion" if term.where == "keyframes" else term.where
+    cost = Cost(term.name, term.expression, term.weight, where)
+    return CompiledCost(cost, 0.5 * ca.sumsqr(_violation(compiled)), compiled.quantities)
+
+
+def _violation(compiled: CompiledConstraint) -> Any:
+    """By how much every bound is violated, as an expression."""
+    lower = compiled.lower
+    upper = compiled.upper
+    expression = compiled.expression
+    if np.array_equal(lower, upper):
+        # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
+        return expression - ca.DM(lower)
+    # An infinite bound cannot be violated, so it has no entry.
+    below = [float(lower[k]) - expression[k] for k in np.flatnonzero(np.isfinite(lower))]
+    above = [expression[k] - float(upper[k]) for k in np.flatnonzero(np.isfinite(upper))]
+    return ca.fmax(ca.vertcat(*below, *above), 0.0)
+
+
+@dataclass(frozen=True)
+class MotionStates:
+    """Places and rates of a motion at which constraints on speeds are checked.
+
+    Attributes:
+        shapes: headings of the links, or in space bends of the joints, shape (N, k) [rad].
+        feed: shape (N,) [m].
+        u: path parameter, shape (N,).
+        shape_rates: of the same, shape (N, k) [rad/s].
+        feed_rate: shape (N,) [m/s].
+    """
+
+    shapes: FloatArray
+    feed: FloatArray
+    u: FloatArray
+    shape_rates: FloatArray
+    feed_rate: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TimedConstraint:
+    """A hard constraint whose expression holds speeds.
+
+    Attributes:
+        compiled: its expression and bounds.
+    """
+
+    compiled: CompiledConstraint
+
+    def __post_init__(self) -> None:
+        # Refused rather than ignored in silence: planners know nothing of speeds.
+        constraint = self.compiled.constraint
+        if constraint.soft:
+            raise ProblemError(
+                f"constraint '{constraint.name}': a soft constraint shapes the path, which has no speed yet; limit "
+                "speeds by limits.tip_velocity or limits.points, or make the constraint hard"
+            )
+        if constraint.where == "keyframes":
+            raise ProblemError(
+                f"constraint '{constraint.name}': keyframes have no speed; use where='motion', 'goal' or an Interval"
+            )
+
+    @property
+    def parametric(self) -> bool:
+        """Whether it depends on the path parameter, by its expression or by where it applies."""
+        of_path = ca.depends_on(self.compiled.expression, self.compiled.quantities.path_parameter)
+        return isinstance(self.compiled.constraint.where, Interval) or bool(of_path)
+
+    @cached_property
+    def _function(self) -> Any:
+        symbols = list(self.compiled.quantities.timed_symbols)
+        return ca.Function("timed_constraint", symbols, [self.compiled.expression])
+
+    def excesses(self, states: MotionStates) -> FloatArray:
+        """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
+        # CasADi maps a function over the columns of its arguments: one state, one column.
+        count = len(states.u)
+        arguments = (
+            ca.DM(states.shapes.T),
+            ca.DM(states.feed).T,
+            ca.DM(states.u).T,
+            ca.DM(states.shape_rates.T),
+            ca.DM(states.feed_rate).T,
+        )
+        values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, count).T
+        return self.compiled.beyond_bounds(values)

@@ -1,0 +1,225 @@
+"""Checks of a configuration, and why there is none."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from ccm_opt.core.length_words import curvature, long_length, short_length
+from ccm_opt.core.length_words import place as at
+from ccm_opt.core.polyline import wrap
+from ccm_opt.errors import Diagnosis
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.multiple_shooting import ConfigurationNLP, unpack_variables
+from ccm_opt.ik.solver import NLPResult
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment import PIECES
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """One requirement a configuration misses: ``worst`` against ``limit``, in ``unit``."""
+
+    name: str
+    worst: float
+    limit: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.worst:.6g} {self.unit}, allowed {self.limit:.6g} {self.unit}"
+
+
+def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Shortfall, ...]:
+    """Every requirement of the NLP's task that a configuration misses; empty when it is good.
+
+    Args:
+        nlp: gives the task and the region of each segment.
+        configuration: in metres, from ``polished_configuration``.
+    """
+    task = nlp.task
+    settings = task.settings
+    tip, heading = configuration.tip
+    goal = heading if task.goal_heading is None else task.goal_heading
+    low, high = task.base_heading_range
+    base_miss = max(low - configuration.base_heading, configuration.base_heading - high, 0.0)
+    arc = np.linspace(0.0, configuration.length, settings.check_samples * len(configuration.segments))
+    curvature = float(np.abs(configuration.curvature_at(arc)).max())
+    outside = _outside(nlp, configuration)
+    figures = (
+        Shortfall("tip position", float(np.hypot(*(tip - task.goal))), settings.tip_tolerance, "m"),
+        Shortfall("tip heading", abs(wrap(heading - goal)), settings.tip_heading_tolerance, "rad"),
+        Shortfall("base heading", base_miss, 1e-12, "rad"),
+        Shortfall("length", abs(configuration.length - task.length), 1e-9 * task.length, "m"),
+        Shortfall("curvature", curvature, task.curvature_limit, "1/m"),
+        Shortfall("distance outside the corridor", outside, settings.containment_tolerance, "m"),
+    )
+    # So written, a figure that is not a number falls short too.
+    return tuple(figure for figure in figures if not figure.worst <= figure.limit)
+
+
+def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
+    """Greatest distance of a point of the curve, the stub excepted, from its segment's region [m]."""
+    boundaries = configuration.boundaries[len(configuration.segments) - len(nlp.regions) :]
+    worst = -np.inf
+    for index, start, end in zip(nlp.regions, boundaries[:-1], boundaries[1:], strict=True):
+        region = nlp.task.corridor.regions[index]
+        points = configuration.positions_at(np.linspace(start, end, nlp.task.settings.check_samples))
+        worst = max(worst, float((points @ region.normals.T - region.offsets).max()))
+    return max(worst, 0.0)
+
+
+_ADVICE = {
+    "gap": ("take a wider corridor or a smaller margin", "allow a tighter bend (joint limit) or another goal heading"),
+    "curvature": ("allow a tighter bend: raise the joint limit or use shorter links", "free the goal heading"),
+    "side": ("take another route", "reduce the clearance", "use a longer arm"),
+    "spacing": ("use more segments per region",),
+    "base": ("free the base heading",),
+}
+"""What helps against a row whose name holds the word, the first that fits."""
+
+
+@dataclass(frozen=True)
+class BrokenRow:
+    """One row of the NLP that could not be satisfied.
+
+    Attributes:
+        constraint: "region", "heading", "curvature", "length" or "spacing".
+        row: its name in the NLP.
+        violation: in the NLP's units.
+        segment: number of the curvature segment; -1 for the base.
+        arc_length: where on the arm [m].
+        place: where in the plane, on the segment's chord [m].
+        words: all that in a sentence.
+    """
+
+    constraint: str
+    row: str
+    violation: float
+    segment: int
+    arc_length: float
+    place: tuple[float, float]
+    words: str
+
+
+@dataclass(frozen=True)
+class FailedAttempt:
+    """One attempt that gave no configuration: its NLP, the solver's answer, and what the dense check refused."""
+
+    nlp: ConfigurationNLP
+    result: NLPResult
+    shortfalls: tuple[Shortfall, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """One line: size, status, worst row."""
+        what = "; ".join(map(str, self.shortfalls)) or f"{self.result.worst_row} by {self.result.violation:.3g}"
+        return f"{len(self.nlp.regions)} segments: {self.result.status}, {what}"
+
+
+def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
+    """A diagnosis from all failed attempts; the one that came nearest speaks for them."""
+    nearest = min(attempts, key=lambda attempt: attempt.result.violation)
+    result = nearest.result
+    rows = broken_rows(nearest)
+    what = "; ".join(broken.words for broken in rows) or nearest.words
+    reason = (
+        f"no configuration of {long_length(task.length)} reaches the goal through "
+        f"{len(task.corridor.regions)} region(s); nearest attempt: {what}"
+    )
+    evidence: dict[str, object] = {
+        "solver_status": result.status,
+        "worst_row": result.worst_row,
+        "violation": result.violation * task.length,
+        "route_length": task.corridor.route.length,
+        "arm_length": task.length,
+        "curvature_limit": task.curvature_limit,
+        "rows": [asdict(broken) for broken in rows],
+        "attempts": [attempt.words for attempt in attempts],
+    }
+    return Diagnosis(reason, "configuration", _advice(result.worst_row), evidence)
+
+
+def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
+    """Why no solver need start, or None: the goal too far, or an end outside the corridor."""
+    distance = float(np.hypot(*(task.goal - task.base)))
+    if distance > task.length:
+        return Diagnosis(
+            f"the goal is {long_length(distance)} from the base, the arm is only {long_length(task.length)} long",
+            "configuration",
+            ("use a longer arm", "move the goal nearer"),
+            {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
+        )
+    ends = (
+        ("base", task.corridor.regions[0], task.base, task.mount_length),
+        ("goal", task.corridor.regions[-1], task.goal, 0.0),
+    )
+    for name, region, point, allowed in ends:
+        outside = float((region.normals @ point - region.offsets).max())
+        if outside > allowed + task.settings.end_tolerance:
+            return _end_outside(name, outside, allowed)
+    return None
+
+
+def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
+    return Diagnosis(
+        f"the {name} is {short_length(outside)} outside its region of the corridor, allowed {short_length(allowed)}",
+        "configuration",
+        (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
+        {"outside": outside, "allowed": allowed, "worst_row": f"{name} in its region", "solver_status": "not started"},
+    )
+
+
+def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
+    """The rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
+    found: dict[tuple[str, int], BrokenRow] = {}
+    for name, violation in attempt.result.broken:
+        row = _broken_row(attempt, name, violation)
+        # Rows come worst first, so the first of a kind and segment is its worst.
+        found.setdefault((row.constraint, row.segment), row)
+    return tuple(found.values())[: attempt.nlp.task.settings.rows_reported]
+
+
+def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
+    """What a violated row means to a user, and where on the arm and in the plane it is."""
+    task = attempt.nlp.task
+    numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
+    segment, piece = (int(numbers[1]), int(numbers[2] or 0)) if numbers else (-1, 0)
+    if "gap" in name:
+        piece = PIECES
+    arc, place = _where(attempt, max(segment, 0), piece)
+    where = f"{long_length(arc)} from the base, at {at(place)},"
+    kind, words = _meaning(name, violation, task.length)
+    return BrokenRow(kind, name, violation, segment, arc, place, f"{where} {words}")
+
+
+def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
+    """The kind of a row, and by how much it is violated, in words and for an arm of a length [m]."""
+    if "side" in name:
+        return "region", f"it leaves its region by {short_length(violation * length)}"
+    if "gap in heading" in name:
+        return "heading", f"it cannot turn enough, {np.rad2deg(violation):.3g}° are missing"
+    if "curvature" in name:
+        return "curvature", f"it bends by {curvature(violation / length)} more than allowed"
+    if "spacing" in name:
+        return "spacing", "its knots come too close"
+    if name.startswith("base"):
+        return "length", f"it misses the base by {short_length(violation * length)}"
+    return "length", f"it cannot join its neighbours, {short_length(violation * length)} are missing"
+
+
+def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
+    """Arc length [m] and place (x, y) [m] of a piece's start in the solver's last iterate, on the segment's chord."""
+    task = attempt.nlp.task
+    states, controls = unpack_variables(attempt.result.variables)
+    widths = controls[segment, 4:8]
+    share = float(widths[:piece].sum() / max(float(widths.sum()), 1e-12))
+    point = task.base + task.length * (states[segment, :2] + share * (states[segment + 1, :2] - states[segment, :2]))
+    # Where rows are violated the iterate's arc lengths need not add up: never report a place beyond the arm.
+    arc = task.length * float(np.clip(states[segment, 4] + widths[:piece].sum(), 0.0, 1.0))
+    return arc, (float(point[0]), float(point[1]))
+
+
+def _advice(row: str) -> tuple[str, ...]:
+    """What to try against a row."""
+    return next((advice for word, advice in _ADVICE.items() if word in row), _ADVICE["gap"])

@@ -1,0 +1,341 @@
+"""The curve in the goal-pose program, lifted at its knots, and the links mapped to it.
+
+Lengths are in units of the arm's length. The curve is a chain of K curvature segments of four spline pieces each. Its
+knots lie at arc lengths σ_0 = 0 < σ_1 < ... < σ_4K = 1; at knot i the curvature is C_i, the heading θ_i, and
+Θ_i = ∫_0^{σ_i} θ ds; M_i are the second derivatives of the curvature, zero where segments meet, for the paper's splines
+are natural (section 2.1). On the piece from σ_i, with t = s - σ_i and a = σ_{i+1} - σ_i,
+
+    κ(t) = C_i + (ΔC/a - a (2 M_i + M_{i+1})/6) t + M_i t²/2 + (M_{i+1} - M_i) t³/(6 a).
+
+The states (θ, Θ) of neighbouring knots are tied by the ODE θ' = κ, Θ' = θ, whose solution over a piece is known: that
+is multiple shooting with an exact integrator. Every row then depends on one piece alone, which keeps the derivatives
+small and the building of the solver short.
+
+φ_j = (1/l) ∫ θ ds over link j = (Θ(s_{j+1}) - Θ(s_j))/l. It is the mapping in which motions are planned, φ = A v. Knots
+may pass joints while the NLP is solved: Θ(s) is summed over the pieces about the joint, each with its share of s,
+which is smooth as often as the curve itself is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
+from ccm_opt.ik.row_program import Repeated, selection
+from ccm_opt.robot.segment import PIECES
+
+
+@dataclass(frozen=True, eq=False)
+class SplinePieces:
+    """Cubic pieces of curvature, one a row; methods work on all of them at once.
+
+    Attributes:
+        start: arc length at which each begins, shape (m, 1).
+        width: a, shape (m, 1).
+        heading: θ there, shape (m, 1) [rad].
+        first: C_i, shape (m, 1).
+        last: C_{i+1}, shape (m, 1).
+        first_moment: M_i, shape (m, 1).
+        last_moment: M_{i+1}, shape (m, 1).
+    """
+
+    start: ca.SX
+    width: ca.SX
+    heading: ca.SX
+    first: ca.SX
+    last: ca.SX
+    first_moment: ca.SX
+    last_moment: ca.SX
+
+    def take(self, indices: Sequence[int]) -> "SplinePieces":
+        """Some of the pieces, any of them several times."""
+        return SplinePieces(*(column[list(indices)] for column in vars(self).values()))
+
+    def integral_after(self, t: ca.SX) -> ca.SX:
+        """∫ θ over the first t of each piece: a quintic, shape (m, 1)."""
+        slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
+        jerk = (self.last_moment - self.first_moment) / (120 * self.width)
+        inner = self.first / 2 + t * (slope / 6 + t * (self.first_moment / 24 + t * jerk))
+        return t * (self.heading + t * inner)
+
+    def turn_after(self, t: ca.SX) -> ca.SX:
+        """∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
+        slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
+        jerk = (self.last_moment - self.first_moment) / (24 * self.width)
+        return t * (self.first + t * (slope / 2 + t * (self.first_moment / 6 + t * jerk)))
+
+    def turn(self) -> ca.SX:
+        """∫ κ over each whole piece, shape (m, 1) [rad]."""
+        moments = self.first_moment + self.last_moment
+        return self.width * (self.first + self.last) / 2 - self.width**3 * moments / 24
+
+    def integral(self) -> ca.SX:
+        """∫ θ over each whole piece, shape (m, 1)."""
+        chord = self.first / 3 + self.last / 6
+        moments = (8 * self.first_moment + 7 * self.last_moment) / 360
+        return self.width * (self.heading + self.width * (chord - self.width**2 * moments))
+
+    def squared_curvature(self) -> ca.SX:
+        """∫ κ² over each piece, shape (m, 1).
+
+        With τ = t/a and b_i = M_i a²/6 the curvature is its chord less τ(1 - τ)[(2 - τ) b_i + (1 + τ) b_{i+1}]; the
+        numbers are the integrals of the products of these polynomials.
+        """
+        bow = self.first_moment * self.width**2 / 6
+        last_bow = self.last_moment * self.width**2 / 6
+        chords = (self.first**2 + self.first * self.last + self.last**2) / 3
+        mixed = self.first * (8 * bow + 7 * last_bow) / 60 + self.last * (7 * bow + 8 * last_bow) / 60
+        bows = 8 * (bow**2 + last_bow**2) / 105 + 31 * bow * last_bow / 210
+        return self.width * (chords - 2 * mixed + bows)
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedCurve:
+    """Symbols of a curve and the rows that make them one.
+
+    Attributes:
+        segments: number of curvature segments K.
+        shared_arcs: arc lengths of the knots where they are another curve's, shape (4 K + 1, 1); its own when None.
+    """
+
+    segments: int
+    shared_arcs: ca.SX | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of spline pieces, 4 K."""
+        return PIECES * self.segments
+
+    @cached_property
+    def arcs(self) -> ca.SX:
+        """σ, shape (4 K + 1, 1)."""
+        return self.shared_arcs if self.shared_arcs is not None else ca.SX.sym("arc", self.count + 1)
+
+    @cached_property
+    def curvatures(self) -> ca.SX:
+        """C, shape (4 K + 1, 1)."""
+        return ca.SX.sym("curvature", self.count + 1)
+
+    @cached_property
+    def headings(self) -> ca.SX:
+        """θ at the knots, shape (4 K + 1, 1) [rad]."""
+        return ca.SX.sym("theta", self.count + 1)
+
+    @cached_property
+    def integrals(self) -> ca.SX:
+        """Θ at the knots, shape (4 K + 1, 1) [rad]."""
+        return ca.SX.sym("integral", self.count + 1)
+
+    @cached_property
+    def bows(self) -> ca.SX:
+        """M a²/6 at the inner knots of every segment, shape (3 K, 1), with a the width of even pieces.
+
+        That is in size a curvature: by how much the spline leaves the chord between knots. M itself is a thousand times
+        as large as the other variables, and the solver strays.
+        """
+        return ca.SX.sym("bow", (PIECES - 1) * self.segments)
+
+    @property
+    def moment_scale(self) -> float:
+        """M over the symbol that stands for it."""
+        return 6.0 * self.count**2
+
+    @property
+    def variables(self) -> ca.SX:
+        """All symbols in one column."""
+        return ca.vertcat(self.arcs, self.curvatures, self.headings, self.integrals, self.bows)
+
+    @cached_property
+    def pieces(self) -> SplinePieces:
+        """All pieces, base first."""
+        inner = self.moment_scale * ca.reshape(self.bows, PIECES - 1, self.segments)
+        zero = ca.SX.zeros(1, self.segments)  # the paper's splines are natural
+        return SplinePieces(
+            start=self.arcs[:-1],
+            width=self.arcs[1:] - self.arcs[:-1],
+            heading=self.headings[:-1],
+            first=self.curvatures[:-1],
+            last=self.curvatures[1:],
+            first_moment=ca.vec(ca.vertcat(zero, inner)),
+            last_moment=ca.vec(ca.vertcat(inner, zero)),
+        )
+
+    @cached_property
+    def bows_at_ends(self) -> ca.SX:
+        """Symbols of the bows at the start and the end of every piece, zero where segments meet, shape (2, 4 K)."""
+        inner = ca.reshape(self.bows, PIECES - 1, self.segments)
+        zero = ca.SX.zeros(1, self.segments)
+        return ca.horzcat(ca.vec(ca.vertcat(zero, inner)), ca.vec(ca.vertcat(inner, zero))).T
+
+    @cached_property
+    def segment_lengths(self) -> ca.SX:
+        """L_k, shape (1, K)."""
+        return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
+
+    def rows(self, least_piece: float) -> tuple[RowBlock, ...]:
+        """What makes the symbols a curve: spline equations, the ODE over every piece, and knots that keep apart.
+
+        Args:
+            least_piece: least share of its segment that a piece keeps.
+        """
+        return (self._spline_equations(), self._gap_closing(), self._knot_spacing(least_piece))
+
+    def _spline_equations(self) -> RowBlock:
+        """a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}] at inner knots."""
+        knots = [PIECES * segment + inside for segment in range(self.segments) for inside in range(1, PIECES)]
+        before = self.pieces.take([knot - 1 for knot in knots])
+        after = self.pieces.take(knots)
+        moments = before.width * before.first_moment + after.width * after.last_moment
+        moments += 2 * (before.width + after.width) * after.first_moment
+        bend = (after.last - after.first) / after.width - (before.last - before.first) / before.width
+        names = tuple(f"segment {knot // PIECES}: spline at knot {knot % PIECES}" for knot in knots)
+        return equal_to_zero(names, (moments - 6 * bend) / (6 * self.count))
+
+    def _gap_closing(self) -> RowBlock:
+        """θ and Θ at a knot are those at the knot before, integrated over the piece between."""
+        turns = self.headings[1:] - self.headings[:-1] - self.pieces.turn()
+        integrals = self.integrals[1:] - self.integrals[:-1] - self.pieces.integral()
+        what = ("heading", "the integral of the heading")
+        return equal_to_zero(self._piece_names("gap in {}", what), ca.vertcat(turns, integrals))
+
+    def _knot_spacing(self, least_piece: float) -> RowBlock:
+        lengths = ca.vec(ca.repmat(self.segment_lengths, PIECES, 1))
+        return not_negative(self._piece_names("{} of knots", ("spacing",)), self.pieces.width - least_piece * lengths)
+
+    def _piece_names(self, text: str, kinds: Sequence[str]) -> tuple[str, ...]:
+        places = [(index // PIECES, index % PIECES) for index in range(self.count)]
+        return tuple(
+            f"segment {segment}, piece {piece}: {text.format(kind)}" for kind in kinds for segment, piece in places
+        )
+
+
+def mapping_rows(curve: LiftedCurve, link_headings: ca.SX, window: int) -> tuple[RowBlock, RowBlock]:
+    """φ_j l = Θ(s_{j+1}) - Θ(s_j) for every link, and that every joint stays among the pieces looked at for it.
+
+    Args:
+        curve: the curve.
+        link_headings: φ, shape (links, 1) [rad].
+        window: pieces looked at on either side of the one in which a joint lies while knots are even.
+    """
+    links = link_headings.numel()
+    joints = JointsAmongPieces.of(curve, links, window)
+    integrals = joints.integrals()
+    mapped = links * (integrals[1:] - integrals[:-1])
+    ties = equal_to_zero(tuple(f"mapping of link {j + 1}" for j in range(links)), mapped - link_headings)
+    return ties, joints.kept_among()
+
+
+@dataclass(frozen=True, eq=False)
+class JointsAmongPieces:
+    """Sums over a curve up to every joint and the tip, whatever piece the joint lies on.
+
+    Attributes:
+        curve: the curve.
+        arcs: of the joints and the tip, shape (links + 1,).
+        first: of every joint the first piece that is looked at, shape (links + 1,).
+        last: the last, likewise.
+    """
+
+    curve: LiftedCurve
+    arcs: FloatArray
+    first: IntArray
+    last: IntArray
+
+    @classmethod
+    def of(cls, curve: LiftedCurve, links: int, window: int) -> "JointsAmongPieces":
+        """All joints of an arm; arguments as of ``mapping_rows``."""
+        arcs = np.arange(links + 1) / links
+        middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
+        return cls(curve, arcs, np.maximum(middle - window, 0), np.minimum(middle + window, curve.count - 1))
+
+    def integrals(self) -> ca.SX:
+        """Θ at every joint, shape (links + 1, 1)."""
+        looked_at, inside = self._inside
+        return self.curve.integrals[self.first.tolist()] + self._shares @ looked_at.integral_after(inside)
+
+    def turns(self) -> ca.SX:
+        """θ at every joint, shape (links + 1, 1)."""
+        looked_at, inside = self._inside
+        return self.curve.headings[self.first.tolist()] + self._shares @ looked_at.turn_after(inside)
+
+    def kept_among(self) -> RowBlock:
+        """Every joint lies behind the start of its first piece and before the end of its last."""
+        behind = np.flatnonzero(self.first > 0)
+        before = np.flatnonzero(self.last < self.curve.count - 1)
+        rows = ca.vertcat(
+            ca.DM(self.arcs[behind]) - self.curve.arcs[self.first[behind].tolist()],
+            self.curve.arcs[(self.last[before] + 1).tolist()] - ca.DM(self.arcs[before]),
+        )
+        names = [f"joint {j}: knot {self.first[j]} stays before it" for j in behind]
+        names += [f"joint {j}: knot {self.last[j] + 1} stays behind it" for j in before]
+        return not_negative(tuple(names), rows)
+
+    def turns_and_integrals(self) -> Repeated:
+        """∫ κ and ∫∫ κ over the part before the joint of every piece that is looked at for one, shape (2, pairs)."""
+        joint, piece = self._pairs
+        knots = np.stack((piece, piece + 1)).ravel("F").tolist()
+        columns = (
+            ca.reshape(self.curve.arcs[knots], 2, -1),
+            ca.reshape(self.curve.curvatures[knots], 2, -1),
+            self.curve.bows_at_ends[:, piece.tolist()],
+            self.curve.headings[piece.tolist()].T,
+        )
+        form = partial(_before_joint, self.curve.moment_scale)
+        return Repeated(form, columns, (ca.SX(ca.DM(self.arcs[joint])).T,))
+
+    def sums_over_pieces(self) -> tuple[ca.DM, ca.DM]:
+        """What θ and Θ at every joint have of ``turns_and_integrals`` beside what is before the first piece.
+
+        Returns:
+            Sparse matrices, shape (links + 1, 2 pairs).
+        """
+        joint, _ = self._pairs
+        shape = (len(self.arcs), 2 * len(joint))
+        places = 2 * np.arange(len(joint))
+        return selection(*shape, joint, places), selection(*shape, joint, places + 1)
+
+    @cached_property
+    def _pairs(self) -> tuple[IntArray, IntArray]:
+        """Every joint with every piece from its first to its last, as two arrays."""
+        counts = self.last - self.first + 1
+        joint = np.repeat(np.arange(len(self.first)), counts)
+        piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]
+        return joint, piece
+
+    @cached_property
+    def _inside(self) -> tuple[SplinePieces, ca.SX]:
+        """The pieces of these pairs, and how much of each lies before its joint: nothing or all, except in one."""
+        joint, piece = self._pairs
+        looked_at = self.curve.pieces.take(piece.tolist())
+        return looked_at, ca.fmin(ca.fmax(ca.DM(self.arcs[joint]) - looked_at.start, 0), looked_at.width)
+
+    @cached_property
+    def _shares(self) -> ca.DM:
+        """Sums what belongs to the same joint."""
+        joint, _ = self._pairs
+        return ca.DM.triplet(
+            joint.tolist(), list(range(len(joint))), ca.DM.ones(len(joint)), len(self.arcs), len(joint)
+        )
+
+
+def _before_joint(scale: float, arcs: ca.SX, curvatures: ca.SX, bows: ca.SX, heading: ca.SX, joint: ca.SX) -> ca.SX:
+    """Turn and integral of the heading over what of a piece lies before a joint, column by column, shape (2, e).
+
+    Args:
+        scale: of the bows.
+        arcs: where the piece begins and ends, shape (2, e).
+        curvatures: there, likewise.
+        bows: likewise.
+        heading: where it begins, shape (1, e) [rad].
+        joint: arc length of the joint, shape (1, e).
+    """
+    start, end = ca.vertsplit(arcs)
+    first, last = ca.vertsplit(curvatures)
+    first_moment, last_moment = ca.vertsplit(scale * bows)
+    piece = SplinePieces(start, end - start, heading, first, last, first_moment, last_moment)
+    inside = ca.fmin(ca.fmax(joint - start, 0), piece.width)
+    return ca.vertcat(piece.turn_after(inside), piece.integral_after(inside))

@@ -1,0 +1,245 @@
+"""The configuration NLP as data: symbols and named rows, built once a size; bounds and parameters, per task."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik import curve_program as constraints
+from ccm_opt.ik.configuration_task import DEFAULT_CONFIGURATION, ConfigurationSettings, ConfigurationTask
+from ccm_opt.ik.curve_program import CONTROLS, STATES, SegmentFlow, configuration_cost, nearness, segment_function
+from ccm_opt.robot.segment import PIECES
+from ccm_opt.scene.corridor import ConvexRegion
+
+STAGE = STATES + CONTROLS
+"""Variables of one segment."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShootingProgram:
+    """The symbolic part, shared by all tasks of one size and one choice of settings.
+
+    Attributes:
+        settings: weights of the objective, and the solver's patience.
+        segments: number of curvature segments.
+        variables: X_0, U_0, X_1, U_1, .., X_K in one column.
+        parameters: a column: normals, offsets of each segment, knot fraction, stub length,
+            weight of the bending.
+        objective: scalar.
+        constraints: one column, ``lower <= constraints <= upper``.
+        row_names: what each row says.
+        lower: shape (rows,).
+        upper: shape (rows,).
+    """
+
+    settings: ConfigurationSettings
+    segments: int
+    variables: ca.SX
+    parameters: ca.SX
+    objective: ca.SX
+    constraints: ca.SX
+    row_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationNLP:
+    """One task's NLP: the symbolic program with the task's numbers.
+
+    Lengths are in units of the arm's, the base is the origin.
+
+    Attributes:
+        task: what is asked for.
+        program: the symbolic part.
+        regions: index of the corridor's region for each segment.
+        tip_heading: heading the tip must take, whole turns included, or None [rad].
+        lower: bounds of the variables, shape (variables,).
+        upper: likewise.
+        parameters: values of the parameters.
+    """
+
+    task: ConfigurationTask
+    program: ShootingProgram
+    regions: tuple[int, ...]
+    tip_heading: float | None
+    lower: FloatArray
+    upper: FloatArray
+    parameters: FloatArray
+
+    def with_constraint(self, name: str, expression: ca.SX, lower: float, upper: float) -> "ConfigurationNLP":
+        """The NLP with one more scalar row over ``program.variables``; its solver is built anew."""
+        program = replace(
+            self.program,
+            constraints=ca.vertcat(self.program.constraints, expression),
+            row_names=(*self.program.row_names, name),
+            lower=np.append(self.program.lower, lower),
+            upper=np.append(self.program.upper, upper),
+        )
+        return replace(self, program=program)
+
+    def with_cost(self, expression: ca.SX) -> "ConfigurationNLP":
+        """The NLP with one more term in its objective; its solver is built anew."""
+        return replace(self, program=replace(self.program, objective=self.program.objective + expression))
+
+
+def build_configuration_nlp(
+    task: ConfigurationTask, regions: tuple[int, ...] | None = None, tip_heading: float | None = None
+) -> ConfigurationNLP:
+    """Build the multiple-shooting NLP of a task; nothing is solved.
+
+    Args:
+        task: what the configuration must achieve.
+        regions: index of a region for each segment, increasing, each region at least once; by default
+            ``task.segments_per_region`` segments in each.
+        tip_heading: the tip's heading with its whole turns [rad]; by default ``task.goal_heading``.
+    """
+    if regions is None:
+        regions = tuple(np.repeat(np.arange(len(task.corridor.regions)), task.segments_per_region).tolist())
+    if tip_heading is None:
+        tip_heading = task.goal_heading
+    most = max(len(region.offsets) for region in task.corridor.regions)
+    half_planes = padded_rows(most, task.settings.half_plane_counts)
+    program = symbolic_program(len(regions), half_planes, task.settings)
+    lower, upper = _variable_bounds(task, len(regions), tip_heading)
+    parameters = _parameter_values(task, regions, half_planes)
+    if task.fixed_knots:
+        program = _with_fixed_knots(program)
+    nlp = ConfigurationNLP(task, program, regions, tip_heading, lower, upper, parameters)
+    return nlp.with_cost(_nearness(nlp)) if task.clearance_weight > 0.0 and task.side_gaps else nlp
+
+
+def _nearness(nlp: ConfigurationNLP) -> ca.SX:
+    """What nearness of the curve's points to the walls behind their regions' sides costs."""
+    task = nlp.task
+    total = ca.SX(0)
+    variables = nlp.program.variables
+    for k, index in enumerate(nlp.regions):
+        stage = variables[STAGE * k : STAGE * (k + 1)]
+        points = SegmentFlow(*segment_function()(stage[:STATES], stage[STATES:])).points
+        region = task.corridor.regions[index]
+        walls = (region.offsets + task.side_gaps[index] - region.normals @ task.base) / task.length
+        total += nearness(points, region.normals, walls, task.settings) / len(nlp.regions)
+    return task.clearance_weight * total
+
+
+def padded_rows(count: int, sizes: tuple[int, ...]) -> int:
+    """The number of half-planes a solver is built for, the next of a few sizes so that solvers are shared."""
+    return next((size for size in sizes if size >= count), count)
+
+
+def pack_variables(states: FloatArray, controls: FloatArray) -> FloatArray:
+    """One column of variables from states (K + 1, 5) and controls (K, 12)."""
+    return np.append(np.hstack((states[:-1], controls)).ravel(), states[-1])
+
+
+def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """States (K + 1, 5) and controls (K, 12) from one column of variables."""
+    stages = variables[:-STATES].reshape(-1, STAGE)
+    return np.vstack((stages[:, :STATES], variables[-STATES:])), stages[:, STATES:]
+
+
+# Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
+@lru_cache(maxsize=4)
+def symbolic_program(
+    segments: int, half_planes: int, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
+) -> ShootingProgram:
+    """Symbols, objective and rows for a number of segments and half-planes a region."""
+    states = [ca.SX.sym(f"X{k}", STATES) for k in range(segments + 1)]
+    controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
+    normals = [ca.SX.sym(f"A{k}", half_planes, 2) for k in range(segments)]
+    offsets = [ca.SX.sym(f"b{k}", half_planes) for k in range(segments)]
+    fraction = ca.SX.sym("fraction")
+    stub = ca.SX.sym("stub")
+    weight = ca.SX.sym("bending")
+
+    objective = ca.SX(0)
+    blocks: list[constraints.RowBlock] = []
+    for k in range(segments):
+        flow = SegmentFlow(*segment_function()(states[k], controls[k]))
+        objective += configuration_cost(states[k], controls[k], flow.bending, weight, settings)
+        ends = (k == 0, k == segments - 1)
+        blocks += [
+            constraints.gap_closing(k, flow, states[k + 1]),
+            constraints.knot_spacing(k, controls[k], fraction),
+            constraints.certified_curvature(k, controls[k], flow),
+            constraints.certified_containment(k, controls[k], flow, normals[k], offsets[k], ends),
+        ]
+    blocks.insert(1, constraints.base_at_stub_end(states[0], stub))  # after the first gap: FATROP's order of rows
+
+    stages = [symbol for pair in zip(states[:-1], controls, strict=True) for symbol in pair]
+    region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
+    return ShootingProgram(
+        settings,
+        segments,
+        ca.vertcat(*stages, states[-1]),
+        ca.vertcat(*region_symbols, fraction, stub, weight),
+        objective,
+        ca.vertcat(*(block.expression for block in blocks)),
+        tuple(name for block in blocks for name in block.names),
+        np.concatenate([block.lower for block in blocks]),
+        np.concatenate([block.upper for block in blocks]),
+    )
+
+
+@lru_cache(maxsize=4)
+def _with_fixed_knots(program: ShootingProgram) -> ShootingProgram:
+    """Spacing rows as equations a_i = L_k / 4; the last of the four follows from the others."""
+    upper = program.upper.copy()
+    for row, name in enumerate(program.row_names):
+        if "spacing of knots" in name and not name.endswith(f"{PIECES - 1} and {PIECES}"):
+            upper[row] = 0.0
+    return replace(program, upper=upper)
+
+
+def _variable_bounds(
+    task: ConfigurationTask, segments: int, tip_heading: float | None
+) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper bounds of the variables, each of shape (variables,).
+
+    What is known is a variable with equal bounds: base, goal, arc length at both ends, headings that are asked for.
+    """
+    limit = task.curvature_limit * task.length * (1.0 - task.settings.curvature_reserve)
+    state = np.array([np.inf, np.inf, np.inf, limit, 1.0])
+    control = np.repeat([limit, 1.0, limit], 4)
+    upper = pack_variables(np.tile(state, (segments + 1, 1)), np.tile(control, (segments, 1)))
+    lower = -upper
+    states, controls = unpack_variables(lower)
+    states[:, 4] = task.stub / task.length
+    controls[:, 4:8] = task.settings.least_piece
+    controls[:, 8:] = 0.0  # the bounds on |κ|
+    lower = pack_variables(states, controls)
+
+    lower[2], upper[2] = task.base_heading_range
+    lower[4] = upper[4] = task.stub / task.length
+    if task.stub > 0.0:
+        lower[3] = upper[3] = 0.0  # the curvature goes on from a straight stub
+    lower[-5:-3] = upper[-5:-3] = (task.goal - task.base) / task.length
+    lower[-1] = upper[-1] = 1.0
+    if tip_heading is not None:
+        lower[-3] = upper[-3] = tip_heading
+    return lower, upper
+
+
+def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
+    """Values of the parameters, in the order of ``ShootingProgram.parameters``."""
+    blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
+    fraction = 1.0 / PIECES if task.fixed_knots else task.settings.least_spacing
+    return np.concatenate([*blocks, [fraction, task.stub / task.length, task.bending_weight]])
+
+
+def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
+    """Normals, column-major, then offsets of one region in the NLP's units; padded rows hold always."""
+    offsets = (region.offsets - region.normals @ task.base) / task.length
+
+    # A base or goal that lies in the region stays in it: a side next to one moves by half of what is left there.
+    ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
+    slack = offsets - ends @ region.normals.T
+    room = np.where(slack > -task.settings.end_tolerance / task.length, slack, np.inf).min(axis=0)
+    offsets = offsets - np.minimum(task.settings.region_shrinkage, np.where(room > 0.0, 0.5 * room, room))
+
+    padding = count - len(offsets)
+    normals = np.vstack((region.normals, np.zeros((padding, 2))))
+    return np.concatenate((normals.ravel(order="F"), offsets, np.ones(padding)))

@@ -1,0 +1,410 @@
+"""Quantities of an arm that users' constraints and costs are written in."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polygons import counter_clockwise, half_planes, is_convex
+from ccm_opt.errors import ProblemError
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.space_arm import SpaceArm
+
+
+class ArmQuantities(ABC):
+    """Quantities of an arm in CasADi's scalar symbols; lengths in metres, angles in radians.
+
+    Attributes:
+        arm: the arm, for its numbers: masses, lengths, base.
+        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
+        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
+        feed_rate: of the base on its feed axis, a scalar [m/s]; known on the finished motion only.
+    """
+
+    arm: Any
+    base_feed: Any
+    path_parameter: Any
+    feed_rate: Any
+
+    @property
+    @abstractmethod
+    def symbols(self) -> tuple[Any, Any, Any]:
+        """The arm's shape, the feed and the path parameter: the symbols that the expression of a path may hold."""
+
+    @property
+    @abstractmethod
+    def rates(self) -> tuple[Any, Any]:
+        """Rates of the shape and of the feed."""
+
+    @property
+    @abstractmethod
+    def joint_positions(self) -> Any:
+        """Positions of the base, the other joints and the tip, shape (dimensions, links + 1) [m]."""
+
+    @abstractmethod
+    def in_poses(self, expression: Any) -> tuple[Any, Any]:
+        """The symbols of a pose, as planning handles it, and an expression of a path in them and the path parameter."""
+
+    @abstractmethod
+    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
+        """Shape and feed [m] of poses of shape (N, c); where they are shapes alone, with the feed that is given."""
+
+    @abstractmethod
+    def shapes(self, coordinates: FloatArray) -> FloatArray:
+        """The arm's shape, shape (N, k) [rad], at coordinates of the arm, shape (N, c) [rad, m]."""
+
+    @abstractmethod
+    def shape_rates(self, rates: FloatArray) -> FloatArray:
+        """The rates of the shape, shape (N, k) [rad/s], by those of the coordinates, shape (N, c) [rad/s, m/s]."""
+
+    @property
+    def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
+        """The symbols that the expression of a timed motion may hold, those of a path, and the rates."""
+        return *self.symbols, *self.rates
+
+    def is_timed(self, expression: Any) -> bool:
+        """Whether an expression holds speeds."""
+        return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))
+
+    @property
+    def tip(self) -> Any:
+        """Position of the tip, shape (dimensions, 1) [m]."""
+        return self.joint_positions[:, -1]
+
+    def point_at(self, s: float) -> Any:
+        """Position at arc length ``s`` from the base, shape (dimensions, 1) [m]."""
+        link, fraction = self._link_at(s)
+        points = self.joint_positions
+        return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
+
+    @property
+    def tip_velocity(self) -> Any:
+        """Velocity of the tip, shape (dimensions, 1) [m/s]; on the finished motion only."""
+        return self._in_time(self.tip)
+
+    def point_velocity(self, s: float) -> Any:
+        """Velocity of the point at arc length ``s`` from the base [m/s]; on the finished motion only."""
+        return self._in_time(self.point_at(s))
+
+    def _in_time(self, point: Any) -> Any:
+        """Derivative of a point by time."""
+        # The chain rule: ṗ = ∂p/∂(shape, feed) times their rates, as one product in forward mode.
+        shape, feed, _ = self.symbols
+        return ca.jtimes(point, ca.vertcat(shape, feed), ca.vertcat(*self.rates))
+
+    def _link_at(self, s: float) -> tuple[int, float]:
+        """The link at an arc length, and how much of that link lies before it."""
+        links = self._checked(s) / self.arm.link_length
+        # The very tip belongs to the last link, not to one beyond it.
+        link = min(int(links), self.arm.links - 1)
+        return link, links - link
+
+    def _checked(self, s: float) -> float:
+        """An arc length, or a refusal of what is none; rounding beyond the ends of the arm is forgiven."""
+        length = self.arm.length
+        rounding = 1e-9 * length
+        if not isinstance(s, int | float | np.floating) or not -rounding <= s <= length + rounding:
+            raise ProblemError(f"an arc length must be a number from 0 to the arm's length {length:g} m, got {s!r}")
+        return float(min(max(s, 0.0), length))
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities(ArmQuantities):
+    """Quantities of the arm in CasADi's scalar symbols; lengths in metres, angles in radians, points as (2, 1) columns.
+
+    The curve is read off the links: it passes through the joints, its heading is that of a link at the link's middle,
+    its curvature at a joint is bend over link length; between these places both are linear.
+
+    Attributes:
+        arm: the arm, for its numbers: masses, lengths, base.
+        link_headings: φ, shape (links, 1) [rad].
+        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
+        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
+        heading_rates: of the links, shape (links, 1) [rad/s]; known on the finished motion only, for a path has no
+            speed.
+        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
+    """
+
+    arm: Arm
+    link_headings: Any
+    base_feed: Any
+    path_parameter: Any
+    heading_rates: Any
+    feed_rate: Any
+
+    @classmethod
+    def from_arm(cls, arm: Arm) -> "Quantities":
+        """Fresh symbols for an arm."""
+        return cls(
+            arm,
+            ca.SX.sym("heading", arm.links),
+            ca.SX.sym("feed"),
+            ca.SX.sym("path_parameter"),
+            ca.SX.sym("heading_rate", arm.links),
+            ca.SX.sym("feed_rate"),
+        )
+
+    @property
+    def symbols(self) -> tuple[Any, Any, Any]:
+        """Link headings, feed and path parameter, the symbols that the expression of a path may hold."""
+        return self.link_headings, self.base_feed, self.path_parameter
+
+    @property
+    def rates(self) -> tuple[Any, Any]:
+        """Rates of the link headings and of the feed."""
+        return self.heading_rates, self.feed_rate
+
+    def in_poses(self, expression: Any) -> tuple[Any, Any]:
+        """The symbols of a pose and an expression of a path in them and the path parameter.
+
+        A pose has the headings of the links [rad] and then how far the base is carried, in link lengths.
+        """
+        axes = len(self.arm.base_axes)
+        carried = ca.SX.sym("carried", axes)
+        feed = self.arm.link_length * ca.sum1(carried) if axes else ca.SX(0.0)
+        return ca.vertcat(self.link_headings, carried), ca.substitute(expression, self.base_feed, feed)
+
+    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
+        """Link headings and the feed of poses; where they are headings alone, with the feed that is given [m].
+
+        Args:
+            poses: shape (N, links) or (N, c) [rad, link lengths].
+            feed: shape (N,) or scalar [m].
+        """
+        links = self.arm.links
+        if poses.shape[-1] == links:
+            return poses, feed
+        return poses[..., :links], self.arm.link_length * np.sum(poses[..., links:], axis=-1)
+
+    def shapes(self, coordinates: FloatArray) -> FloatArray:
+        """Headings of the links at coordinates of the arm, shape (N, links) [rad]."""
+        return self.arm.headings(coordinates[:, self.arm.coordinates.bends])
+
+    def shape_rates(self, rates: FloatArray) -> FloatArray:
+        """Rates of the headings, shape (N, links) [rad/s]."""
+        # Headings are running sums of the bends, and so are their rates.
+        return np.cumsum(rates[:, self.arm.coordinates.bends], axis=1)
+
+    @cached_property
+    def joint_angles(self) -> Any:
+        """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""
+        return self.link_headings - ca.vertcat(self.arm.base_heading, self.link_headings[:-1])
+
+    @cached_property
+    def joint_positions(self) -> Any:
+        """Positions of the base, the other joints and the tip, shape (2, links + 1) [m]."""
+        base = ca.SX(ca.DM(self.arm.base))
+        # For a fixed arm the expression does not contain the feed at all.
+        for _ in self.arm.base_axes:
+            base += self.base_feed * ca.DM(self.arm.feed_direction)
+        steps = self.arm.link_length * ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
+        points = [base]
+        for link in range(self.arm.links):
+            points.append(points[-1] + steps[:, link])
+        return ca.horzcat(*points)
+
+    @property
+    def tip_heading(self) -> Any:
+        """Heading of the last link [rad]; whole turns count."""
+        return self.link_headings[-1]
+
+    def heading_at(self, s: float) -> Any:
+        """Heading at arc length ``s`` from the base [rad]."""
+        # A link's heading stands at its middle, half a link after its beginning.
+        return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
+
+    def curvature_at(self, s: float) -> Any:
+        """Curvature at arc length ``s`` from the base [1/m]; the bend at the base itself does not count."""
+        if self.arm.links < 2:
+            raise ProblemError("an arm of one link has no curvature")
+        # Joint k stands k links from the base; the base itself is left out, so entries begin at one link.
+        return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
+
+    def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
+        """Distances of a point inside every side of a convex region, shape (sides, 1) [m]: membership is all ≥ 0.
+
+        Args:
+            region: convex polygon.
+            point: shape (2, 1); the tip when None.
+        """
+        normals, offsets = _half_planes(region)
+        return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
+
+
+def _linear(values: Any, at: float) -> Any:
+    """Linear interpolation between the entries of a column, constant beyond both ends."""
+    last = int(values.shape[0]) - 1
+    place = min(max(at, 0.0), float(last))
+    k = min(int(place), max(last - 1, 0))
+    following = min(k + 1, last)
+    return values[k] + (place - k) * (values[following] - values[k])
+
+
+def _half_planes(region: shapely.Polygon) -> tuple[FloatArray, FloatArray]:
+    """Outward unit normals and offsets of the sides of a convex polygon.
+
+    Raises:
+        ProblemError: the region is not a convex polygon.
+    """
+    if not isinstance(region, shapely.Polygon) or region.is_empty or region.interiors:
+        raise ProblemError(f"a region must be a convex polygon without holes, got {region}")
+    corners = counter_clockwise(np.asarray(region.exterior.coords)[:-1])
+    if not is_convex(corners, 1e-9):
+        raise ProblemError(f"a region must be convex, got {region}; split it, or take its convex_hull")
+    return half_planes(corners)
+
+
+_OF_THE_PLANE = {
+    "tip_heading": "tip_direction",
+    "heading_at": "direction_at(s)",
+    "link_headings": "link_directions",
+    "curvature_at": "joint_angles, bends over link length",
+}
+"""Quantities of the plane that space has no numbers for, and what to use there."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceQuantities(ArmQuantities):
+    """Quantities of an arm in space in CasADi's scalar symbols; lengths in metres, angles in radians.
+
+    Points and directions are (3, 1) columns in the axes of the world.
+
+    Attributes:
+        arm: the arm, for its numbers: masses, lengths, base.
+        bends: (a, b) of every joint one after the other, shape (2 links, 1) [rad].
+        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
+        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
+        bend_rates: of the bends, shape (2 links, 1) [rad/s]; known on the finished motion only.
+        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
+    """
+
+    arm: SpaceArm
+    bends: Any
+    base_feed: Any
+    path_parameter: Any
+    bend_rates: Any
+    feed_rate: Any
+
+    @classmethod
+    def from_arm(cls, arm: SpaceArm) -> "SpaceQuantities":
+        """Fresh symbols for an arm."""
+        return cls(
+            arm,
+            ca.SX.sym("bend", 2 * arm.links),
+            ca.SX.sym("feed"),
+            ca.SX.sym("path_parameter"),
+            ca.SX.sym("bend_rate", 2 * arm.links),
+            ca.SX.sym("feed_rate"),
+        )
+
+    @property
+    def symbols(self) -> tuple[Any, Any, Any]:
+        """Bends, feed and path parameter, the symbols that the expression of a path may hold."""
+        return self.bends, self.base_feed, self.path_parameter
+
+    @property
+    def rates(self) -> tuple[Any, Any]:
+        """Rates of the bends and of the feed."""
+        return self.bend_rates, self.feed_rate
+
+    def in_poses(self, expression: Any) -> tuple[Any, Any]:
+        """The symbols of a configuration, bends [rad] and the feed [m] where there is one, and the expression."""
+        if self.arm.base_axes:
+            return ca.vertcat(self.bends, self.base_feed), expression
+        return self.bends, ca.substitute(expression, self.base_feed, ca.SX(0.0))
+
+    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
+        """Bends and feed of configurations; where they are bends alone, with the feed that is given [m].
+
+        Args:
+            poses: shape (N, 2 links) or (N, c) [rad, m].
+            feed: shape (N,) or scalar [m].
+        """
+        bends = 2 * self.arm.links
+        if poses.shape[-1] == bends:
+            return poses, feed
+        return poses[..., :bends], np.asarray(np.sum(poses[..., bends:], axis=-1))
+
+    def shapes(self, coordinates: FloatArray) -> FloatArray:
+        """Both bends of every joint at coordinates of the arm, shape (N, 2 links) [rad]."""
+        return coordinates[:, : 2 * self.arm.links]
+
+    def shape_rates(self, rates: FloatArray) -> FloatArray:
+        """Rates of the bends, shape (N, 2 links) [rad/s]."""
+        return rates[:, : 2 * self.arm.links]
+
+    @property
+    def joint_angles(self) -> Any:
+        """Both bends of every joint, shape (2, links) [rad]."""
+        return ca.reshape(self.bends, 2, self.arm.links)
+
+    @cached_property
+    def link_rotations(self) -> list[Any]:
+        """Rotations world ← link of all links, each of shape (3, 3)."""
+        rotation = ca.SX(ca.DM(self.arm.base_rotation))
+        found = []
+        for link in range(self.arm.links):
+            rotation = rotation @ _turn(self.bends[2 * link], self.bends[2 * link + 1])
+            found.append(rotation)
+        return found
+
+    @property
+    def link_directions(self) -> Any:
+        """Directions of the links, shape (3, links)."""
+        return ca.horzcat(*(rotation[:, 0] for rotation in self.link_rotations))
+
+    @cached_property
+    def joint_positions(self) -> Any:
+        """Positions of the base, the other joints and the tip, shape (3, links + 1) [m]."""
+        point = ca.SX(ca.DM(self.arm.base))
+        # For a fixed arm the expression does not contain the feed at all.
+        for _ in self.arm.base_axes:
+            point += self.base_feed * ca.DM(self.arm.feed_direction)
+        points = [point]
+        for rotation in self.link_rotations:
+            points.append(points[-1] + self.arm.link_length * rotation[:, 0])
+        return ca.horzcat(*points)
+
+    @property
+    def tip_direction(self) -> Any:
+        """Direction of the last link, a unit vector, shape (3, 1)."""
+        return self.link_rotations[-1][:, 0]
+
+    def direction_at(self, s: float) -> Any:
+        """Direction of the link at arc length ``s`` from the base, a unit vector, shape (3, 1)."""
+        link, _ = self._link_at(s)
+        return self.link_rotations[link][:, 0]
+
+    def inside(self, normals: FloatArray, offsets: FloatArray, point: Any = None) -> Any:
+        """Distances of a point inside half-spaces, shape (sides, 1) [m]: membership is all ≥ 0.
+
+        Args:
+            normals: unit, outwards, shape (sides, 3).
+            offsets: of n · x ≤ offset, shape (sides,) [m].
+            point: shape (3, 1); the tip when None.
+        """
+        return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse quantities of the plane by what stands for them in space."""
+        if name in _OF_THE_PLANE:
+            raise ProblemError(f"an arm in space has no '{name}'; use {_OF_THE_PLANE[name]}")
+        raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+
+def _turn(a: Any, b: Any) -> Any:
+    """Rz(a) Ry(b), shape (3, 3)."""
+    ca_ = ca.cos(a)
+    sa = ca.sin(a)
+    cb = ca.cos(b)
+    sb = ca.sin(b)
+    return ca.vertcat(
+        ca.horzcat(ca_ * cb, -sa, ca_ * sb),
+        ca.horzcat(sa * cb, ca_, sa * sb),
+        ca.horzcat(-sb, 0, cb),
+    )

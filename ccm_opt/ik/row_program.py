@@ -1,0 +1,196 @@
+"""Programs of named rows, repeated along the arm.
+
+An arm's NLP is partially separable (Griewank and Toint, 1982): almost every row depends on the few variables of one
+link. Where the row is known as such a function, its derivatives are taken of that function once, whatever the number of
+links; those of a whole program written out take most of the time in which a solver is built.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.ik.curve_program import RowBlock
+
+
+class ParameterSymbols(Protocol):
+    """Symbols of what changes from question to question."""
+
+    @property
+    def column(self) -> Any:
+        """All of them in one column."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RowProgram(ABC):
+    """What every program of a pose at the goal consists of beside its own variables.
+
+    Attributes:
+        parameters: what changes from question to question.
+        rows: all blocks of rows.
+        parts: the parts of the objective by name, unweighted; the user's behind those that have a weight among the
+            parameters.
+        objective: their weighted sum.
+    """
+
+    parameters: ParameterSymbols
+    rows: tuple[RowBlock, ...]
+    parts: Mapping[str, ca.SX]
+    objective: ca.SX
+
+    @property
+    @abstractmethod
+    def variables(self) -> ca.SX:
+        """All variables in one column."""
+
+    @property
+    def constraints(self) -> ca.SX:
+        """All rows in one column."""
+        return ca.vertcat(*(block.expression for block in self.rows))
+
+    @cached_property
+    def parts_function(self) -> ca.Function:
+        """(variables, parameters) to the parts of the objective, unweighted, in one column."""
+        parts = ca.vertcat(*self.parts.values())
+        return ca.Function("parts", [self.variables, self.parameters.column], [parts])
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """What each row says."""
+        return tuple(name for block in self.rows for name in block.names)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of the rows."""
+        lower = np.concatenate([block.lower for block in self.rows])
+        upper = np.concatenate([block.upper for block in self.rows])
+        return lower, upper
+
+    def costs(self, variables: FloatArray, parameters: FloatArray, weights: FloatArray) -> dict[str, float]:
+        """Weighted parts of the objective by name.
+
+        Args:
+            variables: shape (variables,).
+            parameters: for ``parameters.column``.
+            weights: of the first parts; the user's that follow have theirs in them already.
+        """
+        own = np.ones(len(self.parts) - len(weights))
+        amounts = np.asarray(self.parts_function(variables, parameters), dtype=np.float64).ravel()
+        return dict(zip(self.parts, (amounts * np.append(weights, own)).tolist(), strict=True))
+
+
+ColumnForm: TypeAlias = Callable[..., ca.SX]
+"""Takes columns, shape (k, e) each, and returns a column of m values for each of these e, shape (m, e)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """A function of columns and what it is repeated for.
+
+    Attributes:
+        form: what it says of a column; it must say the same of each, whatever their number.
+        variables: its first arguments, shape (k, e) each: symbols of the program's variables, or zeros.
+        given: the others, shape (p, e) each: of parameters or numbers.
+    """
+
+    form: ColumnForm
+    variables: tuple[ca.SX, ...]
+    given: tuple[ca.SX, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How often it is repeated, e."""
+        return int(self.variables[0].shape[1])
+
+    @cached_property
+    def values(self) -> ca.SX:
+        """All of them, shape (m, e)."""
+        return self.form(*self.variables, *self.given)
+
+    @cached_property
+    def template(self) -> "Template":
+        """It, once, with its derivatives."""
+        variables = [ca.SX.sym("variable", each.shape[0]) for each in self.variables]
+        given = [ca.SX.sym("given", each.shape[0]) for each in self.given]
+        return Template(ca.vertcat(*variables), ca.vertcat(ca.SX(0, 1), *given), self.form(*variables, *given))
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """A function of one column in symbols, and its derivatives.
+
+    Attributes:
+        variables: shape (k, 1).
+        given: shape (p, 1).
+        values: shape (m, 1).
+    """
+
+    variables: ca.SX
+    given: ca.SX
+    values: ca.SX
+
+    @cached_property
+    def jacobian(self) -> ca.SX:
+        """Of the values by the variables, sparse, shape (m, k)."""
+        return ca.jacobian(self.values, self.variables)
+
+    @cached_property
+    def multipliers(self) -> ca.SX:
+        """Symbols of what weighs the values, shape (m, 1)."""
+        return ca.SX.sym("multiplier", self.values.shape[0])
+
+    @cached_property
+    def hessian(self) -> ca.SX:
+        """Second derivatives of the weighted sum of the values, upper triangle, sparse, shape (k, k)."""
+        whole, _ = ca.hessian(ca.dot(self.multipliers, self.values), self.variables)
+        return ca.triu(whole)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatedRows(RowBlock):
+    """Rows that are sums of repeated values, and of what is linear in the variables.
+
+    Attributes:
+        repeated: the values.
+        sums: what each row has of each value, those of a column in a row, sparse, shape (rows, m · e).
+        linear: what is added, shape (rows, 1).
+    """
+
+    repeated: Repeated
+    sums: ca.DM
+    linear: ca.SX
+
+
+def repeated_rows(
+    block: Callable[[tuple[str, ...], ca.SX], RowBlock],
+    names: tuple[str, ...],
+    repeated: Repeated,
+    sums: ca.DM | None = None,
+    linear: ca.SX | None = None,
+) -> RepeatedRows:
+    """Rows of repeated values.
+
+    Args:
+        block: what is asked of them, ``equal_to_zero`` or ``not_negative``.
+        names: of the rows.
+        repeated: the values; all of one column before those of the next.
+        sums: how they are summed to rows; every value is a row when None.
+        linear: what is added, linear in the variables, shape (rows, 1).
+    """
+    values = ca.vec(repeated.values)
+    if sums is None:
+        sums = ca.DM.eye(values.numel())
+    if linear is None:
+        linear = ca.SX(len(names), 1)
+    asked = block(names, ca.mtimes(sums, values) + linear)
+    return RepeatedRows(names, asked.expression, asked.lower, asked.upper, repeated=repeated, sums=sums, linear=linear)
+
+
+def selection(rows: int, columns: int, row: IntArray, column: IntArray) -> ca.DM:
+    """A sparse matrix with ones at some places."""
+    return ca.DM.triplet(row.tolist(), column.tolist(), ca.DM.ones(len(row)), rows, columns)

@@ -1,0 +1,210 @@
+"""What a goal pose in space is asked for."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.biarc import free_shares_of_bends
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.tip_newton import TipTarget
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSides:
+    """Half-spaces that both ends of a link keep to, for the arm's axis: n · P ≥ b.
+
+    The sides of a link make a convex region, in which both its ends lie, and so all of it does. Surfaces, and other
+    links that must be kept apart, are behind the sides already by the radius and the clearance; what a link has beyond
+    that is its gap.
+
+    Attributes:
+        link: to which each belongs, shape (r,).
+        normals: unit, inwards, shape (r, 3).
+        offsets: b, shape (r,) [m].
+        gap_shares: share of the gap that is asked for at each, shape (r,): 1 for surfaces, less between links that
+            cannot keep so much of each other.
+    """
+
+    link: IntArray
+    normals: FloatArray
+    offsets: FloatArray
+    gap_shares: FloatArray
+
+    def joined(self, other: "LinkSides") -> "LinkSides":
+        """These sides and others."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return LinkSides(*(np.concatenate(pair) for pair in pairs))
+
+    def gap(self, first_shares: FloatArray, points: FloatArray) -> float:
+        """The gap that the held parts of all links have inside their regions [m].
+
+        Args:
+            first_shares: where on each link the part begins that must lie inside, shape (links,).
+            points: joint and tip positions, shape (links + 1, 3) [m].
+        """
+        starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
+        ends = np.stack((starts[self.link], points[1:][self.link]))
+        inside = np.einsum("erd,rd->er", ends, self.normals) - self.offsets
+        # What is asked for no gap at all says nothing of it.
+        asked = self.gap_shares > 0.0
+        return float(np.min(inside[:, asked] / self.gap_shares[asked], initial=np.inf))
+
+    @property
+    def most(self) -> int:
+        """Most sides of any link."""
+        return int(np.max(np.bincount(self.link), initial=0)) if len(self.link) else 0
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePoseTask:
+    """One question to the goal-pose NLP in space.
+
+    Attributes:
+        arm: whose pose it is.
+        target: where the tip has to be, and perhaps where the last link points.
+        near: configuration of the pose to stay near, shape (c,) [rad, m].
+        start: configuration that the solver starts from, shape (c,); usually in its regions.
+        sides: of the links' regions.
+        wanted_gap: room beyond radius and clearance above which more room is worth nothing [m].
+        room: by how much the tip [m] and the last link [rad] may miss the target; then any such pose will do.
+        gravity: in the world, shape (3,) [m/s²].
+        torque_limits: of both bends of every joint, shape (2 links,) [N m]; None where torque is not limited.
+    """
+
+    arm: SpaceArm
+    target: TipTarget
+    near: FloatArray
+    start: FloatArray
+    sides: LinkSides
+    wanted_gap: float
+    room: tuple[float, float] = (0.0, 0.0)
+    gravity: FloatArray = field(default_factory=lambda: np.zeros(3))
+    torque_limits: FloatArray | None = None
+
+    @property
+    def first_shares(self) -> FloatArray:
+        """Where on each link the part begins that may touch nothing, shape (links,)."""
+        return free_shares(self.arm)
+
+    @property
+    def first_bending(self) -> int:
+        """Number of the first joint that may bend: the first that has passed the hole at the start."""
+        held = self.arm.held(float(self.arm.coordinates.advance(self.start)))
+        return int(np.sum(held))
+
+    def bend_limits(self, share: float) -> FloatArray:
+        """Bounds of all bends, shape (2 links,) [rad]: zero where the guide tube holds them, little just beyond it.
+
+        A sharp bend just beyond the tube would have to be made, and taken back, over a short way of the feed.
+        """
+        feed = float(self.arm.coordinates.advance(self.start))
+        places = feed + self.arm.link_length * np.arange(self.arm.links, dtype=np.float64) - self.arm.hole
+        limits = share * self.arm.bend_limits * np.repeat(free_shares_of_bends(self.arm, places), 2)
+        # The start may be nearer to its limit than that.
+        limits = np.maximum(limits, np.minimum(np.abs(self.start[: len(limits)]), self.arm.bend_limits))
+        limits[: 2 * self.first_bending] = 0.0
+        return limits
+
+    @property
+    def feed_range(self) -> tuple[float, float]:
+        """Where the base may be so that the joints that may bend stay outside the tube [m]."""
+        low, high = self.arm.base_range
+        first = self.first_bending
+        if not self.arm.base_axes or first >= self.arm.links:
+            return low, high
+        return min(max(low, self.arm.hole - first * self.arm.link_length), high), high
+
+
+def free_shares(arm: SpaceArm) -> FloatArray:
+    """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
+    shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+    return shares
+
+
+@dataclass(frozen=True)
+class SpacePoseSettings:
+    """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
+
+    Attributes:
+        segments: curvature segments of the curve of an arm of up to 24 links (measured by
+            ``tests.benchmarks.bench_space_poses``: in clutter two to five find the same room; with three, arms that are
+            straight up to a hole take three times the iterations).
+        links_per_further_segment: arms of more links have one segment more for so many of them: with too few, most
+            joints share a piece between knots, and arms of 36 links take a hundred iterations and more instead of
+            fifteen (measured behind holes and in a tank with 36 and 60 links).
+        window: spline pieces on either side of the one in which a joint lies at first, among which the joint may come
+            to lie while knots move (as in the plane).
+        least_piece: least share of its segment that a piece between knots keeps (as in the plane).
+        limit_share: share of a joint limit that a pose may use (as the steps of the motion have it).
+        torque_share: share of a torque limit that holding the pose may take (as in the plane).
+        room_weight: cost of having no room at all, of the wanted gap; beside it bending costs little (as in the plane).
+        bending_weight: of ∫(κ1² + κ2²) ds (as in the plane).
+        knot_weight: of uneven knots and segments (as in the plane).
+        bow_weight: of what the curvatures leave their chords by between knots (as in the plane).
+        distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
+            the plane, for the same change of shape is one of both bends (taste).
+        stray_weight: of the squared angles by which links point elsewhere than the curve [1/rad²] (taste).
+        torque_weight: of the mean square holding torque, as shares of its limits (as in the plane).
+        tolerance: of the solver, relative (as in the plane).
+        iterations: most iterations of one solution (taste).
+        first_barrier: where the barrier starts; small, for the start keeps every row (measured: with 1e-2 arms behind
+            holes are lost).
+        push: how far the start is moved off its bounds, relative (measured: with the solver's own hundredth, which is
+            more than any gap, two of the three shared problems do not converge, with this all do).
+        rounds: most solutions, the planes drawn anew about the links between them (as in the plane).
+        worthwhile: a further round is worth its time when the one before brought this share of the cost, or of the
+            wanted gap (as in the plane).
+        reach: surfaces farther away than this from a link make no side of its region (as in the plane).
+        behind: by how much a surface may stand out behind a side that covers it (as the distances have it).
+        most_sides: of a link's region, the nearest (as in the plane).
+        pair_reach: links whose axes are farther apart than this have no side between them (taste).
+        far_reach: ``reach`` where a link has strayed farther than that and met a surface there (as in the plane).
+        more_sides: ``most_sides`` where a pose has less room than its rows say, for a side that was left out (taste).
+        region_sizes: numbers of sides that programs are built for, so that poses share solvers (taste).
+        feasible: largest violation of a row that counts as kept; one millionth of the arm (as in the plane).
+        binding: a multiplier above this marks a row that shapes the pose (as in the plane).
+        enough: share of the wanted gap at which no further round is worth its time (as in the plane).
+    """
+
+    segments: int = 5
+    links_per_further_segment: float = 2.4
+    window: int = 1
+    least_piece: float = 0.08
+    limit_share: float = 0.98
+    torque_share: float = 0.9
+    room_weight: float = 10.0
+    bending_weight: float = 0.01
+    knot_weight: float = 4.0
+    bow_weight: float = 1e-3
+    distance_weight: float = 1.0
+    stray_weight: float = 1.0
+    torque_weight: float = 0.1
+    tolerance: float = 1e-4
+    iterations: int = 100
+    first_barrier: float = 1e-4
+    push: float = 1e-5
+    rounds: int = 4
+    worthwhile: float = 0.02
+    reach: float = 0.25
+    behind: float = 1e-3
+    most_sides: int = 8
+    pair_reach: float = 0.1
+    far_reach: float = 1.0
+    more_sides: int = 24
+    region_sizes: tuple[int, ...] = (2, 4, 6, 8, 10, 12, 16, 24, 32, 64)
+    feasible: float = 1e-6
+    binding: float = 1e-4
+    enough: float = 0.999
+
+    def segments_for(self, links: int) -> int:
+        """Curvature segments of the curve of an arm of so many links."""
+        further = max(links - NOMINAL_LINKS, 0) / self.links_per_further_segment
+        return self.segments + math.ceil(further)
+
+    @property
+    def widening(self) -> tuple["SpacePoseSettings", ...]:
+        """These settings, then with more sides, those to surfaces far away too."""
+        return self, replace(self, most_sides=self.more_sides, reach=self.far_reach)

@@ -1,0 +1,305 @@
+"""Checks of users' constraints along a motion."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.functions import CompiledConstraint, MotionStates, TimedConstraint
+from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings, Where, applies_at
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.solution import Check, JointPath, JointTrajectory
+
+
+def nearest_path_parameters(
+    path: JointPath, poses: FloatArray, settings: TermCheckSettings = TERM_CHECKS
+) -> FloatArray:
+    """Where on the path given poses are nearest, never going back, shape (N,).
+
+    Args:
+        path: spline of the coordinates over u in [0, 1].
+        poses: along the path, shape (N, k): the first k coordinates of the path, all or its bends alone.
+        settings: fineness of the search.
+    """
+    width = poses.shape[1]
+    places = _places(path, settings.places_per_knot)
+    points = path.spline(places)[:, :width]
+    sizes = np.sum(points**2, axis=1)
+
+    u = np.empty(len(poses))
+    first = 0
+    for k, pose in enumerate(poses):
+        # A motion may pass the same pose twice; looking forwards only, and not far, finds the right one.
+        window = slice(first, first + settings.window)
+        # |x − p|² without |p|², which is the same for all of them.
+        first += int(np.argmin(sizes[window] - 2.0 * (points[window] @ pose)))
+        u[k] = places[first]
+
+    u = _refined(path, poses, u, settings.newton_steps)
+    # The ends are known; and as Newton steps are taken for each pose alone, order is restored last.
+    u[0] = 0.0
+    u[-1] = 1.0
+    return np.maximum.accumulate(u)
+
+
+def _places(path: JointPath, per_knot: int) -> FloatArray:
+    """Path parameters at equal distances between every two knots, increasing."""
+    knots = np.unique(np.clip(path.spline.t, 0.0, 1.0))
+    fine = np.arange(per_knot * (len(knots) - 1) + 1) / per_knot
+    places: FloatArray = np.interp(fine, np.arange(len(knots)), knots)
+    return places
+
+
+def _refined(path: JointPath, poses: FloatArray, u: FloatArray, steps: int) -> FloatArray:
+    """Newton's method (Gauss–Newton) on the squared distance of every pose to the path."""
+    width = poses.shape[1]
+    least_slope = 1e-12  # at a stop the path does not move, and any parameter is as good
+    for _ in range(steps):
+        error = poses - path.spline(u)[:, :width]
+        slope = path.spline(u, 1)[:, :width]
+        # Δu = (e · q') / |q'|², the error's component along the path.
+        along = np.einsum("ij,ij->i", error, slope) / np.maximum(np.sum(slope**2, axis=1), least_slope)
+        u = np.clip(u + along, 0.0, 1.0)
+    return u
+
+
+@dataclass(frozen=True)
+class CheckedPoses:
+    """Poses of the motion at which constraints are checked and costs are averaged.
+
+    Attributes:
+        time: shape (N,) [s]; NaN where unknown.
+        shapes: headings of the links, or in space bends of the joints, shape (N, k) [rad].
+        u: path parameter, shape (N,).
+        feed: shape (N,), zeros without a feed axis [m].
+        shape_rates: of the same, shape (N, k) [rad/s]; NaN where time is unknown.
+        feed_rate: shape (N,) [m/s]; NaN where time is unknown.
+    """
+
+    time: FloatArray
+    shapes: FloatArray
+    u: FloatArray
+    feed: FloatArray
+    shape_rates: FloatArray
+    feed_rate: FloatArray
+
+    @property
+    def states(self) -> MotionStates:
+        """The same for constraints on speeds."""
+        return MotionStates(self.shapes, self.feed, self.u, self.shape_rates, self.feed_rate)
+
+    def where(self, where: Where) -> "CheckedPoses":
+        """Those at which a term applies."""
+        chosen = applies_at(where, self.u)
+        return CheckedPoses(
+            self.time[chosen],
+            self.shapes[chosen],
+            self.u[chosen],
+            self.feed[chosen],
+            self.shape_rates[chosen],
+            self.feed_rate[chosen],
+        )
+
+
+def results_of_terms(
+    terms: UserTerms,
+    arm: Arm | SpaceArm,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> tuple[tuple[Check, ...], Mapping[str, float]]:
+    """One check for every constraint, and figures by name.
+
+    Args:
+        terms: constraints and costs.
+        arm: the arm.
+        path: gives the path parameter, and the keyframes.
+        trajectory: the timed motion.
+        settings: tolerance and rate.
+
+    Returns:
+        Checks, of hard constraints against the tolerance and of soft ones for the record; and the worst residual of
+        every constraint with the mean value of every cost.
+    """
+    # Poses are shared by all terms, since finding their path parameters is what takes time.
+    every = poses_at_rate(terms, arm, path, trajectory, settings)
+    keyframes = poses_at_keyframes(terms, arm, path.keyframes, _path_parameters(arm, path, path.keyframes, settings))
+    return _checks(terms, every, keyframes, settings), _figures(terms, every)
+
+
+def checks_without_path(
+    terms: UserTerms,
+    arm: Arm | SpaceArm,
+    trajectory: JointTrajectory,
+    keyframes: FloatArray,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> tuple[Check, ...]:
+    """The same for a motion of which only samples and keyframes are known, as of one read from its folder.
+
+    Args:
+        terms: constraints and costs.
+        arm: the arm.
+        trajectory: the timed motion.
+        keyframes: of the planner, shape (K, coordinates).
+        settings: tolerance and rate.
+
+    Raises:
+        ProblemError: for terms that depend on the path parameter, which is not known.
+    """
+    if _parametric(terms):
+        raise ProblemError(
+            "a constraint or cost depends on q.path_parameter, which is not in the folder of a plan; "
+            "it can be checked only by solving again"
+        )
+    every = poses_at_rate(terms, arm, None, trajectory, settings)
+    even = np.linspace(0.0, 1.0, len(keyframes))
+    return _checks(terms, every, poses_at_keyframes(terms, arm, keyframes, even), settings)
+
+
+def _checks(
+    terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses, settings: TermCheckSettings
+) -> tuple[Check, ...]:
+    checks = []
+    for compiled in terms.constraints:
+        poses = keyframes if compiled.constraint.where == "keyframes" else every
+        checks.append(_check(compiled, poses, settings.tolerance))
+    checks += [_check_in_time(timed, every, settings.tolerance) for timed in terms.timed]
+    return tuple(checks)
+
+
+def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
+    """Worst residual of every constraint and mean value of every cost, by name."""
+    figures = {}
+    for constraint in terms.constraints:
+        excess, _ = _worst(constraint, every)
+        figures[f"residual_{_key(constraint.constraint.name)}"] = _missed(excess)
+    for timed in terms.timed:
+        excess, _ = _worst_in_time(timed, every)
+        figures[f"residual_{_key(timed.compiled.constraint.name)}"] = _missed(excess)
+    for cost in terms.costs:
+        poses = every.where(cost.cost.where)
+        figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.shapes, poses.u, poses.feed)))
+    return figures
+
+
+def poses_at_rate(
+    terms: UserTerms,
+    arm: Arm | SpaceArm,
+    path: JointPath | None,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> CheckedPoses:
+    """The written samples and those at 1 kHz between them; without a path all between its ends are alike."""
+    time = _times_at_rate(trajectory.time, settings.rate)
+    known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    # Positions, velocities and accelerations of the samples are all met, unlike by a line between them.
+    motion = _hermite(trajectory.time, *known)
+    positions: FloatArray = motion(time)
+    rates: FloatArray = motion.derivative()(time)
+    feed = arm.coordinates.advance(positions)
+    # Path parameters cost a search along the path, so they are found only where a term depends on them.
+    u = np.linspace(0.0, 1.0, len(time))
+    if path is not None and _parametric(terms):
+        u = _path_parameters(arm, path, positions, settings)
+    known_as = terms.quantities
+    feed_rates = arm.coordinates.advance(rates)
+    return CheckedPoses(time, known_as.shapes(positions), u, feed, known_as.shape_rates(rates), feed_rates)
+
+
+def _parametric(terms: UserTerms) -> bool:
+    """Whether any of the terms depends on the path parameter."""
+    return terms.parametric or any(timed.parametric for timed in terms.timed)
+
+
+def _path_parameters(
+    arm: Arm | SpaceArm, path: JointPath, positions: FloatArray, settings: TermCheckSettings
+) -> FloatArray:
+    """Path parameters of coordinates along a path, shape (N,)."""
+    if isinstance(arm, SpaceArm):
+        # An arm that is fed straight tells how far it is by its feed alone.
+        return nearest_path_parameters(path, positions, settings)
+    return nearest_path_parameters(path, positions[:, arm.coordinates.bends], settings)
+
+
+def poses_at_keyframes(terms: UserTerms, arm: Arm | SpaceArm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
+    """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
+    shapes = terms.quantities.shapes(keyframes)
+    feed = arm.coordinates.advance(keyframes)
+    # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
+    unknown = np.full(len(shapes), np.nan)
+    return CheckedPoses(unknown, shapes, u, feed, np.full_like(shapes, np.nan), unknown)
+
+
+def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
+    """The samples' times, and as many between two of them as the longest interval needs."""
+    # Keeps rounding of an interval of exactly one period from doubling the poses.
+    rounding = 1e-6
+    parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
+    samples = np.arange(len(time), dtype=np.float64)
+    fine = np.arange(parts * (len(time) - 1) + 1) / parts
+    times: FloatArray = np.interp(fine, samples, time)
+    return times
+
+
+def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> BPoly:
+    """Quintic Hermite interpolation: the motion that the samples' positions, velocities and accelerations define."""
+    h = np.diff(time)[:, None]
+    # Bernstein coefficients of each interval by the derivatives at its ends.
+    rising = (x[:-1], x[:-1] + h * v[:-1] / 5.0, x[:-1] + 2.0 * h * v[:-1] / 5.0 + h**2 * a[:-1] / 20.0)
+    falling = (x[1:] - 2.0 * h * v[1:] / 5.0 + h**2 * a[1:] / 20.0, x[1:] - h * v[1:] / 5.0, x[1:])
+    return BPoly(np.stack((*rising, *falling)), time)
+
+
+def _check_in_time(timed: TimedConstraint, poses: CheckedPoses, tolerance: float) -> Check:
+    worst, where = _worst_in_time(timed, poses)
+    name = f"constraint {timed.compiled.constraint.name}"
+    return Check(name, worst, tolerance, "", where, passed=bool(worst <= tolerance))
+
+
+def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
+    """As ``_worst`` for a constraint on speeds."""
+    chosen = poses.where(timed.compiled.constraint.where)
+    return _largest(timed.excesses(chosen.states), chosen) if len(chosen.u) else (0.0, "at no sample")
+
+
+def _check(compiled: CompiledConstraint, poses: CheckedPoses, tolerance: float) -> Check:
+    worst, where = _worst(compiled, poses)
+    constraint = compiled.constraint
+    if constraint.soft:
+        return Check(f"soft constraint {constraint.name}", worst, np.inf, "", where, passed=True)
+    # A residual that is not a number fails, because NaN is not less than anything.
+    return Check(f"constraint {constraint.name}", worst, tolerance, "", where, passed=bool(worst <= tolerance))
+
+
+def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, str]:
+    """By how much the bounds are passed at worst where the constraint applies, and the place of that in words.
+
+    Negative where they are kept, with so much to spare; NaN when a value is not finite.
+    """
+    chosen = poses.where(compiled.constraint.where)
+    if not len(chosen.u):
+        return 0.0, "at no sample"
+    return _largest(compiled.excesses(chosen.shapes, chosen.u, chosen.feed), chosen)
+
+
+def _largest(excesses: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:
+    """The largest excess, NaN before all others, and its place in words."""
+    k = int(np.argmax(np.where(np.isnan(excesses), np.inf, excesses)))
+    where = f"u = {chosen.u[k]:.4f}"
+    if np.isfinite(chosen.time[k]):
+        where += f", t = {chosen.time[k]:.4f} s"
+    return float(excesses[k]), where
+
+
+def _missed(excess: float) -> float:
+    """By how much a constraint is missed; NaN stays."""
+    return max(0.0, excess)
+
+
+def _key(name: str) -> str:
+    return "_".join(name.split())

@@ -1,0 +1,244 @@
+"""Users' constraints and costs as they are written."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from ccm_opt.core.arguments import is_number
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.background import ANSWER, in_background
+from ccm_opt.core.expected import expect, expect_that
+from ccm_opt.errors import CcmError, ProblemError
+
+if TYPE_CHECKING:
+    from ccm_opt.ik.quantities import ArmQuantities
+
+Expression: TypeAlias = Callable[[Any], Any]
+"""Makes a CasADi expression, a scalar or a vector, from the ``Quantities`` or ``SpaceQuantities`` of the arm."""
+Bound: TypeAlias = float | Sequence[float]
+"""One number for all entries of an expression, or one for each."""
+PLACES = ("goal", "keyframes", "motion")
+"""Where a term may apply, intervals aside."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A part of the motion, in the path parameter: 0 at the start, 1 at the goal.
+
+    Attributes:
+        first: where it begins.
+        last: where it ends.
+    """
+
+    first: float
+    last: float
+
+    def __post_init__(self) -> None:
+        numbers = is_number(self.first) and is_number(self.last)
+        if not numbers or not 0.0 <= self.first <= self.last <= 1.0:
+            raise ProblemError(
+                f"an interval of the motion needs 0 <= first <= last <= 1, got {self.first!r} and {self.last!r}"
+            )
+
+
+Where: TypeAlias = Literal["goal", "keyframes", "motion"] | Interval
+"""Where a constraint holds or a cost counts."""
+
+
+def applies_at(where: Where, u: FloatArray) -> BoolArray:
+    """At which places of a motion a term applies, shape (N,).
+
+    Args:
+        where: of the term; ``"keyframes"`` are all places, since who checks them hands in keyframes only.
+        u: increasing path parameters, shape (N,); the last place is the goal.
+    """
+    if isinstance(where, Interval):
+        inside: BoolArray = (where.first <= u) & (u <= where.last)
+        return inside
+    if where == "goal":
+        last: BoolArray = np.arange(len(u)) == len(u) - 1
+        return last
+    return np.ones(len(u), dtype=bool)
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """Bounds on an expression: ``lower <= expression <= upper``; equal bounds make an equation.
+
+    Attributes:
+        name: for messages, metrics and the record.
+        expression: makes the expression, a scalar or a vector.
+        lower: least value, a number or one for each entry; minus infinity for none.
+        upper: greatest value, likewise.
+        where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
+        soft: whether it may be violated: then the square of the violation is a cost, and the violation is reported.
+        weight: of that cost.
+    """
+
+    name: str
+    expression: Expression
+    lower: Bound = -math.inf
+    upper: Bound = math.inf
+    where: Where = "motion"
+    soft: bool = False
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check(self, "constraint")
+        for side in ("lower", "upper"):
+            bound = getattr(self, side)
+            expect_that(partial(_is_bound, bound), bound, f"a number or a list of numbers for {side}=")
+        expect(self.soft, bool, "True or False for soft=")
+
+    def __call__(self, quantities: "ArmQuantities") -> Any:
+        """The expression."""
+        return self.expression(quantities)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A scalar expression to be made small, averaged over the keyframes it applies to.
+
+    Attributes:
+        name: for messages, metrics and the record.
+        expression: makes the scalar expression.
+        weight: what one unit of it is worth, against half a squared radian of joint travel.
+        where: at the goal, over the whole motion (keyframes stand for it), or over an interval of it.
+    """
+
+    name: str
+    expression: Expression
+    weight: float = 1.0
+    where: Where = "motion"
+
+    def __post_init__(self) -> None:
+        _check(self, "cost")
+
+    def __call__(self, quantities: "ArmQuantities") -> Any:
+        """The expression."""
+        return self.expression(quantities)
+
+
+def constraint(
+    *,
+    name: str | None = None,
+    lower: Bound = -math.inf,
+    upper: Bound = math.inf,
+    where: Where = "motion",
+    soft: bool = False,
+    weight: float = 1.0,
+) -> Callable[[Expression], Constraint]:
+    """Decorator: a function of the quantities as a constraint, named after the function unless a name is given.
+
+    Args:
+        name: for messages, metrics and the record.
+        lower: least value, a number or one for each entry.
+        upper: greatest value, likewise.
+        where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
+        soft: whether it may be violated.
+        weight: what the squared violation of a soft one costs.
+    """
+
+    def decorate(expression: Expression) -> Constraint:
+        return Constraint(name or _name_of(expression), expression, lower, upper, where, soft, weight)
+
+    return decorate
+
+
+def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion") -> Callable[[Expression], Cost]:
+    """Decorator: a function of the quantities as a cost, named after the function unless a name is given.
+
+    Args:
+        name: for messages, metrics and the record.
+        weight: what one unit of it is worth, against half a squared radian of joint travel.
+        where: at the goal, over the whole motion, or over an interval of it.
+    """
+
+    def decorate(expression: Expression) -> Cost:
+        return Cost(name or _name_of(expression), expression, weight, where)
+
+    return decorate
+
+
+def answer_of(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
+    """Call what a user wrote, which may raise anything, or never return, and return its result.
+
+    Args:
+        call: the user's function.
+        what: it is, for messages.
+        limit: time that it may take [s].
+
+    Raises:
+        ProblemError: it raised something, or has not returned in time.
+    """
+    answer = in_background(call)
+    try:
+        error = answer.exception(limit)
+    except TimeoutError:
+        raise ProblemError(f"{what} has not returned after {limit:g} s; does it wait for something?") from None
+    if error is not None:
+        told = str(error) if isinstance(error, CcmError) else f"{type(error).__name__}: {error}"
+        raise ProblemError(f"{what} fails: {told}") from error
+    return answer.result()
+
+
+def _is_bound(bound: object) -> bool:
+    """Whether a value is a number or several; whether they make bounds is seen beside the expression."""
+    return np.asarray(bound).dtype.kind in "iuf"
+
+
+def _name_of(expression: Expression) -> str:
+    name = getattr(expression, "__name__", type(expression).__name__)
+    return name.replace("_", " ")
+
+
+def _check(term: Constraint | Cost, kind: str) -> None:
+    if not (isinstance(term.name, str) and term.name.strip()):
+        raise ProblemError(f"a {kind} needs a name, got {term.name!r}")
+    if not callable(term.expression):
+        raise ProblemError(
+            f"{kind} '{term.name}': expected a function of the quantities, got a {type(term.expression).__name__}"
+        )
+    if not (isinstance(term.where, Interval) or (isinstance(term.where, str) and term.where in PLACES)):
+        raise ProblemError(
+            f"{kind} '{term.name}': where must be one of {', '.join(PLACES)} or an Interval, got {term.where!r}"
+        )
+    if not (is_number(term.weight) and term.weight >= 0.0):
+        raise ProblemError(f"{kind} '{term.name}': the weight must be finite and not negative, got {term.weight!r}")
+
+
+@dataclass(frozen=True)
+class TermCheckSettings:
+    """How users' constraints are checked on the finished motion.
+
+    Attributes:
+        tolerance: by which a hard constraint may be violated, in the unit of its expression. Taste: documented to
+            users, and far above what planning leaves.
+        rate: samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to
+            users.
+        places_per_knot: places of the path to a knot, among which the path parameter of a pose is looked for. Taste:
+            Newton's method does the rest.
+        window: how many of these places, from the one of the sample before, are looked at. Derived: 40 knots, more
+            than a motion passes between two samples.
+        newton_steps: steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to
+            below rounding.
+        bisections: times that the headings of the tip are halved in the proof that a constraint contradicts the goal.
+            Taste: with 12 they are told apart to less than a degree.
+    """
+
+    tolerance: float = 1e-6
+    rate: float = 1000.0
+    places_per_knot: int = 16
+    window: int = 40 * 16
+    newton_steps: int = 3
+    bisections: int = 12
+
+
+TERM_CHECKS = TermCheckSettings()
+"""Used where no other settings are given."""
+COST_SHARES = (1.0, 0.1, 0.0)
+"""Shares of the weights of users' costs with which a plan is sought in turn; the last is none of them. Taste."""

@@ -1,0 +1,314 @@
+"""Reads a drawing into obstacles.
+
+A reader is a function of a file's bytes and of the distance that may lie between a curve and the polyline that stands
+for it, both in the drawing's own unit. It returns the shapes that it finds (``found_shapes``), and raises a
+``ProblemError`` for what it cannot read. What follows (placement, repair, naming) is the same for all formats.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polygons import mitred
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.dxf import read_dxf
+from ccm_opt.io.found_shapes import Disc, DrawingContent, Line, Reader, Region, Shape
+from ccm_opt.io.geojson import read_geojson, read_wkt
+from ccm_opt.io.outlines import as_walls, room_of, with_holes
+from ccm_opt.io.rings import filled, polygons_of
+from ccm_opt.io.settings import IMPORT, ImportOptions, ImportSettings
+from ccm_opt.io.svg import read_svg
+from ccm_opt.problem import ImportedDrawing, LeftOut
+from ccm_opt.scene.workspace import Obstacle
+
+READERS: Mapping[str, Reader] = {
+    ".svg": read_svg,
+    ".dxf": read_dxf,
+    ".geojson": read_geojson,
+    ".json": read_geojson,
+    ".wkt": read_wkt,
+}
+"""Reader by the suffix of the file, in small letters."""
+
+
+_FLAT = 1e-12
+"""Outlines thinner than this share of their length and coordinates are lines. Derived: some 5000 roundings."""
+
+
+def obstacles_of(
+    shape: Shape, growth: float, wall_thickness: float, settings: ImportSettings = IMPORT
+) -> list[Obstacle]:
+    """The obstacles that a placed shape stands for.
+
+    Args:
+        shape: in the coordinates of the result.
+        growth: distance between flattened curves and the true ones; whatever is curved grows by it.
+        wall_thickness: least thickness of open lines.
+        settings: tolerances of the import.
+
+    Returns:
+        At least one obstacle, all of the shape's name.
+
+    Raises:
+        ProblemError: the shape cannot be an obstacle.
+    """
+    if isinstance(shape, Disc):
+        return [Obstacle(shape.name, shapely.Point(shape.center), shape.radius)]
+    if isinstance(shape, Line):
+        rounding = max(shape.half_width, 0.5 * wall_thickness) + (growth if shape.curved else 0.0)
+        return [Obstacle(shape.name, shapely.LineString(shape.points), rounding)]
+    # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
+    grow = shape.half_width + (growth if shape.curved else 0.0)
+    polygons = filled(shape.rings, shape.rule, settings)
+    if grow > 0.0:
+        polygons = _grown(shapely.MultiPolygon(polygons), grow, settings.corner_reach)
+    return [Obstacle(shape.name, polygon) for polygon in polygons]
+
+
+def divided(shape: Shape, largest: float) -> list[Shape]:
+    """A placed shape, its rings without area as lines of their own; none where it has no extent.
+
+    Args:
+        shape: in the coordinates of the result.
+        largest: coordinate that is allowed.
+
+    Raises:
+        ProblemError: it has numbers that cannot be used.
+    """
+    _check_coordinates(shape, largest)
+    if isinstance(shape, Disc):
+        return [shape] if shape.radius > 0.0 else []
+    if isinstance(shape, Line):
+        return [shape] if np.any(shape.points != shape.points[0]) else []
+    flat = [_is_flat(ring) for ring in shape.rings]
+    if shape.rule == "polygon" and flat[0]:
+        flat = [True] * len(flat)
+    full = tuple(ring for ring, is_line in zip(shape.rings, flat, strict=True) if not is_line)
+    lines = [
+        Line(shape.name, np.vstack((ring, ring[:1])), shape.curved, shape.half_width, shape.layer)
+        for ring, is_line in zip(shape.rings, flat, strict=True)
+        if is_line and np.any(ring != ring[0])
+    ]
+    return [*([replace(shape, rings=full)] if full else []), *lines]
+
+
+def _is_flat(ring: FloatArray) -> bool:
+    """Whether a ring is so thin that rounding decides what is inside."""
+    hull = shapely.MultiPoint(ring).convex_hull
+    return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
+
+
+def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
+    """The same obstacles; a name that is taken gets the first free number from 2 behind it."""
+    used = set(taken)
+    result = []
+    # A counter for each name goes on where it stopped, so that ten thousand equal names take no longer than others.
+    counters: dict[str, Iterator[int]] = {}
+    for obstacle in obstacles:
+        name = obstacle.name
+        if name in used:
+            numbers = counters.setdefault(obstacle.name, count(2))
+            name = next(candidate for k in numbers if (candidate := f"{obstacle.name} {k}") not in used)
+        # New names count as well: "wall", "wall", "wall 2" must not give "wall 2" twice.
+        used.add(name)
+        result.append(replace(obstacle, name=name))
+    return tuple(result)
+
+
+def _grown(polygons: shapely.MultiPolygon, growth: float, corner_reach: float) -> list[shapely.Polygon]:
+    """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
+    # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
+    return polygons_of(shapely.intersection(mitred(polygons, growth), polygons.buffer(corner_reach * growth)))
+
+
+def _check_coordinates(shape: Shape, largest: float) -> None:
+    if isinstance(shape, Region) and not shape.rings:
+        raise ProblemError("it has no outline")
+    worst = float(np.max(np.abs(_numbers(shape))))
+    if not math.isfinite(worst):
+        raise ProblemError("it has a coordinate that is not a finite number")
+    if worst > largest:
+        raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {largest:g}; check the scale")
+    if isinstance(shape, Disc) and shape.radius < 0.0:
+        raise ProblemError(f"it is a circle of radius {shape.radius:g}; expected a positive radius")
+
+
+def _numbers(shape: Shape) -> FloatArray:
+    """All coordinates and lengths of a shape."""
+    if isinstance(shape, Disc):
+        return np.append(shape.center, shape.radius)
+    points = shape.points if isinstance(shape, Line) else np.concatenate(shape.rings)
+    return np.append(points, shape.half_width)
+
+
+@dataclass(frozen=True)
+class ImportedScene:
+    """What a drawing gave.
+
+    Attributes:
+        obstacles: in the order of the drawing, their names unique; in the unit that the scale leads to.
+        drawing: how many, how large and where they are, in the same unit, and what was left out.
+        room: the outline that is the room, where one is to be.
+    """
+
+    obstacles: tuple[Obstacle, ...]
+    drawing: ImportedDrawing
+    room: shapely.Polygon | None = None
+
+
+def import_scene(
+    path: Path, options: ImportOptions, taken: Collection[str] = (), settings: ImportSettings = IMPORT
+) -> ImportedScene:
+    """The obstacles of a drawing, and what was left out of it.
+
+    Args:
+        path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
+        options: placement, tolerances, and what closed outlines are.
+        taken: names that other obstacles have already.
+        settings: tolerances and bounds of the import.
+
+    Raises:
+        ProblemError: the file cannot be read, holds nothing that can be an obstacle, or holds shapes that cannot be
+            used; those are listed by name.
+    """
+    content = _content(path, settings)
+    # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
+    distance = settings.flattening_share * options.curve_tolerance
+    growth = settings.growth_share * options.curve_tolerance
+    room = None
+    try:
+        # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = _placed(
+                READERS[path.suffix.lower()](content, distance / options.scale, settings), options, settings
+            )
+            shapes: Sequence[Shape] = found.shapes
+            if options.closed == "room":
+                room, shapes = room_of(shapes, growth, distance, settings)
+            walls = options.closed == "walls"
+            shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance, settings)
+            obstacles = _collected(shapes, growth, options, settings)
+    except ProblemError as error:
+        raise ProblemError(f"{path.name}: {error}") from error
+    _refuse_too_many_vertices(path, obstacles, options, settings)
+    named = with_unique_names(obstacles, taken)
+    return ImportedScene(named, _summary(path, named, room, found), room)
+
+
+def _placed(found: DrawingContent, options: ImportOptions, settings: ImportSettings) -> DrawingContent:
+    """The same in the coordinates of the result, what has no extent left out; at least one shape.
+
+    Raises:
+        ProblemError: nothing is left, or a shape has coordinates that cannot be used.
+    """
+    shapes: list[Shape] = []
+    left_out = list(found.left_out)
+    refusals: list[str] = []
+    for shape in found.shapes:
+        try:
+            parts = divided(_moved(shape, options), settings.largest_coordinate)
+        except ProblemError as error:
+            refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
+            continue
+        if not parts:
+            left_out.append(LeftOut(f"'{shape.name}'", "it has no extent"))
+        shapes += parts
+    if refusals:
+        raise ProblemError(settings.listed(refusals))
+    if not shapes:
+        listed = settings.listed([f"{item.what}: {item.reason}" for item in left_out])
+        raise ProblemError(
+            "it holds no shape that could be an obstacle; "
+            + (f"left out: {listed}" if listed else "draw outlines, circles or lines")
+        )
+    return replace(found, shapes=tuple(shapes), left_out=tuple(left_out))
+
+
+def _summary(
+    path: Path, obstacles: Sequence[Obstacle], room: shapely.Polygon | None, found: DrawingContent
+) -> ImportedDrawing:
+    """What people are told of a drawing that was read."""
+    boxes = [shapely.bounds(obstacle.core) + obstacle.rounding * np.array([-1, -1, 1, 1]) for obstacle in obstacles]
+    if room is not None:
+        boxes.append(shapely.bounds(room))
+    xmin, ymin, xmax, ymax = shapely.total_bounds(shapely.box(*np.transpose(boxes))).tolist()
+    layers = Counter(shape.layer for shape in found.shapes if shape.layer)
+    return ImportedDrawing(
+        path.name, len(obstacles), (xmin, ymin, xmax, ymax), tuple(layers.items()), found.left_out, found.unit
+    )
+
+
+def _refuse_too_many_vertices(
+    path: Path, obstacles: Sequence[Obstacle], options: ImportOptions, settings: ImportSettings
+) -> None:
+    vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
+    if vertices > settings.most_vertices:
+        raise ProblemError(
+            f"{path.name} holds {vertices} vertices, at most {settings.most_vertices} can be used; simplify the "
+            f"drawing, or allow a larger curve_tolerance than {options.curve_tolerance:g}"
+        )
+
+
+def _content(path: Path, settings: ImportSettings) -> bytes:
+    """The bytes of a file of a known kind."""
+    if path.suffix.lower() not in READERS:
+        kinds = ", ".join(READERS)
+        raise ProblemError(f"{path.name} is no drawing of a known kind; expected a file that ends in one of {kinds}")
+
+    try:
+        if not path.is_file():
+            what = "is a directory" if path.is_dir() else "does not exist"
+            raise ProblemError(f"{path} {what}; expected a drawing, its path relative to the problem file")
+        # Asked before reading, so that a huge file does not fill the memory first.
+        size = path.stat().st_size
+        if size > settings.most_bytes:
+            raise ProblemError(
+                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; simplify the drawing"
+            )
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+    if not content.strip():
+        raise ProblemError(f"{path.name} is empty; expected a drawing")
+    return content
+
+
+def _collected(
+    shapes: Sequence[Shape], growth: float, options: ImportOptions, settings: ImportSettings
+) -> list[Obstacle]:
+    """The obstacles of all shapes; what cannot be one is refused in one error that lists them by name."""
+    obstacles: list[Obstacle] = []
+    refusals: list[str] = []
+    for shape in shapes:
+        try:
+            obstacles += obstacles_of(shape, growth, options.wall_thickness, settings)
+        except ProblemError as error:
+            refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
+    if refusals:
+        raise ProblemError(settings.listed(refusals))
+    return obstacles
+
+
+def _moved(shape: Shape, options: ImportOptions) -> Shape:
+    """A shape in the coordinates of the result."""
+    scale = options.scale
+    if isinstance(shape, Disc):
+        return replace(shape, center=_placed_points(shape.center, options), radius=shape.radius * scale)
+    half_width = shape.half_width * scale
+    if isinstance(shape, Line):
+        return replace(shape, points=_placed_points(shape.points, options), half_width=half_width)
+    rings = tuple(_placed_points(ring, options) for ring in shape.rings)
+    return replace(shape, rings=rings, half_width=half_width)
+
+
+def _placed_points(points: FloatArray, options: ImportOptions) -> FloatArray:
+    placed: FloatArray = np.asarray(points, dtype=np.float64) * options.scale + np.asarray(options.offset)
+    return placed

@@ -1,0 +1,419 @@
+"""Reads DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
+
+Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
+ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported, broken
+ones too; whatever else cannot be read is refused by name, for a missing obstacle would be worse than a refused file.
+"""
+
+import io
+import logging
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.dxf_entities import PIECES, Entity, corner_points, hatch_rings
+from ccm_opt.io.found_shapes import Disc, DrawingContent, Line, Region, Shape
+from ccm_opt.io.rings import Piece, joined_pieces
+from ccm_opt.io.settings import ImportSettings
+from ccm_opt.problem import LeftOut
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+IGNORED = frozenset(
+    (
+        "ACAD_TABLE",
+        "ARC_DIMENSION",
+        "ATTDEF",
+        "ATTRIB",
+        "DGNUNDERLAY",
+        "DIMENSION",
+        "DWFUNDERLAY",
+        "IMAGE",
+        "LARGE_RADIAL_DIMENSION",
+        "LEADER",
+        "LIGHT",
+        "MLEADER",
+        "MTEXT",
+        "MULTILEADER",
+        "OLE2FRAME",
+        "PDFUNDERLAY",
+        "POINT",
+        "RAY",
+        "SHAPE",
+        "TEXT",
+        "TOLERANCE",
+        "VIEWPORT",
+        "WIPEOUT",
+        "XLINE",
+    )
+)
+"""Annotations, pictures and construction lines."""
+_IGNORED_BECAUSE = {
+    "MTEXT": "texts are no obstacles",
+    "POINT": "points have no extent",
+    "RAY": "construction lines are no obstacles",
+    "TEXT": "texts are no obstacles",
+    "XLINE": "construction lines are no obstacles",
+}
+_IN_SPACE = {
+    "3DFACE": "a face in space",
+    "3DSOLID": "a solid in space",
+    "BODY": "a body in space",
+    "EXTRUDEDSURFACE": "a surface in space",
+    "LOFTEDSURFACE": "a surface in space",
+    "MESH": "a mesh in space",
+    "PLANESURFACE": "a surface in space",
+    "POLYFACE": "a mesh in space",
+    "POLYMESH": "a mesh in space",
+    "REGION": "an area kept as a body in space",
+    "REVOLVEDSURFACE": "a surface in space",
+    "SURFACE": "a surface in space",
+    "SWEPTSURFACE": "a surface in space",
+}
+"""What is no part of a drawing in the plane, by its type; meshes among the POLYLINEs have names of their own."""
+_PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VERTEX"))
+"""What is no entity by itself."""
+_KIND = re.compile(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(\d*[A-Z][A-Z0-9_]*)[ \t]*\r?$")
+"""The type of an entity in the text of a file: what follows the group code 0."""
+_ANNOTATIONS = re.compile(
+    rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(?:M|MULTI|ARC_|LARGE_RADIAL_)?(?:TEXT|LEADER|DIMENSION|TOLERANCE)[ \t]*\r?\n"
+    rb"(?:(?![ \t]*0[ \t]*\r?\n).*\n.*\n)*"
+)
+"""Annotations in the text of a file, each up to the next group code 0."""
+_BINARY = b"AutoCAD Binary DXF"
+_DEEPEST = 32
+"""Blocks nested deeper than this are taken for blocks that hold themselves."""
+_GAP = 1e-6
+"""Ends nearer than this, relative to the extent of the layer's open pieces, meet."""
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """An entity with its layer, and the name that its shape gets."""
+
+    entity: Entity
+    layer: str
+    name: str
+
+
+@dataclass
+class _Findings:
+    """What is found on the way through a drawing: shapes, open pieces by layer, and what is not taken."""
+
+    shapes: list[Shape] = field(default_factory=list)
+    open_pieces: dict[str, list[Piece]] = field(default_factory=dict)
+    left_out: list[LeftOut] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
+    in_space: Counter[str] = field(default_factory=Counter)
+    points: int = 0
+
+    def leave_out(self, item: _Placed, reason: str) -> None:
+        """Note that an entity becomes no obstacle."""
+        self.left_out.append(LeftOut(_title(item), reason))
+
+
+def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+    """The shapes of a DXF file.
+
+    A shape is named by its layer; on layer 0 by its block, or else by its type and handle.
+
+    Args:
+        content: of the file, text or binary DXF.
+        distance: allowed between a curve and the polyline that replaces it [drawing units].
+        settings: bounds.
+
+    Raises:
+        ProblemError: the content is no DXF, holds entities that cannot be read, which are listed by name, or inserts
+            more than the bounds allow.
+    """
+    found = _Findings()
+    drawing = _parsed(content, found, settings)
+    try:
+        return _read(drawing, distance, found, settings)
+    except ProblemError:
+        raise
+    except Exception as error:  # the parser lets entities pass that it cannot make sense of later
+        raise ProblemError(f"the DXF file is damaged: {error} Save it again from a CAD program.") from error
+
+
+def _read(drawing: "Drawing", distance: float, found: _Findings, settings: ImportSettings) -> DrawingContent:
+    for item in _entities(drawing, found, settings):
+        try:
+            _add(item, distance, found)
+        except ProblemError as error:
+            found.refusals.append(f"{_title(item)} cannot be an obstacle: {error}")
+        if found.points > settings.most_points:
+            raise ProblemError(f"its shapes have more than {settings.most_points} points; simplify the drawing")
+    found.refusals += [
+        f"{kind}: {_IN_SPACE[kind]} ({number} of them); draw its outline in the plane, or export a mesh (STL) and plan "
+        "with space = 3"
+        for kind, number in found.in_space.items()
+    ]
+    if found.refusals:
+        raise ProblemError(settings.listed(found.refusals))
+    found.left_out += _sheets(drawing)
+    for layer, pieces in found.open_pieces.items():
+        found.shapes += _chained(pieces, layer, distance, settings)
+    return DrawingContent(tuple(found.shapes), tuple(found.left_out), _unit(drawing))
+
+
+def _unit(drawing: "Drawing") -> str:
+    """The unit that the header names, for example ``mm``; empty where it names none."""
+    from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
+
+    return decode(drawing.units) or "" if drawing.units else ""
+
+
+def _sheets(drawing: "Drawing") -> list[LeftOut]:
+    """The layouts of sheets, of which nothing is read."""
+    counts = {
+        layout.name: sum(entity.dxftype() != "VIEWPORT" for entity in layout)
+        for layout in drawing.layouts
+        if layout.is_any_paperspace
+    }
+    return [
+        LeftOut(f"layout '{name}'", f"a sheet, with {count} entities; only the model space is read")
+        for name, count in counts.items()
+        if count
+    ]
+
+
+def _parsed(content: bytes, found: _Findings, settings: ImportSettings) -> "Drawing":
+    from ezdxf import recover  # noqa: PLC0415 - loaded only when a DXF file is read
+    from ezdxf.audit import AuditError  # noqa: PLC0415 - likewise
+    from ezdxf.document import Drawing  # noqa: PLC0415 - likewise
+    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415 - likewise
+
+    # The parser would mend a file that was cut short in silence, and obstacles would be missing.
+    if b"EOF" not in content[-64:]:
+        raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
+    if len(content) > settings.most_dxf_bytes:
+        raise ProblemError(
+            f"the DXF file has {len(content)} bytes, at most {settings.most_dxf_bytes} can be read; simplify it"
+        )
+    with _told_by("ezdxf") as told:
+        try:
+            if content.startswith(_BINARY):
+                drawing = Drawing.load(binary_tags_loader(content))
+                auditor = drawing.audit()
+            else:
+                try:
+                    drawing, auditor = recover.read(io.BytesIO(content))
+                except Exception:  # noqa: BLE001 - maybe over an annotation, without which it can be read
+                    content, number = _ANNOTATIONS.subn(b"", content)
+                    drawing, auditor = recover.read(io.BytesIO(content))
+                    found.left_out.append(LeftOut(f"{number} annotations", "one of them at least is broken"))
+        except Exception as error:  # whatever the parser stumbles over
+            raise ProblemError(f"not readable as DXF: {error}") from error
+    # The parser only logs that it skips parts of a damaged file, and obstacles may be among them.
+    for message in told:
+        if "ignor" in message.lower():
+            raise ProblemError(f"the DXF file is damaged: {message} Save it again from a CAD program.")
+    # An undefined block counts as mended when its references are deleted; here that is a lost obstacle.
+    lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
+    for defect in [*auditor.errors, *lost]:
+        named = re.search(r"\b([A-Z][A-Z0-9_]+)\(#", defect.message)
+        kind = defect.entity.dxftype() if defect.entity is not None else named[1] if named else ""
+        if kind not in IGNORED:
+            raise ProblemError(f"the DXF file is damaged: {defect.message} Save it again from a CAD program.")
+        found.left_out.append(LeftOut(kind, f"annotations are no obstacles, and it is broken: {defect.message}"))
+    empty = [fix.message for fix in auditor.fixes if fix.code == AuditError.INVALID_VERTEX_COUNT]
+    found.left_out += [LeftOut("polyline", f"it is empty: {message}") for message in empty]
+    _refuse_lost(drawing, content, empty)
+    return drawing
+
+
+def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> None:
+    """Hold the entities that the parser kept against those that the text of the file holds."""
+    sections = re.split(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*SECTION[ \t]*\r?$", content)
+    drawn = b"".join(part for part in sections if part.split(maxsplit=2)[1:2] in ([b"ENTITIES"], [b"BLOCKS"]))
+    held = Counter(kind.decode() for kind in _KIND.findall(drawn))
+    held.subtract(entity.dxftype() for block in drawing.blocks for entity in block)
+    for kind, number in held.items():
+        if kind not in IGNORED | _PARTS and number > sum(f"{kind}(#" in message for message in empty):
+            raise ProblemError(f"{number} of the entities of type {kind} cannot be read; explode them, or save again")
+
+
+@contextmanager
+def _told_by(name: str) -> Iterator[list[str]]:
+    """Collect the warnings of a library, which would stand on standard error otherwise, until the block ends."""
+    told: list[str] = []
+
+    class _Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            told.append(record.getMessage())
+
+    collector = _Collector(logging.WARNING)
+    logger = logging.getLogger(name)
+    propagates = logger.propagate
+    logger.addHandler(collector)
+    logger.propagate = False
+    try:
+        yield told
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate = propagates
+
+
+def _entities(drawing: "Drawing", found: _Findings, settings: ImportSettings) -> Iterator[_Placed]:
+    """The visible entities of the model space, blocks taken apart, each upright."""
+    # Names of layers do not distinguish upper and lower case.
+    reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
+    reasons |= {layer.dxf.name.lower(): "frozen" for layer in drawing.layers if layer.is_frozen()}
+    pending = [
+        _Inserted(_Placed(entity, str(entity.dxf.get("layer", "0")), _kind_and_handle(entity)))
+        for entity in reversed(list(drawing.modelspace()))
+    ]
+    count = 0
+    while pending:
+        inserted = pending.pop()
+        item = inserted.item
+        if item.entity.dxftype() == "INSERT":
+            pending.extend(reversed(_parts(inserted, found, settings)))
+            count += max(item.entity.mcount, 1)
+        elif item.entity.dxftype() == "MLINE":
+            lines = [replace(item, entity=part) for part in item.entity.virtual_entities()]
+            pending.extend(_Inserted(line, inserted.depth + 1) for line in reversed(lines))
+        count += 1
+        if count > settings.most_elements:
+            raise ProblemError(
+                f"it draws more than {settings.most_elements} entities, those of blocks counted as often as they are "
+                "inserted; simplify the drawing"
+            )
+        layer = item.layer.lower()
+        if item.entity.dxftype() in {"INSERT", "MLINE"}:
+            continue
+        if layer == "defpoints":
+            found.leave_out(item, "CAD programs never print the layer defpoints")
+        elif layer in reasons:
+            found.leave_out(item, f"its layer '{item.layer}' is {reasons[layer]}")
+        elif item.entity.dxf.get("invisible", 0):
+            found.leave_out(item, "it is invisible")
+        else:
+            yield item
+
+
+@dataclass(frozen=True)
+class _Inserted:
+    """An entity that is still to be looked at, and how many blocks it is in."""
+
+    item: _Placed
+    depth: int = 0
+
+
+def _parts(inserted: _Inserted, found: _Findings, settings: ImportSettings) -> list[_Inserted]:
+    """The entities of a block reference; those on layer 0 take the reference's layer."""
+    entity = inserted.item.entity
+    block = str(entity.dxf.name)
+    if inserted.depth == _DEEPEST:
+        raise ProblemError(f"block '{block}' holds blocks more than {_DEEPEST} deep; explode it")
+    if entity.dxf.zscale == 0.0:  # seen along z that does not matter, and without height nothing can be turned
+        entity.dxf.zscale = 1.0
+    definition = entity.block()
+    if definition is not None and definition.block.is_xref:
+        found.refusals.append(f"INSERT '{block}' draws another file; bind that file to the drawing")
+        return []
+    # Copies are counted before they are made: two numbers in a file may ask for a thousand million.
+    held = 0 if definition is None else len(definition)
+    if entity.mcount * max(held, 1) > settings.most_elements:
+        raise ProblemError(
+            f"block '{block}' is inserted {entity.mcount} times with {held} entities, at most "
+            f"{settings.most_elements} entities can be drawn; simplify the drawing"
+        )
+
+    def skipped(part: Entity, reason: str) -> None:
+        if part.dxftype() not in IGNORED:
+            found.refusals.append(f"{part.dxftype()} in block '{block}' cannot be placed: {reason}")
+
+    parts = []
+    for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
+        for part in copy.virtual_entities(skipped_entity_callback=skipped):
+            drawn_on = str(part.dxf.get("layer", "0"))
+            layer = inserted.item.layer if drawn_on == "0" else drawn_on
+            name = block if layer == "0" else layer
+            parts.append(_Inserted(_Placed(part, layer, name), inserted.depth + 1))
+    return parts
+
+
+def _kind_and_handle(entity: Entity) -> str:
+    """The name of what is on layer 0 and in no block; on another layer that layer's."""
+    layer = str(entity.dxf.get("layer", "0"))
+    return f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip() if layer == "0" else layer
+
+
+def _add(item: _Placed, distance: float, found: _Findings) -> None:
+    """Turn one entity into a shape, or keep it as an open piece of its layer."""
+    entity = item.entity
+    kind = entity.dxftype()
+    if kind in IGNORED:
+        found.leave_out(item, _IGNORED_BECAUSE.get(kind, "annotations and pictures are no obstacles"))
+        return
+    if kind == "POLYLINE" and (entity.is_poly_face_mesh or entity.is_polygon_mesh):
+        kind = "POLYFACE" if entity.is_poly_face_mesh else "POLYMESH"
+    if kind in _IN_SPACE:
+        found.in_space[kind] += 1
+        return
+    _turn_upright(entity)
+
+    layer = item.layer
+    if kind == "CIRCLE":
+        center = entity.dxf.center
+        shape: Shape = Disc(item.name, np.array((center.x, center.y)), float(entity.dxf.radius), layer)
+    elif kind in {"HATCH", "MPOLYGON"}:
+        rings, curved = hatch_rings(entity, distance)
+        shape = Region(item.name, rings, "evenodd", curved, layer=layer, drawn="area")
+    elif kind in {"SOLID", "TRACE"}:
+        shape = Region(item.name, (corner_points(entity),), layer=layer, drawn="area")
+    elif kind in PIECES:
+        piece = replace(PIECES[kind](entity, distance), name=item.name)
+        found.points += len(piece.points)
+        if np.all(piece.points == piece.points[0]):
+            found.leave_out(item, "it has no length")
+            return
+        if not piece.closed:
+            found.open_pieces.setdefault(layer, []).append(piece)
+            return
+        shape = _shape(piece, layer)
+    else:
+        raise ProblemError("entities of this type cannot be read; explode it into polylines, lines and arcs")
+    found.shapes.append(shape)
+    found.points += 0 if kind in PIECES else shape.size
+
+
+def _turn_upright(entity: Entity) -> None:
+    """Mirror what was drawn on the back of the plane; refuse what was drawn on another plane."""
+    from ezdxf.upright import upright  # noqa: PLC0415 - loaded only when a DXF file is read
+
+    upright(entity)
+    normal = entity.dxf.get("extrusion", None)
+    if normal is not None and np.hypot(normal.x, normal.y) > 1e-9 * abs(normal.z) and entity.dxftype() != "LINE":
+        raise ProblemError("it is not drawn in the x-y plane; turn it into that plane")
+
+
+def _chained(pieces: list[Piece], layer: str, distance: float, settings: ImportSettings) -> list[Shape]:
+    """The shapes of a layer's open pieces after joining."""
+    points = np.concatenate([piece.points for piece in pieces])
+    worst = float(np.abs(points).max())
+    if not worst <= settings.largest_coordinate:  # also where it is no number
+        raise ProblemError(
+            f"layer '{layer}' has a coordinate of {worst:.6g}; expected at most {settings.largest_coordinate:g}"
+        )
+    gap = min(distance, _GAP * float(np.ptp(points, axis=0).max()))
+    return [_shape(chain, layer) for chain in joined_pieces(pieces, gap)]
+
+
+def _shape(piece: Piece, layer: str) -> Shape:
+    if piece.closed:
+        return Region(piece.name, (piece.points,), "nonzero", piece.curved, piece.half_width, layer, "outline")
+    return Line(piece.name, piece.points, piece.curved, piece.half_width, layer)
+
+
+def _title(item: _Placed) -> str:
+    return f"{item.entity.dxftype()} '{item.name}'"

@@ -1,0 +1,179 @@
+"""Reads GeoJSON and WKT."""
+
+import json
+import re
+from collections.abc import Mapping
+
+import shapely
+from shapely.errors import GEOSException, ShapelyError
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.found_shapes import DrawingContent, Shape, shapes_of
+from ccm_opt.io.settings import ImportSettings
+from ccm_opt.problem import LeftOut
+
+GEOMETRIES = frozenset(
+    ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection")
+)
+
+
+def read_geojson(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+    """The shapes of a GeoJSON file.
+
+    A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
+
+    Args:
+        content: of the file.
+        distance: not used: the geometries have no curves.
+        settings: bounds.
+
+    Raises:
+        ProblemError: the content is no GeoJSON, or exceeds a bound.
+    """
+    del distance
+    # Every place is a list of its own, so that there are at least as many brackets as places.
+    if (brackets := content.count(b"[")) > settings.most_nodes:
+        raise ProblemError(
+            f"it holds {brackets} lists, at most {settings.most_nodes} can be read; simplify the drawing"
+        )
+    try:
+        # "utf-8-sig" also skips the mark that some editors put before the text.
+        data = json.loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise ProblemError("this is not a text file in UTF-8; expected GeoJSON") from None
+    except (ValueError, RecursionError) as error:
+        raise ProblemError(f"this is not JSON: {error}") from None
+    if not isinstance(data, Mapping):
+        raise ProblemError(f"expected a GeoJSON object in braces, got {type(data).__name__}")
+    features = data.get("features") if data.get("type") == "FeatureCollection" else [data]
+    if not isinstance(features, list):
+        raise ProblemError("a FeatureCollection needs a list of 'features'")
+    left_out: list[LeftOut] = []
+    if "crs" in data:
+        left_out.append(LeftOut("crs", "coordinates are those of a plane, as they are written"))
+    shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out, settings)]
+    return DrawingContent(tuple(shapes), tuple(left_out))
+
+
+def _shapes(data: object, place: int, left_out: list[LeftOut], settings: ImportSettings) -> list[Shape]:
+    """The shapes of a feature or of a bare geometry; a feature without geometry has none."""
+    if not isinstance(data, Mapping):
+        raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
+    name = f"feature {place}"
+    geometry: object = data
+    if data.get("type") == "Feature":
+        name = _name(data, place)
+        geometry = data.get("geometry")
+    if geometry is None:
+        left_out.append(LeftOut(f"feature '{name}'", "it has no geometry"))
+        return []
+    return shapes_of(_geometry(geometry, name, settings), name, left_out)
+
+
+def _name(feature: Mapping[str, object], place: int) -> str:
+    # RFC 7946 allows null there, and gives no name a meaning; this one is a habit of many programs.
+    properties = feature.get("properties")
+    given = properties.get("name") if isinstance(properties, Mapping) else None
+    return str(given or feature.get("id") or f"feature {place}")
+
+
+def _geometry(data: object, name: str, settings: ImportSettings) -> shapely.Geometry:
+    kind = data.get("type") if isinstance(data, Mapping) else None
+    if not isinstance(data, Mapping) or not isinstance(kind, str) or kind not in GEOMETRIES:
+        raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
+    if _depth(data) > settings.deepest:
+        raise ProblemError(f"'{name}': its collections are nested more than {settings.deepest} deep; take them apart")
+    try:
+        return shapely.from_geojson(json.dumps(data))
+    except (ShapelyError, RecursionError, NotImplementedError, ValueError, TypeError) as error:
+        raise ProblemError(f"'{name}': its coordinates are not those of a {kind}: {error}") from None
+
+
+def _depth(data: Mapping[object, object]) -> int:
+    """How deep the collections of a geometry are nested, and the lists of its coordinates."""
+    depth = 0
+    level: list[object] = [data]
+    while level:
+        depth += 1
+        inner: list[object] = []
+        for item in level:
+            if isinstance(item, Mapping):
+                inner.extend(item.values())
+            elif isinstance(item, list):
+                inner.extend(item)
+        level = [item for item in inner if isinstance(item, (Mapping, list))]
+    return depth
+
+
+def read_wkt(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+    """The shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
+
+    Args:
+        content: of the file; an ``SRID=…;`` in front of a geometry is skipped.
+        distance: not used: the geometries have no curves.
+        settings: bounds.
+
+    Raises:
+        ProblemError: the text is no WKT, or exceeds a bound.
+    """
+    del distance
+    # A comma stands between any two places.
+    if (commas := content.count(b",")) > settings.most_points:
+        raise ProblemError(f"it holds {commas} places, at most {settings.most_points} can be read; simplify it")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ProblemError("this is not a text file in UTF-8; expected WKT") from None
+    shapes: list[Shape] = []
+    left_out: list[LeftOut] = []
+    for k, piece in enumerate(_pieces(text), start=1):
+        if _wkt_depth(piece) > settings.deepest:
+            raise ProblemError(f"geometry {k}: its brackets are nested more than {settings.deepest} deep; divide it")
+        shapes += shapes_of(_wkt_geometry(piece), f"geometry {k}", left_out)
+    return DrawingContent(tuple(shapes), tuple(left_out))
+
+
+def _pieces(text: str) -> list[str]:
+    """The texts of the geometries: lines are joined until their brackets balance."""
+    pieces: list[str] = []
+    lines: list[str] = []
+    still_open = 0
+    for line in text.splitlines():
+        if line.strip():
+            lines.append(line.strip())
+        still_open += line.count("(") - line.count(")")
+        # Balanced brackets end a geometry; one without any, such as POINT EMPTY, ends with its line.
+        if lines and still_open <= 0:
+            pieces.append(_bare(" ".join(lines)))
+            lines = []
+            still_open = 0
+    return [*pieces, _bare(" ".join(lines))] if lines else pieces
+
+
+def _bare(piece: str) -> str:
+    """A geometry without the number of its coordinate system, and without what ends it."""
+    return re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE)
+
+
+def _wkt_depth(text: str) -> int:
+    """How deep brackets are nested."""
+    depth = 0
+    deepest = 0
+    for bracket in re.findall(r"[()]", text):
+        depth += 1 if bracket == "(" else -1
+        deepest = max(deepest, depth)
+    return deepest
+
+
+def _wkt_geometry(text: str) -> shapely.Geometry:
+    try:
+        return shapely.from_wkt(text)
+    except (GEOSException, NotImplementedError, ValueError, TypeError) as error:
+        # No more of the text than the word that it begins with: it may be somebody's secret, and no drawing at all.
+        shown = (
+            text.split("(", maxsplit=1)[0].split(maxsplit=1)[0][:20] if text.split("(", maxsplit=1)[0].split() else "("
+        )
+        reason = str(error).replace("ParseException: ", "")
+        raise ProblemError(
+            f"'{shown}' cannot be read as well-known text: {reason}; expected for example POLYGON ((0 0, …))"
+        ) from None

@@ -1,0 +1,249 @@
+"""The messages about a problem file: defects are collected under their key paths, pydantic's become sentences."""
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date, time
+from functools import cache
+from types import MappingProxyType
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from ccm_opt.errors import MOST_LISTED, FileIssue
+from ccm_opt.io.keypath import KeyPath, dotted, line_of_key, lookup, without_keys
+
+Model = TypeVar("Model", bound=BaseModel)
+_SIMILAR = 0.7
+"""Least similarity of a misspelt key to the one that is suggested; from difflib's default, 0.6, words rhyme only."""
+_LONGEST_VALUE = 60
+"""Characters of a value that a message shows."""
+REMOVED = {"simplify": "no longer needed: every triangle of a mesh is kept; leave it out"}
+"""What is said of keys that earlier versions knew."""
+
+
+@dataclass
+class Issues:
+    """The defects found so far: key path and message."""
+
+    found: list[tuple[KeyPath, str]] = field(default_factory=list)
+
+    def add(self, path: KeyPath, message: str) -> None:
+        """Note one defect."""
+        self.found.append((path, message))
+
+    def located(
+        self, lines: Mapping[KeyPath, int], setting_of: Callable[[KeyPath], str] = lambda _: ""
+    ) -> list[FileIssue]:
+        """The defects with the lines of their keys, or with the settings that took the place of the file's values."""
+        located = []
+        for path, message in self.found:
+            setting = setting_of(path)
+            line = 0 if setting else line_of_key(lines, path)
+            located.append(FileIssue(line, dotted(path), message, setting))
+        return located
+
+    def validate(self, model: type[Model], table: Mapping[str, object], path: KeyPath, scale: float) -> Model | None:
+        """Validate one table; its defects are noted.
+
+        Args:
+            model: the table's schema.
+            table: the parsed table.
+            path: where the table stands.
+            scale: metres in the file's length unit.
+
+        Returns:
+            The validated table, unknown keys left out, or None when a value is unusable.
+        """
+        try:
+            return model.model_validate(table, context={"scale": scale})
+        except ValidationError as error:
+            details = error.errors(include_url=False)
+        self._note(details, table, path, model)
+        unknown = [_real_path(detail["loc"], table) for detail in details if detail["type"] == "extra_forbidden"]
+        if len(unknown) < len(details):
+            return None
+        # Only keys are wrong, the values are usable: the checks between tables can go on without those keys.
+        return model.model_validate(without_keys(table, unknown), context={"scale": scale})
+
+    def _note(
+        self, details: Sequence[ErrorDetails], table: Mapping[str, object], path: KeyPath, model: type[BaseModel]
+    ) -> None:
+        # A misspelt key is reported once, as unknown, and not as a missing one too.
+        renamed: set[KeyPath] = set()
+        for detail in details:
+            if detail["type"] == "extra_forbidden":
+                key = _real_path(detail["loc"], table)
+                name = str(key[-1])
+                known = _known_keys(model, key[:-1])
+                # Likeness takes long, and of so many defects nobody reads all.
+                listed = len(self.found) < MOST_LISTED
+                guess = closest(name, known) if listed else None
+                elsewhere = homes(name) if listed and not guess else ()
+                if elsewhere:
+                    unknown = f"unknown key '{name}' here; it is known as {' and '.join(elsewhere)}"
+                else:
+                    unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
+                self.add((*path, *key), REMOVED.get(name, unknown))
+                renamed.add((*key[:-1], guess or ""))
+        for detail in details:
+            key = _real_path(detail["loc"], table)
+            if detail["type"] != "extra_forbidden" and not (detail["type"] == "missing" and key in renamed):
+                self.add((*path, *key), _sentence(detail))
+
+
+def closest(word: str, known: Sequence[str]) -> str | None:
+    """The known word that ``word`` was probably meant to be, or None."""
+    matches = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR)
+    ending = (key for key in known if key.endswith(f"_{word}"))
+    return next(iter(matches), next(ending, None))
+
+
+CONCEPTS = {
+    "speed": ("limits.velocity",),
+    "diameter": ("arm.radius, which is half of it",),
+    "thickness": ("arm.radius, half of it", "workspace.wall_thickness, of open lines of a drawing"),
+    "margin": ("workspace.clearance",),
+    "timeout": ("planner.time_limit",),
+    "target": ("goal",),
+    "obstacles": ("[[workspace.obstacles]]",),
+}
+"""What other words for things that a problem file knows are called in it."""
+
+
+@cache
+def _known_everywhere() -> dict[str, tuple[str, ...]]:
+    """Return where each key is known, by its name."""
+    from ccm_opt.io import schema  # noqa: PLC0415 - its tables are read with this module
+
+    tables: dict[str, type[BaseModel]] = {
+        "": schema.RootTable,
+        "workspace": schema.WorkspaceTable,
+        "arm": schema.ArmTable,
+        "limits": schema.LimitsTable,
+        "start": schema.StartTable,
+        "goal": schema.GoalTable,
+        "planner": schema.PlannerTable,
+        "simulation": schema.SimulationTable,
+        "tolerance": schema.ToleranceTable,
+        "verification": schema.VerificationTable,
+    }
+    found: dict[str, tuple[str, ...]] = {}
+    pending = list(tables.items())
+    while pending:
+        place, model = pending.pop(0)
+        for name, info in model.model_fields.items():
+            key = info.alias or name
+            found[key] = (*found.get(key, ()), f"{place}.{key}".strip("."))
+        pending += [(f"{place}.{key}", nested) for key, nested in _table_models(model).items()]
+    return found
+
+
+def homes(name: str) -> tuple[str, ...]:
+    """Return where a key that is unknown in its table is known, or what it is called there; empty where it is none."""
+    return CONCEPTS.get(name, ()) or _known_everywhere().get(name, ())
+
+
+def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
+    """The message for a key that nobody knows."""
+    if guess:
+        return f"unknown key '{key}'; did you mean '{guess}'?"
+    return f"unknown key '{key}'; known here: {', '.join(known)}"
+
+
+def shown(value: object) -> str:
+    """A value as it may stand in a message, cut when it is long."""
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
+
+
+def described(value: object) -> str:
+    """A value with its type in words, for a message about a wrong type."""
+    if isinstance(value, (date, time)):
+        return f"the date or time {value}"
+    if isinstance(value, str):
+        return f"the text {shown(value)}"
+    if isinstance(value, Mapping):
+        return f"the table {shown(value)}"
+    if isinstance(value, Sequence):
+        return f"the list {shown(value)}"
+    return shown(value)
+
+
+def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
+    """The part of pydantic's location that leads through the data: it also names unions and validators."""
+    path: KeyPath = ()
+    for k, part in enumerate(loc):
+        # A missing key is not in the data, but it is the last part, and its table is there.
+        is_missing_key = k == len(loc) - 1 and isinstance(lookup(table, path), Mapping)
+        if is_missing_key or lookup(table, (*path, part)) is not None:
+            path = (*path, part)
+    return path
+
+
+def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
+    """Keys of the table at ``path`` below a model's table."""
+    for part in path:
+        if isinstance(part, str):
+            model = _table_models(model).get(part, model)
+    return tuple(info.alias or name for name, info in model.model_fields.items())
+
+
+def _table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
+    """The models of a model's nested tables, by key."""
+    found: dict[str, type[BaseModel]] = {}
+    for name, info in model.model_fields.items():
+        pending = [info.annotation]  # a table may stand inside list[…] or beside None
+        while pending:
+            kind = pending.pop()
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                found[name] = kind
+            pending.extend(getattr(kind, "__args__", ()))
+    return found
+
+
+_EXPECTED = MappingProxyType(
+    {
+        "float_type": "expected a number",
+        "int_type": "expected a whole number",
+        "bool_type": "expected true or false",
+        "string_type": "expected a text in quotes",
+        "list_type": "expected a list in brackets",
+        "model_type": "expected a table",
+        "model_attributes_type": "expected a table",
+        "dict_type": "expected a table",
+        "finite_number": "expected a finite number",
+        "greater_than": "expected a number greater than {gt:g}",
+        "greater_than_equal": "expected a number of at least {ge:g}",
+        "less_than": "expected a number less than {lt:g}",
+        "less_than_equal": "expected a number of at most {le:g}",
+        "literal_error": "expected {expected}",
+        "string_too_short": "expected a text that is not empty",
+    }
+)
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    """What was expected and what was got."""
+    kind = detail["type"]
+    context = detail.get("ctx", {})
+    value = detail["input"]
+    if kind == "missing":
+        return "missing; this key is required"
+    if kind in {"too_short", "too_long"}:
+        return _wrong_count(kind, context)
+    if kind == "value_error":
+        # Our own validators say what is wrong with a list or a table; the whole of it would not help.
+        if isinstance(value, (list, dict)):
+            return str(context["error"])
+        return f"{context['error']}; got {shown(value)}"
+    expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]
+    in_list = isinstance(detail["loc"][-1], int)
+    got = described(value) if in_list and kind.endswith("_type") else shown(value)
+    return f"{expected}, got {got}"
+
+
+def _wrong_count(kind: str, context: Mapping[str, object]) -> str:
+    bound = f"at least {context['min_length']}" if kind == "too_short" else f"at most {context['max_length']}"
+    return f"expected {bound} entries, got {context['actual_length']}"

@@ -1,0 +1,251 @@
+"""Obstacles from mesh files."""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import METRES
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.glb_reader import read_glb
+from ccm_opt.io.issues import Issues
+from ccm_opt.io.keypath import KeyPath
+from ccm_opt.io.ply import read_ply
+from ccm_opt.io.raw_mesh import RawMesh
+from ccm_opt.io.scene_file import place_beside
+from ccm_opt.io.schema import SpaceObstacleTable
+from ccm_opt.io.settings import MESHES, MeshSettings
+from ccm_opt.io.space_build import build_placement
+from ccm_opt.io.stl import read_obj, read_stl
+from ccm_opt.io.three_mf import read_3mf
+from ccm_opt.io.typed_quantities import MAX_LENGTH
+from ccm_opt.scene.bodies import MeshBody
+
+if TYPE_CHECKING:
+    from ccm_opt.io.mesh_mending import MendedMesh
+
+_SAME = 1e-9
+"""Share by which two scales may differ and are the same but for rounding."""
+EXPECTED = "a mesh, for example 'casing.stl'"
+
+
+@dataclass
+class MeshObstacles:
+    """Reads the meshes of one problem file, each file once.
+
+    Attributes:
+        folder: of the problem file; None where there is none.
+        metres: in its unit.
+        issues: receives what is wrong with a mesh.
+        allow_outside: whether meshes may lie outside the folder.
+    """
+
+    folder: Path | None
+    metres: float
+    issues: Issues
+    allow_outside: bool = False
+    _read: dict[Path, "tuple[MeshFile, MendedMesh] | ProblemError"] = field(default_factory=dict)
+
+    def bodies(self, listed: Sequence[tuple[int, SpaceObstacleTable]]) -> dict[int, MeshBody]:
+        """The meshes among the obstacles, by their place in the file; what is wrong with one is noted."""
+        found: dict[int, MeshBody] = {}
+        for number, table in listed:
+            path: KeyPath = ("workspace", "obstacles", number)
+            body = None if table.mesh is None else self._body(table, table.mesh, path)
+            if body is not None:
+                found[number] = body
+        self._refuse_too_many(found)
+        return found
+
+    def _body(self, table: SpaceObstacleTable, file: str, path: KeyPath) -> MeshBody | None:
+        place = self._place(file, path)
+        if place is None:
+            return None
+        read = self._file(place)
+        if isinstance(read, ProblemError):
+            self.issues.add((*path, "mesh"), str(read))
+            return None
+        if table.sha256 is not None and read[0].digest != table.sha256:
+            self.issues.add(
+                (*path, "sha256"), f"{file} has the hash {read[0].digest}; it is not the mesh that was meant"
+            )
+            return None
+        return self._placed(table, file, path, *read)
+
+    def _place(self, file: str, path: KeyPath) -> Path | None:
+        return place_beside(file, self.folder, (*path, "mesh"), EXPECTED, self.issues, allow_outside=self.allow_outside)
+
+    def _file(self, place: Path) -> "tuple[MeshFile, MendedMesh] | ProblemError":
+        """What a file holds, or why it cannot be used."""
+        from ccm_opt.io.mesh_mending import mended_mesh  # noqa: PLC0415
+
+        if place not in self._read:
+            try:
+                read = read_mesh_file(place)
+                self._read[place] = (read, mended_mesh(read.mesh))
+            except ProblemError as error:
+                named = str(error) if str(error).startswith((place.name, str(place))) else f"{place.name}: {error}"
+                self._read[place] = ProblemError(named)
+        return self._read[place]
+
+    def _placed(
+        self, table: SpaceObstacleTable, file: str, path: KeyPath, read: "MeshFile", mended: "MendedMesh"
+    ) -> MeshBody | None:
+        """The mesh in metres, where it stands; None where it lies beyond all measure."""
+        scale, notes = self._scale(table, file, read.mesh)
+        mesh = mended.mesh
+        placement = build_placement(table.pose)
+        vertices = placement.points(scale * (turned_up(mesh.vertices) if table.up == "y" else mesh.vertices))
+        if abs(vertices).max() > MAX_LENGTH:
+            self.issues.add((*path, "mesh"), f"it reaches beyond {MAX_LENGTH:g} m; is its scale right?")
+            return None
+        return MeshBody(
+            vertices,
+            mesh.faces,
+            file=file,
+            digest=read.digest,
+            solid=table.solid is not False,
+            scale=scale,
+            placement=placement,
+            up=table.up or "z",
+            content=read.content,
+            triangles_read=len(read.mesh.faces),
+            mended=mended.mended,
+            notes=notes,
+        )
+
+    def _scale(self, table: SpaceObstacleTable, file: str, mesh: "RawMesh") -> tuple[float, tuple[str, ...]]:
+        """Metres in one unit of a mesh, and what people should know of its unit, its axes and its other contents."""
+        notes = [f"passed over {what}" for what in mesh.passed_over]
+        unit = next((name for name, metres in METRES.items() if metres == self.metres), "m")
+        scale = self.metres * (1.0 if table.scale is None else table.scale)
+        if mesh.metres is not None:
+            own = f"its own unit is {mesh.metres / self.metres:.6g} {unit}"
+            if table.scale is None:
+                scale = mesh.metres
+                notes += [own] if scale != self.metres else []
+            elif abs(scale - mesh.metres) > _SAME * mesh.metres:
+                notes.append(f"{own}, but scale = {table.scale:g} makes it {table.scale:g} {unit}")
+        elif Path(file).suffix.lower() == ".glb" and table.scale is None and self.metres != 1.0:
+            notes.append(
+                f"the unit of GLB is the metre, but one is taken as 1 {unit}; scale = {1.0 / self.metres:g} if it is"
+            )
+        if Path(file).suffix.lower() == ".glb" and table.up is None:
+            notes.append('in GLB y is up, but it is taken as it stands; up = "y" turns its y to z, up = "z" does not')
+        return scale, tuple(notes)
+
+    def _refuse_too_many(self, found: Mapping[int, MeshBody]) -> None:
+        """All meshes together have no more triangles than one may have."""
+        from ccm_opt.io.settings import MESHES  # noqa: PLC0415
+
+        total = sum(len(body.faces) for body in found.values())
+        if total > MESHES.most_triangles:
+            self.issues.add(
+                ("workspace", "obstacles"),
+                f"the meshes have {total} triangles together, at most {MESHES.most_triangles} can be used; "
+                "export them coarser",
+            )
+
+
+def turned_up(places: FloatArray) -> FloatArray:
+    """Turn places whose y is up, shape (n, 3), about x so that their z is."""
+    return np.stack((places[:, 0], -places[:, 2], places[:, 1]), axis=1)
+
+
+MESH_READERS: Mapping[str, Callable[[bytes, MeshSettings], RawMesh]] = {
+    ".stl": read_stl,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".glb": read_glb,
+    ".3mf": read_3mf,
+}
+"""Reader by the suffix of the file, in small letters."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """A mesh that was read.
+
+    Attributes:
+        mesh: what the file holds, in its own unit; every number finite, every triangle of vertices that there are.
+        content: the bytes of the file.
+        digest: their SHA-256, in hexadecimal digits.
+    """
+
+    mesh: RawMesh
+    content: bytes
+    digest: str
+
+
+def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> MeshFile:
+    """Read a mesh.
+
+    Args:
+        path: an STL, OBJ, PLY, GLB or 3MF file, recognised by its suffix.
+        settings: bounds.
+
+    Raises:
+        ProblemError: the file cannot be read, or holds no usable mesh.
+    """
+    content = _content(path, settings)
+    try:
+        mesh = MESH_READERS[path.suffix.lower()](content, settings)
+        _refuse_unusable(mesh, settings)
+    except ProblemError as error:
+        raise ProblemError(f"{path.name}: {error}") from error
+    except (MemoryError, RecursionError) as error:
+        raise ProblemError(f"{path.name}: too large or too deeply nested to be read") from error
+    return MeshFile(mesh, content, hashlib.sha256(content).hexdigest())
+
+
+def _content(path: Path, settings: MeshSettings) -> bytes:
+    """The bytes of a file of a known kind."""
+    if path.suffix.lower() not in MESH_READERS:
+        kinds = ", ".join(MESH_READERS)
+        raise ProblemError(f"{path.name} is no mesh of a known kind; expected a file that ends in one of {kinds}")
+    try:
+        if not path.is_file():
+            what = "is a directory" if path.is_dir() else "does not exist"
+            raise ProblemError(f"{path} {what}; expected a mesh, its path relative to the problem file")
+        # Asked before reading, so that a huge file does not fill the memory first.
+        size = path.stat().st_size
+        if size > settings.most_bytes:
+            raise ProblemError(
+                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; export it coarser"
+            )
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not content.strip(b"\0 \t\r\n"):
+        raise ProblemError(f"{path.name} is empty; expected a mesh")
+    return content
+
+
+def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
+    """Refuse a mesh without triangles, with too many, or with vertices that are not there or nowhere."""
+    count = len(mesh.faces)
+    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
+        raise ProblemError("its vertices have not three coordinates each, or its faces are no triangles")
+    if count == 0:
+        raise ProblemError("it holds no triangles; expected a mesh")
+    if count > settings.most_triangles:
+        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise ProblemError(f"a triangle has a vertex that is not there; there are {len(mesh.vertices)} vertices")
+    finite = np.isfinite(mesh.vertices).all(axis=1)
+    # Vertices that no triangle has do not matter.
+    used = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    used[mesh.faces] = True
+    broken = np.flatnonzero(used & ~finite)
+    if len(broken):
+        counted = f"{len(broken)} of {len(mesh.vertices)} vertices"
+        raise ProblemError(f"{counted} are no numbers or infinite, the first is number {broken[0]}, from 0")
+    largest = float(np.abs(mesh.vertices[used]).max())
+    if largest > settings.largest_coordinate:
+        raise ProblemError(
+            f"a coordinate is {largest:g}, expected at most {settings.largest_coordinate:g} in the mesh's unit"
+        )

@@ -1,0 +1,367 @@
+"""Reads problem files."""
+
+import re
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, Array
+
+from ccm_opt.core.expected import expect, expect_that
+from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
+from ccm_opt.io.issues import Issues
+from ccm_opt.io.keypath import KeyPath, dotted, locate_keys
+from ccm_opt.io.space_reading import check_space_data
+from ccm_opt.io.table_reading import check_data
+from ccm_opt.problem.space_problem import AnyProblem
+
+_PART = re.compile(r"\.?(?P<key>[A-Za-z0-9_-]+)|\[(?P<entry>[^\]]+)\]")
+"""A key of a table, or an entry of a list: its number from 0, or the name of the table there."""
+
+
+@dataclass(frozen=True)
+class ChangedText:
+    """The text of a problem file with keys set to other values.
+
+    Attributes:
+        text: the changed text.
+        settings: what was set, ``key.path=value``, by the key path.
+    """
+
+    text: str
+    settings: Mapping[KeyPath, str]
+
+    def setting_of(self, path: KeyPath) -> str:
+        """The setting that a key path comes from; empty where it is the file's own."""
+        return next((self.settings[path[:k]] for k in range(len(path), 0, -1) if path[:k] in self.settings), "")
+
+
+def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
+    """Set keys of a problem file to other values.
+
+    Args:
+        text: of the file, valid TOML.
+        settings: each ``key.path=value``, the value as in a problem file; what is no TOML value is taken as a text.
+            Entries of lists are told by their number from 0 or by their name: ``goal[1].position=[1, 2]``,
+            ``workspace.obstacles[post].circle.radius=0.1``.
+
+    Returns:
+        The changed text, and what was set where; whether the values make sense is for the reader of the problem to say.
+
+    Raises:
+        ProblemError: for a setting that has no such form, or that leads to no place.
+    """
+    document: tomlkit.TOMLDocument = tomlkit.parse(text)
+    changed: dict[KeyPath, str] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ProblemError(f"cannot set '{setting}'; expected key=value, for example arm.radius=0.02")
+        path = _set(document, _parts(key.strip(), setting), _value(value.strip()), setting)
+        changed[path] = setting
+    return ChangedText(tomlkit.dumps(document), changed)
+
+
+def _parts(key: str, setting: str) -> tuple[str, ...]:
+    """The keys and entries of a key path."""
+    parts = []
+    at = 0
+    while at < len(key):
+        match = _PART.match(key, at)
+        if match is None:
+            raise ProblemError(f"cannot set '{setting}': '{key}' is not a key path like goal[1].position")
+        parts.append(match["key"] or match["entry"].strip())
+        at = match.end()
+    return tuple(parts)
+
+
+def _value(text: str) -> object:
+    """A value as TOML reads it, or the text itself."""
+    try:
+        return tomlkit.value(text)
+    except (TOMLKitError, ValueError):
+        return text
+
+
+def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, setting: str) -> KeyPath:
+    """Set one value, and return where it stands."""
+    here: object = document
+    path: KeyPath = ()
+    for part in parts[:-1]:
+        step = _step(here, part, path, setting)
+        if isinstance(here, Mapping) and step not in here:
+            here[step] = tomlkit.table()  # type: ignore[index]
+        path = (*path, step)
+        here = here[step]  # type: ignore[index]
+    last = _step(here, parts[-1], path, setting)
+    here[last] = value  # type: ignore[index]
+    return (*path, last)
+
+
+def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
+    """The next step of a path: a key of a table, or the number of a list's entry.
+
+    Raises:
+        ProblemError: when there is no such entry, or the path leads through a value.
+    """
+    if isinstance(here, Mapping):
+        return part
+    if not isinstance(here, (AoT, Array)):
+        raise ProblemError(f"cannot set '{setting}': {dotted(path)} is no table")
+    if part.isdecimal() and int(part) < len(here):
+        return int(part)
+    names = [str(entry["name"]) for entry in here if isinstance(entry, Mapping) and "name" in entry]
+    numbers = [k for k, entry in enumerate(here) if isinstance(entry, Mapping) and entry.get("name") == part]
+    if len(numbers) != 1:
+        known = f"; its names are {', '.join(names)}" if names else ""
+        raise ProblemError(
+            f"cannot set '{setting}': {dotted(path)} has {len(here)} entries, and none is '{part}'{known}"
+        )
+    return numbers[0]
+
+
+_WORDS = re.compile(r"[=,{}\[\]\n#]+")
+"""What stands between keys and values."""
+
+
+@dataclass(frozen=True)
+class InputBounds:
+    """Bounds on problem files, far beyond any that was ever planned for; all of them are taste.
+
+    Attributes:
+        most_bytes: of the file.
+        longest_key: points in one word, such as those between the parts of a key: the parser takes a time that grows
+            with their square.
+        deepest: tables and lists within each other; the keys that there are need six.
+        most_keys: in all tables together.
+        most_points: lists of numbers, such as corners, in all lists together.
+        longest_list: numbers in one list.
+    """
+
+    most_bytes: int = 4 * 2**20
+    longest_key: int = 50
+    deepest: int = 20
+    most_keys: int = 100_000
+    most_points: int = 200_000
+    longest_list: int = 100_000
+
+
+BOUNDS = InputBounds()
+"""Used where no other bounds are given."""
+
+
+def size_defect(size: int, bounds: InputBounds = BOUNDS) -> str:
+    """A sentence about a file of more bytes than are read; empty for others."""
+    if size <= bounds.most_bytes:
+        return ""
+    return f"the file has more than {bounds.most_bytes} bytes, the most that is read; put obstacles into a drawing"
+
+
+def text_defect(text: str, bounds: InputBounds = BOUNDS) -> str:
+    """A sentence about keys of so many parts that parsing them would take long; empty for others."""
+    # Several points side by side are in no key, but in prose and in comments.
+    longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
+    if longest < bounds.longest_key:
+        return ""
+    return f"a key has {longest + 1} parts; at most {bounds.longest_key} can be read"
+
+
+def content_defect(data: Mapping[str, object], bounds: InputBounds = BOUNDS) -> str:
+    """A sentence about data that are too deep or too many; empty for others.
+
+    Args:
+        data: the parsed file; it is walked level by level, so that no depth is too great.
+        bounds: the bounds.
+    """
+    keys = 0
+    points = 0
+    level: list[object] = [data]
+    for _ in range(bounds.deepest):
+        inner: list[object] = []
+        for item in level:
+            if isinstance(item, Mapping):
+                keys += len(item)
+                inner.extend(value for value in item.values() if isinstance(value, (Mapping, list)))
+            elif isinstance(item, list):
+                points += 1
+                if len(item) > bounds.longest_list:
+                    return f"a list has {len(item)} entries; at most {bounds.longest_list} can be read"
+                inner.extend(value for value in item if isinstance(value, (Mapping, list)))
+        level = inner
+        if keys > bounds.most_keys:
+            return f"it has more than {bounds.most_keys} keys, the most that can be read"
+        if points > bounds.most_points:
+            return f"it has more than {bounds.most_points} points, the most that can be read; simplify the outlines"
+    return f"tables and lists are nested more than {bounds.deepest} deep" if level else ""
+
+
+STANDARD_INPUT = "-"
+"""Stands for standard input in the place of a file."""
+IN_SPACE = 3
+"""What the key ``space`` says where the arm leaves the plane."""
+
+
+def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> AnyProblem:
+    """Read a problem from a TOML file.
+
+    Args:
+        path: the file, or ``-`` for standard input; paths in that begin in the working folder.
+        changes: keys that are set to other values than the file's, each ``key.path=value``, see ``with_keys_set``.
+        allow_outside: whether ``workspace.file`` and meshes may lie outside the problem's folder.
+
+    Returns:
+        The problem, in SI units and radians; a ``SpaceProblem`` where the file says ``space = 3``.
+
+    Raises:
+        ProblemFileError: with every defect of the file, its key path and its line.
+        ProblemError: for a change that leads to no place.
+    """
+    expect(path, (str, Path), "the path of a problem file", "parse_problem reads the text of one")
+    texts = isinstance(changes, Sequence) and not isinstance(changes, str) and all(isinstance(c, str) for c in changes)
+    expect_that(lambda: texts, changes, "a list of texts for changes=", 'write changes=["arm.radius=0.02"]')
+    if str(path) == STANDARD_INPUT:
+        path_name = "standard input"
+        text = _decoded(sys.stdin.buffer.read(BOUNDS.most_bytes + 1), path_name)
+    else:
+        path_name = str(path)
+        text = _read_text(Path(path))
+    if changes:
+        # What is no TOML is told with lines of the file as it is.
+        _parse_toml(text, path_name)
+    changed = with_keys_set(text, changes) if changes else ChangedText(text, {})
+    return _read(changed, text, path_name, Path(path).parent, allow_outside=allow_outside)
+
+
+def parse_problem(
+    text: str, path_name: str = "problem", folder: Path | None = None, *, allow_outside: bool = False
+) -> AnyProblem:
+    """Read a problem from TOML text.
+
+    Args:
+        text: the text of a problem file.
+        path_name: what messages call it.
+        folder: where the paths of ``workspace.file`` and of meshes begin; None refuses those keys.
+        allow_outside: as for ``load_problem``.
+
+    Returns:
+        The problem, in SI units and radians; a ``SpaceProblem`` where the text says ``space = 3``.
+
+    Raises:
+        ProblemFileError: with every defect of the text, its key path and its line.
+    """
+    return _read(ChangedText(text, {}), text, path_name, folder, allow_outside=allow_outside)
+
+
+def _read(
+    changed: ChangedText, original: str, path_name: str, folder: Path | None, *, allow_outside: bool
+) -> AnyProblem:
+    """Read a text, perhaps with other values than the file's, whose lines are those of the file.
+
+    Raises:
+        ProblemFileError: with every defect, its key path, and its line or the setting that it comes from.
+    """
+    data = _parse_toml(changed.text, path_name)
+    issues = Issues()
+    problem = _checked(data, issues, changed.text, folder, allow_outside=allow_outside)
+    if problem is None:
+        raise ProblemFileError(path_name, issues.located(locate_keys(original), changed.setting_of))
+    return problem
+
+
+def problem_from_mapping(
+    data: Mapping[str, object], path_name: str = "problem", folder: Path | None = None
+) -> AnyProblem:
+    """Rebuild a problem from the data of a problem file, for example from the copy in ``solution.json``.
+
+    Args:
+        data: what a TOML parser makes of a problem file.
+        path_name: what messages call it.
+        folder: where the paths of meshes begin; None refuses them.
+
+    Returns:
+        The problem, in SI units and radians; its ``source`` is TOML text with the same data.
+
+    Raises:
+        ProblemFileError: with every defect and its key path.
+    """
+    text = _to_toml(data, path_name)
+    issues = Issues()
+    problem = _checked(_parse_toml(text, path_name), issues, text, folder)
+    if problem is None:
+        raise ProblemFileError(path_name, issues.located({}))
+    return problem
+
+
+def _checked(
+    data: Mapping[str, object], issues: Issues, text: str, folder: Path | None, *, allow_outside: bool = False
+) -> AnyProblem | None:
+    """The problem of parsed data, or None when there are issues."""
+    check = check_space_data if data.get("space") == IN_SPACE else check_data
+    return check(data, issues, text, folder, allow_outside=allow_outside)
+
+
+def _read_text(path: Path) -> str:
+    """The text of a file, or one clear sentence why there is none."""
+    try:
+        # No more than is allowed is read, so that a device without an end does not fill the memory.
+        with path.open("rb") as file:
+            raw = file.read(BOUNDS.most_bytes + 1)
+    except FileNotFoundError:
+        raise _refused(path, "there is no such file; check the path") from None
+    except IsADirectoryError:
+        raise _refused(path, "this is a directory; expected a problem file, for example problem.toml in it") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise _refused(path, f"the file cannot be read: {reason}") from error
+    return _decoded(raw, str(path))
+
+
+def _decoded(raw: bytes, path: str) -> str:
+    """The text of a file's bytes, or one clear sentence why there is none."""
+    if defect := size_defect(len(raw)):
+        raise _refused(path, defect)
+    try:
+        text = raw.decode("utf-8-sig")  # editors on Windows put a byte order mark in front
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise _refused(path, "this is not a text file in UTF-8; expected TOML", line) from None
+    if not text.strip():
+        raise _refused(path, "the file is empty; expected a problem in TOML")
+    return text
+
+
+def _parse_toml(text: str, path_name: str) -> dict[str, object]:
+    if defect := text_defect(text):
+        raise _refused(path_name, defect)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _refused(path_name, f"not valid TOML: {error}", _error_line(str(error), text)) from None
+    except RecursionError:
+        raise _refused(path_name, "not usable TOML: brackets are nested too deeply") from None
+    except ValueError as error:  # whole numbers of thousands of digits
+        raise _refused(path_name, f"not usable TOML: {str(error).split(';')[0]}") from None
+    if defect := content_defect(data):
+        raise _refused(path_name, defect)
+    return data
+
+
+def _to_toml(data: Mapping[str, object], path_name: str) -> str:
+    try:
+        return tomlkit.dumps(data)
+    except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
+        raise _refused(path_name, f"holds something that cannot be written in TOML: {error}") from None
+
+
+def _error_line(message: str, text: str) -> int:
+    """The line that a message of ``tomllib`` names; the last one where it says "at end of document"."""
+    place = re.search(r"at line (\d+)", message)
+    return int(place[1]) if place else max(1, len(text.splitlines()))
+
+
+def _refused(path: str | Path, message: str, line: int = 0) -> ProblemFileError:
+    return ProblemFileError(str(path), [FileIssue(line, "", message)])

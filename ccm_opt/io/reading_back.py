@@ -1,0 +1,251 @@
+"""Reads an output folder again for check, simulate and export, trusting nothing in it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.io.arrays_npz import read_archive
+from ccm_opt.io.folder import ARRAYS, RECORD
+from ccm_opt.io.reading import problem_from_mapping
+from ccm_opt.io.record_file import read_record
+from ccm_opt.io.solution_json import SCHEMA
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.frames import bends_from_revolutes, joint_names
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.solution import JointStates, JointTrajectory
+
+POSITION_TOLERANCE = 1e-9
+"""Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
+
+Shapes = Mapping[str, tuple[str | int, ...]]
+
+SHAPES: Shapes = {
+    "time": ("samples",),
+    "bend_angles": ("samples", "links"),
+    "joint_names": ("revolutes",),
+    "joint_angles": ("samples", "revolutes"),
+    "joint_velocities": ("samples", "revolutes"),
+    "joint_accelerations": ("samples", "revolutes"),
+    "joint_torques": ("samples", "revolutes"),
+    "joint_positions": ("samples", "points", 2),
+    "keyframes": ("keyframes", "links"),
+    "segments_offsets": ("offsets",),
+    "segment_lengths": ("segments",),
+    "segment_curvatures": ("segments", 5),
+    "segment_knots": ("segments", 3),
+    "base_headings": ("curves",),
+    "simulated_angles": ("samples", "revolutes"),
+    "simulated_torques": ("samples", "revolutes"),
+    "stops": ("stops",),
+}
+"""Arrays of ``solution.npz``; equal words are equal sizes."""
+SPACE_SHAPES: Shapes = {
+    **{name: shape for name, shape in SHAPES.items() if not name.startswith("segment") and name != "base_headings"},
+    "bend_angles": ("samples", "links", 2),
+    "joint_positions": ("samples", "points", 3),
+    "keyframes": ("keyframes", "links", 2),
+}
+"""The same of an arm in space, which has no curve in the plane."""
+FEED_SHAPES: Shapes = {
+    "base_feed": ("samples",),
+    "feed_velocities": ("samples",),
+    "feed_accelerations": ("samples",),
+    "feed_forces": ("samples",),
+    "simulated_feed": ("samples",),
+    "keyframe_feeds": ("keyframes",),
+}
+"""Further arrays of an arm with a feed axis."""
+ROOM_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
+"""Further arrays where the room of the motion was measured."""
+
+
+@dataclass(frozen=True)
+class SavedMotion:
+    """The motion in an output folder.
+
+    Attributes:
+        trajectory: in time.
+        joints: the same for all drives.
+        keyframes: of the planner, shape (K, coordinates).
+        simulated_angles: of the simulated arm, shape (T, 3 * links) [rad].
+        simulated_torques: likewise, shape (T, 3 * links) [N m].
+        simulated_base: positions of the axes that carry its base, shape (T, axes) [m].
+        room_arrays: gaps over time by name, each of shape (N,); none where nobody measured them.
+    """
+
+    trajectory: JointTrajectory
+    joints: JointStates
+    keyframes: FloatArray
+    simulated_angles: FloatArray
+    simulated_torques: FloatArray
+    simulated_base: FloatArray
+    room_arrays: Mapping[str, FloatArray]
+
+
+def load_problem_data(folder: Path) -> Mapping[str, object]:
+    """The copy of the problem in a folder's ``solution.json``.
+
+    Args:
+        folder: an output folder.
+
+    Returns:
+        The data of the problem file.
+
+    Raises:
+        ProblemError: when there is no folder, or it has no readable record of a known schema.
+        VerificationError: when the record says that there is no plan.
+    """
+    record = read_record(folder / RECORD)
+    if (schema := record.get("schema")) != SCHEMA or type(schema) is not int:
+        raise ProblemError(
+            f"{folder / RECORD}: schema is {schema!r}; this version reads schema {SCHEMA}; "
+            "check the folder with the version of ccm-opt that wrote it"
+        )
+    status = record.get("status")
+    if status != "solved":
+        raise VerificationError([f"there is no plan to check in {folder}: its status is {status!r}{_reason(record)}"])
+    data = record.get("problem")
+    if not isinstance(data, Mapping):
+        raise ProblemError(f"{folder / RECORD}: expected a table under 'problem', got {type(data).__name__}")
+    return data
+
+
+def load_any_problem(folder: Path) -> AnyProblem:
+    """The problem that a folder's plan solves, in the plane or in space; meshes are those that the folder keeps.
+
+    Args:
+        folder: an output folder.
+
+    Raises:
+        ProblemError: when there is no readable record, or the problem in it is not usable.
+        VerificationError: when the record says that there is no plan.
+    """
+    return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
+
+
+def load_motion(folder: Path, arm: DrivenArm) -> SavedMotion:
+    """The motion in a folder's ``solution.npz``.
+
+    Args:
+        folder: an output folder.
+        arm: the arm that moves.
+
+    Returns:
+        The motion; the bends' velocities and accelerations are those of the revolutes.
+
+    Raises:
+        ProblemError: when an array is missing, has the wrong shape or type, is not finite, or contradicts another.
+    """
+    path = folder / ARRAYS
+    arrays = read_arrays(path)
+    arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
+    of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
+    of_room = ROOM_SHAPES if any(name in arrays for name in ROOM_SHAPES) else {}
+    shapes = {**(SPACE_SHAPES if isinstance(arm, SpaceArm) else SHAPES), **of_base, **of_room}
+    _check_shapes(arrays, path, arm.links, shapes)
+    names = tuple(arrays["joint_names"].tolist())
+    if names != joint_names(arm):
+        raise ProblemError(f"{path}: joint_names are not those of this arm, which begin with {joint_names(arm)[:3]}")
+    numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
+    joints = JointStates(
+        names,
+        numbers["joint_angles"],
+        numbers["joint_velocities"],
+        numbers["joint_accelerations"],
+        numbers["joint_torques"],
+        base_forces=_columns(numbers, of_base, "feed_forces"),
+    )
+    base = [_columns(numbers, of_base, name) for name in ("base_feed", "feed_velocities", "feed_accelerations")]
+    trajectory = JointTrajectory(
+        numbers["time"],
+        np.column_stack((_in_rows(numbers["bend_angles"]), base[0])),
+        np.column_stack((bends_from_revolutes(arm, joints.velocities), base[1])),
+        np.column_stack((bends_from_revolutes(arm, joints.accelerations), base[2])),
+        arm.coordinates,
+        _stops(numbers["stops"], len(numbers["time"]), path),
+    )
+    feeds = _columns(numbers, of_base, "keyframe_feeds", "keyframes")
+    motion = SavedMotion(
+        trajectory,
+        joints,
+        np.column_stack((_in_rows(numbers["keyframes"]), feeds)),
+        numbers["simulated_angles"],
+        numbers["simulated_torques"],
+        _columns(numbers, of_base, "simulated_feed"),
+        {name: numbers[name] for name in of_room},
+    )
+    _check_positions(motion, numbers["joint_positions"], arm, path)
+    return motion
+
+
+def _in_rows(bends: FloatArray) -> FloatArray:
+    """Bends as they stand in files, those of a joint perhaps in a row of their own, as columns."""
+    return bends.reshape(len(bends), -1)
+
+
+def _stops(numbers: FloatArray, samples: int, path: Path) -> tuple[int, ...]:
+    """Stops as numbers of samples."""
+    if np.any((numbers < 0) | (numbers >= samples) | (numbers != np.floor(numbers))):
+        raise ProblemError(f"{path}: the array 'stops' holds something that is no number of one of {samples} samples")
+    return tuple(int(k) for k in numbers)
+
+
+def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: str, rows_of: str = "time") -> FloatArray:
+    """One array among some as a column, shape (T, 1); (T, 0) when it is not among them; T rows as another array."""
+    columns = [numbers[name] for name in names if name == wanted]
+    return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
+
+
+def _reason(record: Mapping[str, object]) -> str:
+    diagnosis = record.get("diagnosis")
+    return f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
+
+
+def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
+    """The arrays of a plan's file, by name, as they stand there.
+
+    Raises:
+        ProblemError: when it cannot be read.
+    """
+    return read_archive(path, (*SHAPES, *FEED_SHAPES, *ROOM_SHAPES))
+
+
+def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
+    """Every array of the format must be there, numeric, finite, and of one number of samples, links and keyframes."""
+    sizes = {"links": links, "revolutes": 3 * links, "points": links + 1}
+    for name, shape in shapes.items():
+        if name not in arrays:
+            raise ProblemError(f"{path}: the array '{name}' is missing")
+        array = arrays[name]
+        # The first array that has a size fixes it for all others.
+        wanted = tuple(
+            sizes.setdefault(size, got) if isinstance(size, str) else size
+            for size, got in zip(shape, array.shape, strict=False)
+        )
+        if array.shape != wanted or len(shape) != array.ndim:
+            raise ProblemError(f"{path}: the array '{name}' has shape {array.shape}; expected {shape} with {sizes}")
+        if name != "joint_names" and (array.dtype.kind not in "fiu" or not np.isfinite(array.astype(np.float64)).all()):
+            raise ProblemError(
+                f"{path}: the array '{name}' of type {array.dtype} holds something that is not a finite number"
+            )
+    for name, least, words in (("samples", 2, "two samples"), ("keyframes", 1, "one keyframe")):
+        if sizes[name] < least:
+            raise ProblemError(f"{path}: a motion needs at least {words}, got {sizes[name]}")
+
+
+def _check_positions(motion: SavedMotion, positions: FloatArray, arm: DrivenArm, path: Path) -> None:
+    """The stored positions must be those of the stored bends."""
+    q = motion.trajectory.positions
+    expected = joint_positions(arm, q) if isinstance(arm, SpaceArm) else arm.joint_positions_at(q)
+    error = float(np.abs(positions - expected).max())
+    if not error <= POSITION_TOLERANCE * arm.length:
+        raise ProblemError(
+            f"{path}: joint_positions are up to {error:.3g} m from those of bend_angles; the file was changed"
+        )

@@ -1,0 +1,207 @@
+"""Obstacles as solids.
+
+The plane is world x-z; every obstacle reaches as far before it as behind it. Engines know convex solids only, so that
+polygons are divided into convex parts, and what is outside the room is a solid of several parts too.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.io.settings import EXPORT, ExportSettings
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, Workspace
+
+
+def told_apart(names: Iterable[str]) -> list[tuple[str, str]]:
+    """For each obstacle a printable name, and one of letters, digits and underscores alone; no two are alike."""
+    shown: set[str] = set()
+    slugs: set[str] = set()
+    return [
+        (
+            _unlike("".join(c if c.isprintable() else "_" for c in name), shown),
+            _unlike(re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_").lower() or "obstacle", slugs),
+        )
+        for name in names
+    ]
+
+
+def _unlike(name: str, taken: set[str]) -> str:
+    """A name that is not taken yet, and is from now on."""
+    free = name
+    number = 1
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}"
+    taken.add(free)
+    return free
+
+
+_SQUARE = 1e-9
+"""Prisms whose corners miss right angles by less than this, relative to their sides, are boxes."""
+
+
+@dataclass(frozen=True)
+class Prism:
+    """A convex polygon, extruded.
+
+    Attributes:
+        corners: counter-clockwise in the (x, y) plane of the problem, shape (k, 2) [m].
+    """
+
+    corners: FloatArray
+
+    def as_box(self) -> tuple[FloatArray, float, float, float] | None:
+        """Centre, heading of the first side, its length and the other's; None for what is no rectangle."""
+        if len(self.corners) != 4:
+            return None
+        sides = np.roll(self.corners, -1, axis=0) - self.corners
+        lengths = np.hypot(*sides.T)
+        uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()
+        if uneven > _SQUARE * lengths.max():
+            return None
+        return self.corners.mean(axis=0), float(np.arctan2(*sides[0][::-1])), float(lengths[0]), float(lengths[1])
+
+
+@dataclass(frozen=True)
+class Drum:
+    """A disc, extruded: its centre, shape (2,), and radius [m]."""
+
+    center: FloatArray
+    radius: float
+
+
+Solid: TypeAlias = Prism | Drum
+
+
+@dataclass(frozen=True)
+class SolidObstacle:
+    """An obstacle, or what is outside the room, as solids.
+
+    Attributes:
+        name: of the obstacle, printable and unlike that of any other.
+        slug: the same with letters, digits and underscores alone.
+        solids: which together are the obstacle; they may overlap.
+    """
+
+    name: str
+    slug: str
+    solids: tuple[Solid, ...]
+
+
+@dataclass(frozen=True)
+class SolidScene:
+    """Everything that an arm can touch.
+
+    Attributes:
+        obstacles: in the order of the workspace; what is outside the room is the last.
+        half_depth: how far solids reach before and behind the plane [m].
+    """
+
+    obstacles: tuple[SolidObstacle, ...]
+    half_depth: float
+
+
+def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPORT) -> SolidScene:
+    """The scene of an arm.
+
+    Args:
+        workspace: obstacles and the room.
+        arm: whose size gives the depth of the solids and the thickness of walls that have none.
+        settings: sizes.
+    """
+    boundary = workspace.boundary
+    walls = _frame(boundary.bounds, settings.room_wall * arm.length)
+    walls.append(shapely.difference(shapely.box(*boundary.bounds), boundary))
+    everything = [*workspace.obstacles, Obstacle(BOUNDARY_NAME, shapely.GeometryCollection(walls))]
+    thinnest = 0.5 * settings.thin_wall * arm.length
+    obstacles = []
+    for obstacle, (name, slug) in zip(everything, told_apart([each.name for each in everything]), strict=True):
+        obstacles.append(SolidObstacle(name, slug, tuple(_solids(obstacle, thinnest))))
+    depth = max(settings.depth * arm.radius, settings.least_depth * arm.length)
+    return SolidScene(tuple(obstacles), depth)
+
+
+def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shapely.Geometry]:
+    """Four boxes round a box."""
+    xmin, ymin, xmax, ymax = bounds
+    return [
+        shapely.box(xmin - wall, ymin - wall, xmin, ymax + wall),
+        shapely.box(xmax, ymin - wall, xmax + wall, ymax + wall),
+        shapely.box(xmin, ymin - wall, xmax, ymin),
+        shapely.box(xmin, ymax, xmax, ymax + wall),
+    ]
+
+
+def _solids(obstacle: Obstacle, thinnest: float) -> Iterator[Solid]:
+    """Convex solids that together are an obstacle; round corners of walls are exact."""
+    core = obstacle.core
+    rounding = obstacle.rounding
+    if isinstance(core, shapely.Point):
+        yield Drum(np.array([core.x, core.y]), rounding)
+    elif isinstance(core, shapely.LineString):
+        points = shapely.get_coordinates(core)
+        yield from (_leg(tail, head, max(rounding, thinnest)) for tail, head in pairwise(points))
+        if rounding > 0.0:
+            yield from (Drum(point, rounding) for point in points)
+    else:
+        yield from (Prism(corners) for corners in convex_parts(obstacle.outline()))
+
+
+def _leg(tail: FloatArray, head: FloatArray, half: float) -> Prism:
+    """A straight piece of a wall, without the round ends."""
+    along = (head - tail) / max(float(np.hypot(*(head - tail))), 1e-300)
+    across = half * np.array([-along[1], along[0]])
+    return Prism(np.array([tail - across, head - across, head + across, tail + across]))
+
+
+def convex_parts(geometry: shapely.Geometry) -> tuple[FloatArray, ...]:
+    """Convex polygons that tile a polygon or several, holes left free.
+
+    Args:
+        geometry: valid polygons.
+
+    Returns:
+        Corners counter-clockwise, each of shape (k, 2); straight corners are left out.
+    """
+    from ccm_opt.scene import triangulation  # noqa: PLC0415 - needed for few scenes
+
+    single = shapely.get_parts(shapely.get_parts(geometry))  # a collection may hold several polygons as one part
+    polygons = [part for part in single if isinstance(part, shapely.Polygon) and part.area > 0.0]
+    tilings = [triangulation.triangulate(shapely.MultiPolygon([polygon])) for polygon in polygons]
+    cells = [cell for tiling in tilings for cell in triangulation.merge(tiling).cells]
+    return tuple(_without_straight(cell) for cell in cells)
+
+
+def _without_straight(corners: FloatArray) -> FloatArray:
+    before = corners - np.roll(corners, 1, axis=0)
+    after = np.roll(corners, -1, axis=0) - corners
+    turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    kept = turn > _SQUARE * np.hypot(*before.T) * np.hypot(*after.T)
+    return corners[kept] if kept.sum() >= 3 else corners
+
+
+def prism_mesh(prism: Prism, half_depth: float) -> tuple[FloatArray, IntArray]:
+    """The surface of a prism in the world: vertices, shape (2 k, 3) [m], and triangles, turned outwards."""
+    count = len(prism.corners)
+    x, z = prism.corners.T
+    vertices = np.vstack([np.column_stack((x, np.full(count, depth), z)) for depth in (-half_depth, half_depth)])
+    # From before the plane, at negative world y, the corners run counter-clockwise.
+    fan = np.arange(1, count - 1)
+    near = np.column_stack((np.zeros_like(fan), fan, fan + 1))
+    far = near[:, ::-1] + count
+    here = np.arange(count)
+    following = (here + 1) % count
+    sides = np.vstack(
+        (
+            np.column_stack((here, here + count, following)),
+            np.column_stack((following, here + count, following + count)),
+        )
+    )
+    return vertices, np.vstack((near, far, sides))

@@ -1,0 +1,411 @@
+"""Keys of a problem file, of workspace, start and goal.
+
+Rules between keys are in ``rules``, checks between tables in ``agreement``, checks of places in ``placement``.
+
+Below each key stands what it means; the tables of the pages are made from that by ``docs/write_references.py``.
+"""
+
+import math
+import re
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+import shapely
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+
+from ccm_opt.io.schema_tables import (
+    ArmTable,
+    ChainTable,
+    DisturbancesTable,
+    FeedTable,
+    GainsTable,
+    InertiaTable,
+    LimitsTable,
+    PlannerTable,
+    PointLimitTable,
+    SimulationTable,
+    Table,
+    ToleranceTable,
+    VerificationTable,
+    WeightsTable,
+)
+from ccm_opt.io.typed_quantities import (
+    Box,
+    Curvature,
+    Degrees,
+    Length,
+    NonNegativeLength,
+    Point,
+    Polyline,
+    Positive,
+    PositiveDegrees,
+    PositiveLength,
+    Ring,
+    exactly,
+)
+from ccm_opt.problem import LengthUnit, Tolerances
+
+CLOSEST_KNOTS = 1e-6
+"""Of a segment, as a share of it; a spline through closer ones swings wildly."""
+
+
+class SegmentTable(Table):
+    """One curvature segment: a length, five curvature values, three knots."""
+
+    length: PositiveLength
+    """Of the segment; all together are as long as the arm (to 1e-6)."""
+    curvature: Annotated[list[Curvature], exactly(5)]
+    """`[Ca, Cb, Cc, Cd, Ce]` at its ends and at its knots."""
+    knots: Annotated[list[float], exactly(3)] = Field(default=[0.25, 0.5, 0.75])
+    """`[Sb, Sc, Sd]`, shares of its length, growing."""
+
+    @field_validator("knots")
+    @classmethod
+    def _increasing(cls, knots: list[float]) -> list[float]:
+        if np.min(np.diff([0.0, *knots, 1.0])) < CLOSEST_KNOTS:
+            raise ValueError(f"expected three increasing numbers between 0 and 1, {CLOSEST_KNOTS:g} apart")
+        return knots
+
+
+class PoseTable(Table):
+    """A whole-arm pose, one of shape, joints_deg, segments."""
+
+    shape: Literal["straight", "folded"] | None = None
+    """`"straight"`, or `"folded"` ([below](#start-and-goal))."""
+    joints_deg: Annotated[list[Degrees], Field(min_length=1)] | None = None
+    """One bend a joint, the first relative to the base heading."""
+    segments: Annotated[list[SegmentTable], Field(min_length=1)] | None = None
+    """`[{ length, curvature, knots }, …]`: a curve, whose mapping is the pose."""
+    heading_deg: Degrees | None = None
+    """With `segments` the heading at the base (default: the base heading); with `position` the heading of the last link
+    (default: any)."""
+    feed: Length | None = None
+    """Place of the base on the feed axis, of a whole arm. Default: the least of its range."""
+
+
+class StartTable(PoseTable):
+    """Where the motion begins."""
+
+
+class GoalTable(PoseTable):
+    """Where the motion ends: a pose, or a position of the tip."""
+
+    position: Point | None = None
+    """Of the tip."""
+    position_tolerance: PositiveLength = Tolerances.position
+    """How far from the goal the tip may end."""
+    heading_tolerance_deg: PositiveDegrees = Tolerances.heading
+    """How far from the goal's heading the last link may end."""
+    pause: Annotated[float, Field(ge=0.0)] = 0.0
+    """How long the arm rests at this goal before the next [s]."""
+
+
+class CircleTable(Table):
+    """A disc."""
+
+    center: Point
+    """Of the disc."""
+    radius: PositiveLength
+    """Of the disc."""
+
+
+class WallTable(Table):
+    """A polyline swept by a disc of half its thickness."""
+
+    points: Polyline
+    """Of the line, in order."""
+    thickness: NonNegativeLength = 0.0
+    """Diameter of the disc that sweeps the line."""
+
+
+class ObstacleTable(Table):
+    """One obstacle: exactly one of polygon, box, circle, wall; a polygon may have holes."""
+
+    name: Annotated[str, Field(min_length=1)] | None = None
+    """Unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … by its place in the file."""
+    polygon: Ring | None = None
+    """Corners of a simple polygon, in order, either way round."""
+    holes: Annotated[list[Ring], Field(min_length=1)] | None = None
+    """Of the polygon, each given by its corners. Default: none."""
+    box: Box | None = None
+    """`[xmin, ymin, xmax, ymax]`."""
+    circle: CircleTable | None = None
+    """`{ center = [x, y], radius = r }`."""
+    wall: WallTable | None = None
+    """`{ points = [[x, y], …], thickness = t }`: a line swept by a disc."""
+
+    @field_validator("holes")
+    @classmethod
+    def _inside(cls, holes: list[list[list[float]]] | None, info: ValidationInfo) -> list[list[list[float]]] | None:
+        outline = info.data.get("polygon", ())
+        if holes is not None and outline is None:
+            raise ValueError("only allowed together with polygon")
+        if holes is not None and outline and not shapely.Polygon(outline, holes).is_valid:
+            raise ValueError("expected holes inside the polygon and apart from each other")
+        return holes
+
+
+class SceneTable(Table):
+    """A drawing of obstacles, and how it is placed; lengths stay in the problem file's unit."""
+
+    file: Annotated[str, Field(min_length=1)] | None = None
+    """A drawing with further obstacles: SVG (`.svg`), DXF (`.dxf`), GeoJSON (`.geojson`, `.json`) or WKT (`.wkt`). Its
+    path is relative to the problem file, in whose folder it lies unless `--allow-outside` is given (in Python
+    `allow_outside=True`). Default: none."""
+    scale: Positive = 1.0
+    """Length of one unit of the drawing, in the problem file's unit."""
+    offset: Point = Field(default=[0.0, 0.0])
+    """Where the drawing's origin comes to lie."""
+    curve_tolerance: PositiveLength | None = None
+    """How far outside a curve of the drawing its polygon may lie. Default: 0.25 mm."""
+    wall_thickness: NonNegativeLength = 0.0
+    """Of open lines of the drawing, and of all outlines with `closed = "walls"`."""
+    closed: Literal["solid", "walls", "room"] = "solid"
+    """What closed outlines of the drawing are: solids, with those drawn as lines within others as holes; lines of
+    `wall_thickness`; or solids in the largest of them, which is the boundary of the room."""
+
+
+class WorkspaceTable(SceneTable):
+    """The room, without its obstacles: those are validated one by one."""
+
+    bounds: Box | None = None
+    """`[xmin, ymin, xmax, ymax]` of the room. It, `boundary` or `closed = "room"` is required; each is a wall like any
+    obstacle."""
+    boundary: Ring | None = None
+    """Corners of the room, one simple polygon."""
+    clearance: NonNegativeLength = 0.0
+    """Gap kept between the arm's surface and every obstacle."""
+
+
+SHORTEST = 1e-9
+"""Directions and quaternions shorter than this have lost the digits that say where they point."""
+
+
+def _unit(values: list[float]) -> list[float]:
+    length = math.hypot(*values)
+    if length < SHORTEST:
+        raise ValueError(f"expected numbers that are not all zero; their length is {length:g}")
+    return [value / length for value in values]
+
+
+def _ordered_corners(corners: list[list[float]]) -> list[list[float]]:
+    low, high = corners
+    if not all(least < greatest for least, greatest in zip(low, high, strict=True)):
+        raise ValueError("expected [[xmin, ymin, zmin], [xmax, ymax, zmax]] with every least below its greatest")
+    return corners
+
+
+SpacePoint: TypeAlias = Annotated[list[Length], Field(description="`[x, y, z]`"), exactly(3)]
+Corners: TypeAlias = Annotated[
+    list[SpacePoint], Field(description="two corners"), exactly(2), AfterValidator(_ordered_corners)
+]
+Direction: TypeAlias = Annotated[list[float], Field(description="`[x, y, z]`"), exactly(3), AfterValidator(_unit)]
+Quaternion: TypeAlias = Annotated[list[float], Field(description="four numbers"), exactly(4), AfterValidator(_unit)]
+Turns: TypeAlias = Annotated[list[Degrees], Field(description="three angles"), exactly(3)]
+Bends: TypeAlias = Annotated[list[Degrees], Field(description="`[a, b]`"), exactly(2)]
+
+
+class SphereTable(Table):
+    """A ball."""
+
+    center: SpacePoint
+    """Of the ball."""
+    radius: PositiveLength
+    """Of the ball."""
+
+
+class BarTable(Table):
+    """A round bar."""
+
+    start: Annotated[SpacePoint, Field(alias="from")]
+    """One end of its axis."""
+    end: Annotated[SpacePoint, Field(alias="to")]
+    """The other end."""
+    radius: PositiveLength
+    """Of the bar."""
+
+
+class PlacementTable(Table):
+    """Where a body stands and how it is turned: it is turned first, then moved."""
+
+    position: SpacePoint = Field(default=[0.0, 0.0, 0.0])
+    """Where the origin of the body's own coordinates comes to lie."""
+    rotation_deg: Turns | None = None
+    """Turns about the fixed axes x, y and z, in this order. Default: none."""
+    quaternion: Quaternion | None = None
+    """`[w, x, y, z]`, of any length but zero, in place of `rotation_deg`."""
+
+
+class SpaceObstacleTable(Table):
+    """One obstacle: exactly one of mesh, box, sphere, cylinder, capsule."""
+
+    name: Annotated[str, Field(min_length=1)] | None = None
+    """Unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … by its place in the file."""
+    mesh: Annotated[str, Field(min_length=1)] | None = None
+    """A file with triangles: STL, OBJ, PLY, GLB or 3MF ([below](#meshes)). Its path is relative to the problem file, in
+    whose folder it lies unless `--allow-outside` is given (in Python `allow_outside=True`)."""
+    scale: Positive | None = None
+    """Of a mesh: length of one unit of its file, in the problem file's unit. Default: 1, of 3MF its own unit."""
+    up: Literal["y", "z"] | None = None
+    """Of a mesh: its axis that points up; `"y"` turns it about x, so that its y becomes z. Default: `"z"`, as it
+    stands."""
+    solid: bool | None = None
+    """Of a mesh: `false` where its surface alone counts, such as that of a room or a tank about the arm, or of sheet
+    metal; the arm may then begin and end inside. Default: [what it encloses](space.md#insides) belongs to it."""
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    """Of a mesh: the hash of its file, which is refused when it is another. Default: any."""
+    box: Corners | None = None
+    """`[[xmin, ymin, zmin], [xmax, ymax, zmax]]`."""
+    sphere: SphereTable | None = None
+    """`{ center = [x, y, z], radius = r }`."""
+    cylinder: BarTable | None = None
+    """`{ from = [x, y, z], to = [x, y, z], radius = r }`, with flat ends."""
+    capsule: BarTable | None = None
+    """The same with round ends, whose middles are `from` and `to`."""
+    pose: PlacementTable | None = None
+    """`{ position = [x, y, z], rotation_deg = [x, y, z] }` or with `quaternion`: where the obstacle stands and how it
+    is turned, of whichever kind. Default: as its coordinates say."""
+
+
+class SpaceWorkspaceTable(Table):
+    """The room, without its obstacles: those are validated one by one."""
+
+    bounds: Corners | None = None
+    """`[[xmin, ymin, zmin], [xmax, ymax, zmax]]` of the room, whose sides are walls like any obstacle. Default: no
+    room, the obstacles alone."""
+    clearance: NonNegativeLength = 0.0
+    """Gap kept between the arm's surface and every obstacle."""
+
+
+class BaseTable(Table):
+    """Where the arm begins and how it stands."""
+
+    position: SpacePoint
+    """Of the first joint; it may touch a wall, not stand inside one."""
+    direction: Direction = Field(default=[1.0, 0.0, 0.0])
+    """Of the straight arm, of any length but zero."""
+    up: Direction = Field(default=[0.0, 0.0, 1.0])
+    """About which a joint's first bend turns while the arm is straight; what of it lies along `direction` does not
+    count. Required where `direction` is along z."""
+
+
+class SpaceArmTable(ChainTable):
+    """The arm in space."""
+
+    base: BaseTable
+    """`{ position = [x, y, z], direction = [x, y, z], up = [x, y, z] }`."""
+    axes: Literal["zyx"] = "zyx"
+    """Order of a ball's revolutes, the third of which stays at 0."""
+
+
+class SpacePoseTable(Table):
+    """A pose of the whole arm, one of shape, joints_deg."""
+
+    shape: Literal["straight"] | None = None
+    """`"straight"`: all links along `arm.base.direction`."""
+    joints_deg: Annotated[list[Bends], Field(min_length=1)] | None = None
+    """`[[a, b], …]`, the two bends of each joint: about its z-axis, then about its new y-axis."""
+    feed: Length | None = None
+    """Place of the base on the feed axis, of a whole arm. Default: the least of its range."""
+
+
+class SpaceStartTable(SpacePoseTable):
+    """Where the motion begins."""
+
+
+class SpaceGoalTable(SpacePoseTable):
+    """Where the motion ends: a pose, or a position of the tip."""
+
+    position: SpacePoint | None = None
+    """Of the tip."""
+    direction: Direction | None = None
+    """Where the last link points, with `position`. Default: anywhere."""
+    via: Annotated[list[SpacePoint], Field(min_length=1)] | None = None
+    """Places that the tip passes on its way, in this order, with `position`: which bore, which gap. Default: none."""
+    position_tolerance: PositiveLength = Tolerances.position
+    """How far from the goal the tip may end."""
+    direction_tolerance_deg: PositiveDegrees = Tolerances.heading
+    """How far from the goal's direction the last link may point."""
+    pause: Annotated[float, Field(ge=0.0)] = 0.0
+    """How long the arm rests at this goal before the next [s]."""
+
+
+__all__ = [
+    "ArmTable",
+    "BarTable",
+    "BaseTable",
+    "ChainTable",
+    "CircleTable",
+    "DisturbancesTable",
+    "FeedTable",
+    "GainsTable",
+    "GoalTable",
+    "InertiaTable",
+    "LimitsTable",
+    "ObstacleTable",
+    "PlacementTable",
+    "PlannerTable",
+    "PointLimitTable",
+    "PoseTable",
+    "RootTable",
+    "SceneTable",
+    "SegmentTable",
+    "SimulationTable",
+    "SpaceArmTable",
+    "SpaceGoalTable",
+    "SpaceObstacleTable",
+    "SpacePoseTable",
+    "SpaceStartTable",
+    "SpaceWorkspaceTable",
+    "SphereTable",
+    "StartTable",
+    "ToleranceTable",
+    "VerificationTable",
+    "WallTable",
+    "WeightsTable",
+    "WorkspaceTable",
+]
+
+_FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")
+_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+
+
+def _folder_name(name: str) -> str:
+    if not _FOLDER_NAME.fullmatch(name) or _RESERVED.fullmatch(name) or len(name.encode()) > 200:
+        raise ValueError(
+            "expected a name for a folder: letters, digits, '-', '_', '+', '.' or blanks inside, at most 200 bytes"
+        )
+    return name
+
+
+class RootTable(Table):
+    """The keys above the first table, and the tables themselves, each validated by itself."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    """Version of the format."""
+    space: Literal[2, 3] = 2
+    """3 for an arm that [leaves the plane](space.md)."""
+    name: Annotated[str, AfterValidator(_folder_name)]
+    """Also the name of the output folder: letters, digits, `-`, `_`, `+`, and `.` or blanks inside."""
+    description: str = ""
+    """One line for people."""
+    units: LengthUnit = "m"
+    """Unit of all lengths in this file; curvatures are then per that unit."""
+    workspace: dict[str, object]
+    """[The room](#workspace)."""
+    arm: dict[str, object]
+    """[The arm](#arm)."""
+    limits: dict[str, object]
+    """[Its limits](#limits)."""
+    start: dict[str, object]
+    """[Where the motion begins](#start-and-goal)."""
+    goal: dict[str, object] | list[dict[str, object]]
+    """[Where it ends](#start-and-goal); several, written `[[goal]]`, in sequence."""
+    planner: dict[str, object] = Field(default_factory=dict)
+    """[How it is planned](#planner)."""
+    simulation: dict[str, object] = Field(default_factory=dict)
+    """[How it is simulated](#simulation)."""
+    tolerance: dict[str, object] = Field(default_factory=dict)
+    """[What it has to survive](#tolerance)."""
+    verification: dict[str, object] = Field(default_factory=dict)
+    """[How strictly it is judged](#verification)."""

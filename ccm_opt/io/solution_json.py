@@ -1,0 +1,162 @@
+"""The record of a solution.
+
+Strict JSON, without NaN or infinity.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+
+from ccm_opt.errors import Diagnosis
+from ccm_opt.io.pose_json import curve_record
+from ccm_opt.io.problem_data import recorded_data
+from ccm_opt.io.space_scene import mesh_data, space_recorded_data
+from ccm_opt.io.strict_json import strict_text
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.solution import Check, GoalPoseRecord, NearPlace, RoomRecord, SpaceGoalPoseRecord, SurvivedError
+from ccm_opt.solution.space_solution import AnySolution, GoalErrors, SpaceSolution
+
+
+def goal_pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
+    """The whole record; lengths [m], angles [rad]."""
+    variables, rows = record.size
+    return {
+        "reached": record.reached,
+        "reason": record.reason,
+        **_pose_data(record),
+        "gap": record.gap,
+        "wanted_gap": record.wanted_gap,
+        "cost": record.cost,
+        "costs": dict(record.costs),
+        "multipliers": dict(record.multipliers),
+        "nlp": {"variables": variables, "rows": rows, "iterations": record.iterations, "status": record.status},
+        "tried": record.tried,
+    }
+
+
+def _pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
+    """The pose itself; in the plane with the curve behind it."""
+    if isinstance(record, SpaceGoalPoseRecord):
+        return {"configuration": record.configuration.tolist()}
+    return {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}
+
+
+def room_data(room: RoomRecord) -> Mapping[str, object]:
+    """The record without its arrays, which are in ``solution.npz``; lengths [m], times [s]."""
+    possible = room.possible
+    return {
+        "wanted_gap": room.wanted,
+        "clearance": room.clearance,
+        "reach": room.reach,
+        "nearest": place_data(room.nearest),
+        "start": place_data(room.at_start),
+        "stops": [place_data(end) for end in room.ends[1:-1]],
+        "goal": place_data(room.at_goal),
+        "short": [
+            {"from": part.begin, "to": part.end, "cause": part.cause, "nearest": place_data(part.nearest)}
+            for part in room.short
+        ],
+        "possible_gap": None if possible is None else possible.value,
+        "possible_by": None if possible is None else possible.by,
+        "possible_between": [] if possible is None else list(possible.walls),
+        "price": room.price,
+    }
+
+
+def place_data(place: NearPlace) -> Mapping[str, object]:
+    """Where a link is near something."""
+    other: dict[str, object] = {}
+    if place.second_link:
+        other = {"second_link": place.second_link}
+    elif place.link:
+        other = {"obstacle": place.obstacle}
+    near = {"link": place.link, **other} if place.link else {}
+    return {"gap": place.gap, "wanted": place.wanted, "time": place.time, **near}
+
+
+def tolerance_data(errors: Iterable[SurvivedError]) -> list[Mapping[str, object]]:
+    """One record an error, as in ``SurvivedError``; angles in degrees as well."""
+    return [asdict(error) | _in_degrees(error) for error in errors]
+
+
+def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
+    """The text of ``tolerance.json`` for the problem of that name."""
+    return strict_text({"problem": name, "tolerance": tolerance_data(errors)})
+
+
+def _in_degrees(error: SurvivedError) -> dict[str, object]:
+    return {"size_deg": math.degrees(error.size)} if error.unit == "rad" else {}
+
+
+SCHEMA = 1
+"""Version of the file's layout."""
+
+
+def solution_json(solution: AnySolution) -> str:
+    """The record of a solved problem.
+
+    Args:
+        solution: the verified plan.
+
+    Returns:
+        JSON text; numbers that are not finite stand as null.
+    """
+    record = _record(solution.problem, "solved", solution.versions)
+    record |= {
+        "metrics": dict(solution.metrics),
+        "timings": dict(solution.timings),
+        "timed_by": list(solution.trajectory.timed_by),
+        "checks": [_check_data(check) for check in solution.checks],
+        "not_checked": list(solution.not_checked),
+        "simulation": asdict(solution.simulation.verdict),
+    }
+    if isinstance(solution, SpaceSolution):
+        record["goal"] = goal_data(solution.goal_errors)
+        record["meshes"] = mesh_data(solution.problem)
+    if solution.room is not None:
+        record["room"] = room_data(solution.room)
+    if solution.tolerance:
+        record["tolerance"] = tolerance_data(solution.tolerance)
+    if solution.tries:
+        record["tries"] = [asdict(each) for each in solution.tries]
+    if solution.path.goal_pose is not None:
+        record["goal_pose"] = goal_pose_data(solution.path.goal_pose)
+    return strict_text(record)
+
+
+def goal_data(errors: GoalErrors) -> dict[str, object]:
+    """How the last link lies at its goal [m, rad]."""
+    return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
+
+
+def _check_data(check: Check) -> dict[str, object]:
+    """A check; where its least gap is stands in words, and in figures in the record of the room."""
+    return {name: value for name, value in asdict(check).items() if name != "place"}
+
+
+def failure_json(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+    """The record of a problem without a plan.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no plan.
+        timings: of the stages that ran [s].
+
+    Returns:
+        JSON text; numbers that are not finite stand as null.
+    """
+    record = _record(problem, status, {})
+    record |= {"metrics": {}, "timings": dict(timings), "checks": [], "diagnosis": asdict(diagnosis)}
+    return strict_text(record)
+
+
+def _record(problem: AnyProblem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
+    return {
+        "schema": SCHEMA,
+        "status": status,
+        "method": problem.planner.method,
+        "problem": space_recorded_data(problem) if isinstance(problem, SpaceProblem) else recorded_data(problem),
+        "versions": dict(versions),
+        "seed": problem.planner.seed,
+    }

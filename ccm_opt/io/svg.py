@@ -1,0 +1,181 @@
+"""Reads SVG drawings: path, polygon, polyline, rect, circle, ellipse, line and what is used, with all transforms.
+
+Coordinates are the user units of the outermost element: its width, height and viewBox do not matter. SVG's y points
+down; it is negated, so that the picture looks the same. What is not drawn as a shape is left out and reported:
+definitions that nothing uses, text, images, clip paths, masks, markers, patterns, and whatever is hidden. Strokes do
+not matter: a closed outline is solid, an open one is a line without width. Of outlines without a fill, those within
+others are holes.
+"""
+
+import math
+
+import numpy as np
+from svgelements import Ellipse, Path, Rect
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.found_shapes import Disc, DrawingContent, Drawn, FillRule, Line, Region, Shape
+from ccm_opt.io.settings import ImportSettings
+from ccm_opt.io.svg_paths import Affine, Subpath, View, length_of, path_subpaths, polyline, subpaths_of
+from ccm_opt.io.svg_placing import Node, Picture, Place, parsed_document
+
+
+def read_svg(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+    """The shapes of an SVG file.
+
+    A shape is named by the ``use`` that draws it, or its inkscape:label, title or id, or those of the nearest group
+    that has one, or else by its kind.
+
+    Args:
+        content: of the file.
+        distance: allowed between a curve and the polyline that replaces it [user units].
+        settings: bounds.
+
+    Raises:
+        ProblemError: the content is no SVG, refers to something that is not there, holds path data that cannot be
+            read, or draws more than the bounds allow.
+    """
+    picture = Picture(parsed_document(content, settings), settings)
+    outlines = _Outlines(picture.view, settings)
+    shapes: list[Shape] = []
+    points = 0
+    for place in picture.places:
+        try:
+            found = _shapes(place, outlines.of(place.node), distance)
+        except ProblemError as error:
+            picture.refuse(place, str(error))
+            continue
+        if not found:
+            picture.leave_out(place.node, "it draws nothing: it has no extent")
+        shapes += found
+        points += sum(shape.size for shape in found)
+        if points > settings.most_points:
+            raise ProblemError(
+                f"its shapes have more than {settings.most_points} points, those counted as often as they are used; "
+                "simplify the drawing"
+            )
+    if picture.refusals:
+        raise ProblemError(settings.listed(picture.refusals))
+    return DrawingContent(tuple(shapes), tuple(picture.left_out))
+
+
+class _Outlines:
+    """The subpaths of elements in their own coordinates, read once however often they are drawn."""
+
+    def __init__(self, view: View, settings: ImportSettings) -> None:
+        self._view = view
+        self._settings = settings
+        self._known: dict[int, list[Subpath]] = {}
+
+    def of(self, node: Node) -> list[Subpath]:
+        """The subpaths of an element; none where it has no extent."""
+        if id(node) not in self._known:
+            self._known[id(node)] = self._read(node)
+        return self._known[id(node)]
+
+    def _read(self, node: Node) -> list[Subpath]:
+        text = node.attributes.get("d", "") if node.tag == "path" else node.attributes.get("points", "")
+        if len(text) > self._settings.longest_path:
+            raise ProblemError(
+                f"it has path data of {len(text)} characters, at most {self._settings.longest_path} can be read; "
+                "simplify the outline"
+            )
+        match node.tag:
+            case "path":
+                return path_subpaths(text)
+            case "polygon" | "polyline":
+                return polyline(text, closed=node.tag == "polygon")
+            case "line":
+                ends = " ".join(repr(self._length(node, key)) for key in ("x1", "y1", "x2", "y2"))
+                return polyline(ends, closed=False)
+            case "rect":
+                return self._box(node)
+        return self._round(node)
+
+    def _box(self, node: Node) -> list[Subpath]:
+        x, y, width, height = (self._length(node, key) for key in ("x", "y", "width", "height"))
+        if width == 0.0 or height == 0.0:
+            return []
+        if width < 0.0 or height < 0.0:
+            raise ProblemError(f"it is {width:g} wide and {height:g} high; expected positive lengths")
+        rx, ry = self._half_axes(node)
+        return subpaths_of(Path(Rect(x, y, width, height, rx, ry)))
+
+    def _round(self, node: Node) -> list[Subpath]:
+        if node.tag == "circle":
+            rx = ry = self._length(node, "r")
+        else:
+            rx, ry = self._half_axes(node)
+        if rx == 0.0 or ry == 0.0:
+            return []
+        if rx < 0.0 or ry < 0.0:
+            raise ProblemError(f"it has the half axes {rx:g} and {ry:g}; expected positive lengths")
+        return subpaths_of(Path(Ellipse(self._length(node, "cx"), self._length(node, "cy"), rx, ry)))
+
+    def _half_axes(self, node: Node) -> tuple[float, float]:
+        """Both half axes; one that is not given, or auto, is like the other."""
+        given = {key: node.attributes.get(key, "auto").strip() for key in ("rx", "ry")}
+        known = [key for key in given if given[key] != "auto"]
+        if not known:
+            return 0.0, 0.0
+        lengths = [length_of(given[key], self._view, across=key == "rx") for key in known]
+        return lengths[0], lengths[-1]
+
+    def _length(self, node: Node, key: str) -> float:
+        across = None if key == "r" else key in {"x", "x1", "x2", "cx", "width"}
+        return length_of(node.attributes.get(key, "0"), self._view, across=across)
+
+
+def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shape]:
+    """The shapes of one element: a disc, or a region of its closed subpaths, and a line for each open one."""
+    if not subpaths:
+        return []
+    matrix = _downwards(place.matrix)
+    if not np.isfinite(matrix).all():
+        raise ProblemError("it has a transform that is not finite")
+    if (disc := _disc(place, subpaths[0], matrix)) is not None:
+        return [disc]
+    # Curves are flattened before they are transformed, so the distance shrinks by as much as the transform stretches.
+    stretch = float(np.linalg.norm(matrix[:, :2], ord=2))
+    allowed = distance / max(stretch, 1e-300)
+    rings: list[FloatArray] = []
+    lines: list[Shape] = []
+    for subpath in subpaths:
+        points, closed = subpath.flattened(allowed)
+        placed: FloatArray = points @ matrix[:, :2].T + matrix[:, 2]
+        if closed:
+            rings.append(placed)
+        else:
+            lines.append(Line(place.name, placed, subpath.curved, layer=place.layer))
+    if not rings:
+        return lines
+    # SVG's default is nonzero.
+    rule: FillRule = "evenodd" if place.fill_rule == "evenodd" else "nonzero"
+    curved = any(subpath.curved for subpath in subpaths)
+    return [Region(place.name, tuple(rings), rule, curved, layer=place.layer, drawn=_drawn(place)), *lines]
+
+
+def _downwards(map_: Affine) -> FloatArray:
+    """A transform with y negated, shape (2, 3): x ↦ M[:, :2] x + M[:, 2]."""
+    return np.array([[map_.a, map_.c, map_.e], [-map_.b, -map_.d, -map_.f]], dtype=np.float64)
+
+
+def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Disc | None:
+    """The element as a disc when it is a circle after its transform, a similarity."""
+    if place.node.tag not in {"circle", "ellipse"}:
+        return None
+    arc = outline.segments[0]
+    middle = np.array([arc.center.x, arc.center.y])
+    # The half axes after the transform: a circle when they are of equal length and at a right angle.
+    axes = matrix[:, :2] @ (np.array([[arc.prx.x, arc.pry.x], [arc.prx.y, arc.pry.y]]) - middle[:, None])
+    radius = math.sqrt(abs(float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0])))
+    if not math.isfinite(radius):
+        return Disc(place.name, matrix[:, 2], radius, place.layer, _drawn(place))
+    if not np.allclose(axes.T @ axes, radius**2 * np.eye(2), rtol=0.0, atol=1e-12 * radius**2):
+        return None
+    center = matrix[:, :2] @ middle + matrix[:, 2]
+    return Disc(place.name, center, radius, place.layer, _drawn(place))
+
+
+def _drawn(place: Place) -> Drawn:
+    return "painted" if place.painted else "outline"

@@ -1,0 +1,562 @@
+"""Where an SVG draws what, and in which style.
+
+Of style sheets, rules are understood whose selectors name an element, classes and an id of one element; a shape that
+another rule would hide is taken, since an obstacle too many is better than one too few.
+
+References are followed as often as they are used, and the number of elements met is bounded on the way; the walk keeps
+its own list of what is still to be drawn, so that no nesting is too deep for it.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.settings import ImportSettings
+from ccm_opt.io.svg_paths import Affine, View, fitted_view, length_of, numbers_in, transform_of
+from ccm_opt.problem import LeftOut
+
+NAMESPACE = "http://www.w3.org/2000/svg"
+FOREIGN = ""
+"""Tag of elements that are not in the namespace of SVG: what editors keep for themselves."""
+_SEPARATOR = " "
+"""Between namespace and name, as the parser reports them; a blank is in no namespace."""
+
+
+@dataclass
+class Node:
+    """An element of a document.
+
+    Attributes:
+        tag: name without namespace; ``FOREIGN`` for elements of other namespaces.
+        attributes: by name; those of other namespaces have it in front, with a blank between.
+        children: elements in it, in order.
+        text: characters directly in it, kept for titles and style sheets alone.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    children: list["Node"] = field(default_factory=list)
+    text: str = ""
+
+
+def parsed_document(content: bytes, settings: ImportSettings) -> Node:
+    """The outermost element of an SVG file.
+
+    Args:
+        content: of the file.
+        settings: bounds.
+
+    Raises:
+        ProblemError: the content is no XML, no SVG, or exceeds a bound.
+    """
+    builder = _Builder(settings)
+    parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
+    parser.buffer_text = True
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.text
+    parser.EntityDeclHandler = builder.entity
+    builder.references = content.count(b"&")
+    try:
+        parser.Parse(content, True)  # noqa: FBT003 - the parser takes no keyword
+    except (expat.ExpatError, ValueError, LookupError) as error:  # encodings that nobody knows too
+        raise ProblemError(f"not readable as XML: {error}") from None
+    root = builder.root
+    if root is None or root.tag != "svg":
+        raise ProblemError(f"expected the outermost element svg, got {'nothing' if root is None else root.tag}")
+    if builder.namespace not in {NAMESPACE, ""}:
+        raise ProblemError(
+            f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', without "
+            "which no program shows the drawing"
+        )
+    return root
+
+
+class _Builder:
+    """Receives what the parser finds; ``root`` is the tree in the end."""
+
+    def __init__(self, settings: ImportSettings) -> None:
+        self.settings = settings
+        self.root: Node | None = None
+        self.namespace = ""
+        self.open: list[Node] = []
+        self.count = 0
+        self.references = 0
+        self.entity_length = 0
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        """Add an element to the one that is open."""
+        self.count += 1
+        if self.count > self.settings.most_nodes:
+            raise ProblemError(f"it holds more than {self.settings.most_nodes} elements; simplify the drawing")
+        if len(self.open) >= self.settings.deepest:
+            raise ProblemError(f"its elements are nested more than {self.settings.deepest} deep; ungroup some")
+        namespace, _, tag = name.rpartition(_SEPARATOR)
+        if self.root is None:
+            self.namespace = namespace
+        node = Node(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
+        if self.open:
+            self.open[-1].children.append(node)
+        else:
+            self.root = node
+        self.open.append(node)
+
+    def end(self, _name: str) -> None:
+        """Close the element that is open."""
+        self.open.pop()
+
+    def text(self, text: str) -> None:
+        """Keep the characters that count."""
+        node = self.open[-1]
+        if node.tag in {"title", "style"} and len(node.text) <= self.settings.longest_text:
+            node.text += text
+
+    def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
+        """Refuse abbreviations that make a small file large: such as hold others, or are long and often used."""
+        if value is None:
+            return
+        self.entity_length += len(value)
+        if "&" in value or self.references * self.entity_length > self.settings.most_bytes:
+            raise ProblemError("its entities would make it too large to read; save it as plain SVG")
+
+
+PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
+"""Those that matter; of fills only whether there is one, and strokes do not."""
+_SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
+_PART = re.compile(r"[.#][\w-]+")
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """One selector with what it says: ``tag`` may be empty, ``classes`` and ``ids`` must all be there."""
+
+    tag: str
+    parts: frozenset[str]
+    style: dict[str, str]
+
+    @property
+    def weight(self) -> tuple[int, int, int]:
+        """The specificity of CSS: ids before classes before elements."""
+        ids = sum(part.startswith("#") for part in self.parts)
+        return ids, len(self.parts) - ids, bool(self.tag)
+
+
+@dataclass
+class StyleSheet:
+    """The rules of a drawing that matter.
+
+    Attributes:
+        rules: in the order of their weight.
+        unread: selectors that could not be read and would hide shapes.
+    """
+
+    rules: list[_Rule] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
+
+    def style_of(self, node: Node, settings: ImportSettings) -> dict[str, str]:
+        """The properties of one element, those of its parents left out.
+
+        Raises:
+            ProblemError: an attribute is longer than anything that a program writes.
+        """
+        for key in ("style", "class", "transform"):
+            if len(node.attributes.get(key, "")) > settings.longest_attribute:
+                raise ProblemError(
+                    f"the attribute {key} of an element {node.tag} has {len(node.attributes[key])} characters, at most "
+                    f"{settings.longest_attribute} can be read"
+                )
+        found = {key: node.attributes[key].strip() for key in PROPERTIES if key in node.attributes}
+        if self.rules:
+            marks = {f".{name}" for name in node.attributes.get("class", "").split()}
+            marks.add(f"#{node.attributes.get('id', '')}")
+            for rule in self.rules:
+                if rule.tag in {"", node.tag} and rule.parts <= marks:
+                    found |= rule.style
+        return found | _declarations(node.attributes.get("style", ""))
+
+
+def style_sheet(root: Node, settings: ImportSettings) -> StyleSheet:
+    """The style sheet of a drawing.
+
+    Raises:
+        ProblemError: it has more rules that matter than can be applied to every element.
+    """
+    sheet = StyleSheet()
+    pending = [root]
+    while pending:
+        node = pending.pop()
+        pending.extend(reversed(node.children))
+        if node.tag == "style":
+            for rule in _rules(node.text, sheet.unread):
+                sheet.rules.append(rule)
+            if len(sheet.rules) > settings.most_style_rules:
+                raise ProblemError(
+                    f"more than {settings.most_style_rules} style rules hide shapes or say how they are filled; save "
+                    "it as plain SVG"
+                )
+    sheet.rules.sort(key=lambda rule: rule.weight)  # stable: of equal weight the later counts
+    return sheet
+
+
+def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
+    """The rules of a sheet that matter; blocks that hold for some media only are skipped."""
+    for block in _without_comments(text).split("}"):
+        selectors, _, body = block.rpartition("{")
+        style = _declarations(body)
+        if style.get("fill") not in {None, "none"}:  # what most rules say, and what a shape has by itself
+            del style["fill"]
+        if not style:
+            continue
+        for selector in selectors.rpartition("{")[2].split(","):
+            match = _SIMPLE.fullmatch(selector.strip())
+            if match is None or "@" in selectors:
+                if "display" in style or "visibility" in style:
+                    unread.append(selector.strip()[:60])
+                continue
+            tag = match["tag"] or ""
+            yield _Rule("" if tag == "*" else tag, frozenset(_PART.findall(match["parts"])), style)
+
+
+def _without_comments(text: str) -> str:
+    # Split at ends of comments: what stands in a piece before the next beginning is no comment.
+    return "".join(piece.partition("/*")[0] for piece in text.split("*/"))
+
+
+def _declarations(text: str) -> dict[str, str]:
+    """The properties that matter among ``name: value; …``."""
+    found = {}
+    for declaration in text.split(";"):
+        name, _, value = declaration.partition(":")
+        if (key := name.strip().lower()) in PROPERTIES:
+            found[key] = value.replace("!important", "").strip()
+    return found
+
+
+SHAPES = frozenset(("circle", "ellipse", "line", "path", "polygon", "polyline", "rect"))
+_GROUPS = frozenset(("a", "g", "svg", "switch"))
+_USABLE = SHAPES | _GROUPS | {"symbol", "use"}
+_SILENT = frozenset(
+    (
+        FOREIGN,
+        "defs",
+        "desc",
+        "linearGradient",
+        "metadata",
+        "radialGradient",
+        "script",
+        "style",
+        "symbol",
+        "title",
+        "view",
+    )
+)
+"""Elements that are no part of the picture; definitions are looked at apart."""
+_REASONS = {
+    "text": "texts are no obstacles",
+    "flowRoot": "texts are no obstacles",
+    "image": "pictures are no obstacles",
+    "foreignObject": "what is no SVG cannot be read",
+    "clipPath": "it cuts what is drawn and draws nothing itself",
+    "mask": "it covers what is drawn and draws nothing itself",
+    "marker": "arrowheads and other markers are no obstacles",
+    "pattern": "fillings are no obstacles",
+    "filter": "effects are no obstacles",
+}
+_LABEL = "http://www.inkscape.org/namespaces/inkscape label"
+_XLINK = "http://www.w3.org/1999/xlink href"
+_AUTOMATIC = re.compile(r"(a|circle|ellipse|g|group|layer|line|path|polygon|polyline|rect|svg|text|tspan|use)[\d_-]+")
+"""Ids that programs give by themselves; the name of a layer says more."""
+_LONGEST_NAME = 120
+"""Characters of a name that are kept."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """An element at one of its places in the picture.
+
+    Attributes:
+        node: the element.
+        matrix: from its coordinates to the picture's; its own transform is in it once it is reached.
+        name: of the shape, or of the nearest named group around what it holds.
+        layer: the outermost named group that it is in.
+        fill_rule: how rings within rings count.
+        visible: by the property of that name.
+        painted: whether it is filled.
+        used: name of the outermost named ``use`` that led here; empty where there is none.
+        single: whether the element itself is used, and not a group that it is in.
+        depth: groups and uses around it.
+        size: width and height that a ``use`` asks for, by key.
+        chain: elements that are being used, for finding those that use themselves.
+    """
+
+    node: Node
+    matrix: Affine = field(default_factory=Affine)
+    name: str = ""
+    layer: str = ""
+    fill_rule: str = "nonzero"
+    visible: bool = True
+    painted: bool = True
+    used: str = ""
+    single: bool = False
+    depth: int = 0
+    size: tuple[tuple[str, str], ...] = ()
+    chain: tuple[int, ...] = ()
+
+
+class Picture:
+    """The shapes of a document at all their places.
+
+    Attributes:
+        places: of shapes, in the order in which they are drawn.
+        left_out: everything else that a reader might miss, in the same order; definitions that nothing uses come last.
+        refusals: what keeps the drawing from being used.
+        view: the picture's size.
+    """
+
+    def __init__(self, root: Node, settings: ImportSettings) -> None:
+        self.settings = settings
+        self.places: list[Place] = []
+        self.left_out: list[LeftOut] = []
+        self.refusals: list[str] = []
+        self.view = _view_of(root)
+        self._sheet: StyleSheet = style_sheet(root, settings)
+        self._by_id = _nodes_by_id(root)
+        self._met: set[int] = set()
+        self._styles: dict[int, dict[str, str]] = {}
+        self._counts: dict[int, int] = {}
+        self.left_out += [
+            LeftOut(f"style rule '{selector}'", "its selector cannot be read; what it hides is taken")
+            for selector in self._sheet.unread
+        ]
+        self._walk(Place(root))
+        self._note_unused(root)
+
+    def _walk(self, root: Place) -> None:
+        pending = [root]
+        count = 0
+        while pending:
+            place = pending.pop()
+            count += 1
+            if count > self.settings.most_elements:
+                raise ProblemError(
+                    f"it draws more than {self.settings.most_elements} elements, those counted as often as they are "
+                    "used; simplify the drawing"
+                )
+            if place.depth > self.settings.deepest:
+                raise ProblemError(f"it draws elements more than {self.settings.deepest} deep; ungroup some")
+            try:
+                inner = self._drawn(place, outermost=place is root)
+            except ProblemError as error:
+                self.refuse(place, str(error))
+                continue
+            pending.extend(reversed(inner))
+
+    def refuse(self, place: Place, why: str) -> None:
+        """Note that an element cannot be read."""
+        name = f"'{_shape_name(place)}'" if place.node.tag in SHAPES else _titled(place.node)
+        self.refusals.append(f"{name}: {why}")
+
+    def leave_out(self, node: Node, reason: str) -> None:
+        """Note that an element becomes no obstacle."""
+        self.left_out.append(LeftOut(_titled(node), reason))
+
+    def _drawn(self, place: Place, *, outermost: bool) -> list[Place]:
+        """Take an element that is a shape; of a group or a use return what is to be drawn next."""
+        node = place.node
+        if node.tag in _SILENT and not place.single:  # a symbol is drawn where it is used
+            return []
+        self._met.add(id(node))
+        if node.tag not in _USABLE:
+            self.leave_out(node, _REASONS.get(node.tag, "it is no shape"))
+            return []
+        style = self._style(node)
+        if style.get("display") == "none":
+            inside = self._shapes_in(node)
+            if inside:
+                several = "" if node.tag in SHAPES | {"use"} else f", with {inside} shapes in it"
+                self.leave_out(node, f"hidden by display: none{several}")
+            return []
+        place = self._entered(place, style, outermost=outermost)
+        for key, what in (("clip-path", "clipping"), ("mask", "masking")):
+            if style.get(key, "none") != "none":
+                cut = f"the {what} of '{place.name or node.tag}'"
+                self.left_out.append(LeftOut(cut, "what is cut or covered in part is taken whole"))
+        if node.tag == "use":
+            return self._used(place)
+        if node.tag in SHAPES:
+            self._take(place)
+            return []
+        children = node.children
+        if node.tag == "switch":  # the first alternative that needs nothing special
+            plain = [child for child in children if not _conditional(child)]
+            children = plain[:1]
+        return [replace(place, node=child, depth=place.depth + 1, size=(), single=False) for child in children]
+
+    def _take(self, place: Place) -> None:
+        """Take a shape that is seen."""
+        if not place.visible:
+            self.leave_out(place.node, "hidden by visibility")
+            return
+        self.places.append(place)
+
+    def _entered(self, place: Place, style: dict[str, str], *, outermost: bool) -> Place:
+        """The place with what the element itself says: transform, name, style."""
+        node = place.node
+        matrix = place.matrix.after(transform_of(style.get("transform", "")))
+        if node.tag in {"svg", "symbol"} and not outermost:
+            matrix = matrix.after(self._inner_view(place))
+        name = place.name
+        layer = place.layer
+        if node.tag in SHAPES:
+            name = _shape_name(place)
+        elif node.tag != "use" and not outermost:  # the id of the document says nothing about its shapes
+            name = own_name(node) or name
+            layer = layer or own_name(node)
+        visibility = style.get("visibility", "inherit")
+        fill = style.get("fill", "inherit")
+        return replace(
+            place,
+            matrix=matrix,
+            name=name,
+            layer=layer,
+            fill_rule=style.get("fill-rule", place.fill_rule),
+            visible=place.visible if visibility == "inherit" else visibility == "visible",
+            painted=place.painted if fill == "inherit" else fill != "none",
+        )
+
+    def _inner_view(self, place: Place) -> Affine:
+        """The map from the coordinates in a nested picture or symbol to those around it."""
+        given = place.node.attributes | dict(place.size)
+        x = length_of(given.get("x", "0"), self.view, across=True)
+        y = length_of(given.get("y", "0"), self.view, across=False)
+        corner = Affine(e=x, f=y)
+        if "viewBox" not in given:
+            return corner
+        # Without a size a nested picture is as large as the whole one.
+        width = length_of(given.get("width", "100%"), self.view, across=True)
+        height = length_of(given.get("height", "100%"), self.view, across=False)
+        return corner.after(fitted_view(given["viewBox"], width, height, given.get("preserveAspectRatio", "xMidYMid")))
+
+    def _used(self, place: Place) -> list[Place]:
+        """What a use draws, moved to where it is used.
+
+        Raises:
+            ProblemError: what it refers to is not there: a missing obstacle would be worse than a refused drawing.
+        """
+        node = place.node
+        reference = (node.attributes.get("href") or node.attributes.get(_XLINK) or "").strip()
+        if not reference:
+            raise ProblemError("it refers to nothing; give it an href")
+        if not reference.startswith("#"):
+            raise ProblemError(f"it refers to '{reference[:60]}' in another file; put that into the drawing")
+        target = self._by_id.get(reference[1:])
+        if target is None:
+            raise ProblemError(f"it refers to '{reference[:60]}', which is not in the drawing")
+        if target.tag not in _USABLE:
+            self.leave_out(node, f"it uses '{reference[:60]}', of type {target.tag}, which is no shape")
+            return []
+        if id(target) in place.chain:
+            raise ProblemError(f"it refers to '{reference[:60]}', which is drawn with itself in it")
+        x = length_of(node.attributes.get("x", "0"), self.view, across=True)
+        y = length_of(node.attributes.get("y", "0"), self.view, across=False)
+        inner = replace(
+            place,
+            node=target,
+            matrix=place.matrix.after(Affine(e=x, f=y)),
+            used=place.used or own_name(node),
+            single=True,
+            depth=place.depth + 1,
+            size=tuple((key, node.attributes[key]) for key in ("width", "height") if key in node.attributes),
+            chain=(*place.chain, id(target)),
+        )
+        return [inner]
+
+    def _style(self, node: Node) -> dict[str, str]:
+        """The properties of an element, looked up once however often it is drawn."""
+        if id(node) not in self._styles:
+            self._styles[id(node)] = self._sheet.style_of(node, self.settings)
+        return self._styles[id(node)]
+
+    def _note_unused(self, root: Node) -> None:
+        """Note definitions with shapes that are drawn nowhere."""
+        pending = [(root, False)]
+        while pending:
+            node, defined = pending.pop()
+            if id(node) in self._met and node.tag not in _GROUPS:
+                continue
+            if defined and node.tag in _USABLE | set(_REASONS) and id(node) not in self._met:
+                if self._shapes_in(node) and not self._any_met(node):
+                    self.leave_out(node, _REASONS.get(node.tag, "a definition that nothing uses"))
+                continue
+            inside = defined or node.tag == "defs"
+            pending.extend((child, inside or child.tag == "symbol") for child in reversed(node.children))
+
+    def _shapes_in(self, node: Node) -> int:
+        """How many shapes an element holds, itself included, counted once however often it is met."""
+        if id(node) not in self._counts:
+            self._counts[id(node)] = sum(inner.tag in SHAPES or inner.tag == "use" for inner in _all_in(node))
+        return self._counts[id(node)]
+
+    def _any_met(self, node: Node) -> bool:
+        return any(id(inner) in self._met for inner in _all_in(node))
+
+
+def _shape_name(place: Place) -> str:
+    """The name of a shape: that of its use, its own, that of the group that it is in, or of its kind."""
+    node = place.node
+    own = own_name(node)
+    if place.used:
+        return f"{place.used} {own}" if own and not place.single else place.used
+    return own or place.name or node.attributes.get("id") or node.tag
+
+
+def own_name(node: Node) -> str:
+    """The name that somebody gave an element: its label, title or id, but for ids that programs give; may be empty."""
+    if label := node.attributes.get(_LABEL, "").strip():
+        return label[:_LONGEST_NAME]
+    title = next((child.text.strip() for child in node.children if child.tag == "title"), "")
+    given = node.attributes.get("id", "")
+    return (title or ("" if _AUTOMATIC.fullmatch(given) else given))[:_LONGEST_NAME]
+
+
+def _titled(node: Node) -> str:
+    """An element in messages: its kind and its name or id."""
+    name = own_name(node) or node.attributes.get("id", "")[:_LONGEST_NAME]
+    return f"{node.tag} '{name}'" if name else node.tag
+
+
+def _conditional(node: Node) -> bool:
+    """Whether an alternative of a switch is drawn by some programs or in some languages alone, or is no element."""
+    asks = ("requiredExtensions", "requiredFeatures", "systemLanguage")
+    return node.tag not in _USABLE or any(key in node.attributes for key in asks)
+
+
+def _all_in(node: Node) -> list[Node]:
+    """An element and all that are in it."""
+    found = [node]
+    for inner in found:  # grows while it is read
+        found.extend(inner.children)
+    return found
+
+
+def _nodes_by_id(root: Node) -> dict[str, Node]:
+    """Elements by id; of several with the same the first."""
+    found: dict[str, Node] = {}
+    for node in _all_in(root):
+        if "id" in node.attributes:
+            found.setdefault(node.attributes["id"], node)
+    return found
+
+
+def _view_of(root: Node) -> View:
+    """The size of the picture in user units: that of its viewBox, or its width and height."""
+    try:
+        box = numbers_in(root.attributes.get("viewBox", ""))
+        if len(box) == 4:
+            return View(box[2], box[3])
+        sizes = [length_of(root.attributes.get(key, ""), View(None, None), across=None) for key in ("width", "height")]
+    except ProblemError:
+        return View(None, None)
+    return View(*sizes)

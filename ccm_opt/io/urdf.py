@@ -1,0 +1,269 @@
+"""Arms and scenes as URDF."""
+
+import struct
+from collections.abc import Iterable, Iterator
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.arm_description import (
+    FEED,
+    Revolute,
+    checked_share,
+    number,
+    numbers,
+    revolutes,
+    roll_pitch_yaw,
+    visual_radius,
+)
+from ccm_opt.io.scene_solids import Drum, Prism, SolidObstacle, SolidScene, prism_mesh
+from ccm_opt.problem import Limits
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.space_arm import SpaceArm
+
+MESHES = ".meshes"
+"""Added to the name of a URDF file for that of the folder of its meshes."""
+URDF_MESHES = f"arm.urdf{MESHES}"
+"""That folder in an output folder."""
+
+
+def add_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> None:
+    """Add a link for every obstacle, fixed to the link ``world``.
+
+    Args:
+        robot: the element ``robot``.
+        scene: the obstacles.
+        folder: of the meshes, relative to the URDF.
+    """
+    for obstacle in scene.obstacles:
+        name = f"obstacle_{obstacle.slug}"
+        link = ET.SubElement(robot, "link", name=name)
+        for purpose in ("visual", "collision"):
+            for k, solid in enumerate(obstacle.solids):
+                body = ET.SubElement(link, purpose)
+                if isinstance(solid, Drum):
+                    _add_drum(body, solid, scene.half_depth)
+                else:
+                    _add_prism(body, solid, scene.half_depth, f"{folder}/{_mesh_name(obstacle, k)}")
+        joint = ET.SubElement(robot, "joint", name=f"{name}_mount", type="fixed")
+        ET.SubElement(joint, "parent", link="world")
+        ET.SubElement(joint, "child", link=name)
+
+
+def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
+    """The mesh files of a scene, in binary STL, metres, the world frame.
+
+    Args:
+        scene: the obstacles.
+        folder: in front of their names.
+    """
+    return {f"{folder}/{name}": stl(prism, scene.half_depth) for name, prism in _meshed(scene)}
+
+
+def stl(prism: Prism, half_depth: float) -> bytes:
+    """The surface of a prism in binary STL."""
+    vertices, faces = prism_mesh(prism, half_depth)
+    return triangles_stl(vertices[faces])
+
+
+def triangles_stl(corners: FloatArray) -> bytes:
+    """Triangles, shape (m, 3, 3) [m], in binary STL."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    rows = np.zeros(len(corners), dtype=[("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
+    rows["numbers"][:, 0] = normals
+    rows["numbers"][:, 1:] = corners
+    return b"ccm_opt".ljust(80) + struct.pack("<I", len(corners)) + rows.tobytes()
+
+
+def _meshed(scene: SolidScene) -> Iterator[tuple[str, Prism]]:
+    """The prisms that are no boxes, with the names of their files."""
+    for obstacle in scene.obstacles:
+        for k, solid in enumerate(obstacle.solids):
+            if isinstance(solid, Prism) and solid.as_box() is None:
+                yield _mesh_name(obstacle, k), solid
+
+
+def _mesh_name(obstacle: SolidObstacle, k: int) -> str:
+    return f"{obstacle.slug}-{k + 1}.stl"
+
+
+def _add_drum(body: ET.Element, drum: Drum, half_depth: float) -> None:
+    x, z = drum.center
+    # Cylinders stand along their z; a quarter turn about x lays it along world y.
+    ET.SubElement(body, "origin", xyz=numbers((x, 0.0, z)), rpy=numbers((0.5 * np.pi, 0.0, 0.0)))
+    shape = ET.SubElement(body, "geometry")
+    ET.SubElement(shape, "cylinder", radius=number(drum.radius), length=number(2.0 * half_depth))
+
+
+def _add_prism(body: ET.Element, prism: Prism, half_depth: float, mesh: str) -> None:
+    box = prism.as_box()
+    if box is None:
+        ET.SubElement(ET.SubElement(body, "geometry"), "mesh", filename=mesh)
+        return
+    center, heading, length, width = box
+    ET.SubElement(body, "origin", xyz=numbers((center[0], 0.0, center[1])), rpy=numbers((0.0, -heading, 0.0)))
+    ET.SubElement(ET.SubElement(body, "geometry"), "box", size=numbers((length, 2.0 * half_depth, width)))
+
+
+UNLIMITED_EFFORT = 1e6
+"""Written where there is no limit, since URDF has no way to say so [N m] or [N]."""
+UNLIMITED_VELOCITY = 1e3
+"""Likewise [m/s]."""
+FRAME_MASS = 2e-15
+"""Of frames that move and carry nothing themselves [kg].
+
+Derived: twice the least that MuJoCo loads; Gazebo wants some, too. Torques change by less than their twelve digits.
+"""
+FRAME_INERTIA = 2e-14
+"""Likewise, about every axis [kg m²]."""
+
+
+def urdf_text(
+    arm: DrivenArm,
+    name: str,
+    limits: Limits,
+    scene: SolidScene | None = None,
+    mesh_folder: str = URDF_MESHES,
+    *,
+    bends_only: bool = False,
+) -> str:
+    """URDF of the arm, and of the obstacles around it.
+
+    The root link ``world`` is the world frame; base position and heading stand in the fixed joint ``base_mount``. All
+    joint frames are parallel at zero angles, the straight arm along the base heading. A feed axis is the prismatic
+    joint ``feed`` before all others, a payload a link of its own, and the tip a link without mass, ``tip``. Obstacles
+    are links that are fixed to the world. Of the mount, which may touch walls, there is only the look. URDF has no
+    place for rotor inertia. Frames between joints have the least mass and inertia that MuJoCo and Gazebo load.
+
+    Args:
+        arm: the arm.
+        name: of the robot.
+        limits: bounds on the revolutes; without torque limits an effort of 1e6 N m is written.
+        scene: the obstacles; None writes the arm alone.
+        mesh_folder: of the meshes of obstacles, relative to the file.
+        bends_only: whether a link has one revolute, which bends in the plane, in place of three.
+    """
+    robot = arm_urdf(arm, name, limits, bends_only=bends_only)
+    if scene is not None:
+        add_obstacles(robot, scene, mesh_folder)
+    return urdf_of(robot)
+
+
+def arm_urdf(arm: DrivenArm, name: str, limits: Limits, *, bends_only: bool = False) -> ET.Element:
+    """The element ``robot`` of an arm alone; arguments as for ``urdf_text``."""
+    robot = ET.Element("robot", name=name)
+    ET.SubElement(robot, "link", name="world")
+    parent = _add_mount(robot, arm, limits)
+    for revolute in revolutes(arm, bends_only=bends_only):
+        child = f"link{revolute.ball:02d}" if revolute.carries_link else f"{revolute.name}_frame"
+        _add_link(robot, arm, child, revolute)
+        _add_joint(robot, arm, parent, child, revolute, limits)
+        parent = child
+    if arm.payload:
+        _add_payload(robot, arm, parent)
+    ET.SubElement(robot, "link", name="tip")
+    _place(ET.SubElement(robot, "joint", name="tip_mount", type="fixed"), parent, "tip", (arm.link_length, 0.0, 0.0))
+    return robot
+
+
+def urdf_of(robot: ET.Element) -> str:
+    """The text of the file of an element ``robot``."""
+    if robot.find(".//mesh") is not None:
+        # MuJoCo 3 takes the last part of a name alone if not told so; others pass over what they do not know.
+        ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", strippath="false")
+    ET.indent(robot)
+    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_mount(robot: ET.Element, arm: DrivenArm, limits: Limits) -> str:
+    """What is between the world and the first ball; returns the link that carries it."""
+    names = (*("mount" for _ in arm.base_axes), "base")
+    ET.SubElement(robot, "link", name=names[0])
+    mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
+    _place(mount, "world", names[0], arm.base_position, _base_angles(arm))
+    for axis, carrier, carried in zip(arm.base_axes, names[:-1], names[1:], strict=True):
+        _add_inertia(ET.SubElement(robot, "link", name=carried), 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
+        slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
+        _place(slide, carrier, carried, (0.0, 0.0, 0.0))
+        ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
+        effort = UNLIMITED_EFFORT if limits.feed_force is None else limits.feed_force
+        _add_limit(slide, (axis.low, axis.high), limits.feed_velocity or UNLIMITED_VELOCITY, effort)
+    return "base"
+
+
+def _base_angles(arm: DrivenArm) -> tuple[float, float, float]:
+    """How the base is turned in the world: about its x, then the world's y, then the world's z [rad]."""
+    if not isinstance(arm, SpaceArm):
+        return 0.0, -arm.base_heading, 0.0
+    return roll_pitch_yaw(arm.base_rotation)
+
+
+def _add_payload(robot: ET.Element, arm: DrivenArm, last: str) -> None:
+    """A point mass at the tip."""
+    _add_inertia(ET.SubElement(robot, "link", name="payload"), 0.0, arm.payload, FRAME_INERTIA, FRAME_INERTIA)
+    joint = ET.SubElement(robot, "joint", name="payload_mount", type="fixed")
+    _place(joint, last, "payload", (arm.link_length, 0.0, 0.0))
+
+
+def _place(
+    joint: ET.Element, parent: str, child: str, position: Iterable[float], rotation: Iterable[float] = (0.0, 0.0, 0.0)
+) -> None:
+    ET.SubElement(joint, "origin", xyz=numbers(position), rpy=numbers(rotation))
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+
+
+def _add_limit(joint: ET.Element, span: tuple[float, float], velocity: float, effort: float) -> None:
+    low, high = span
+    bounds = {"lower": number(low), "upper": number(high)}
+    ET.SubElement(joint, "limit", bounds, velocity=number(velocity), effort=number(effort))
+
+
+def _add_link(robot: ET.Element, arm: DrivenArm, name: str, revolute: Revolute) -> None:
+    link = ET.SubElement(robot, "link", name=name)
+    if not revolute.carries_link:
+        _add_inertia(link, 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
+        return
+    k = revolute.ball - 1
+    _add_inertia(link, 0.5 * arm.link_length, arm.masses[k], arm.inertia_axial[k], arm.inertia_transverse[k])
+    _add_capsule(link, arm, "visual", 0.0)
+    begin = checked_share(arm, k) * arm.link_length
+    if begin < arm.link_length:
+        _add_capsule(link, arm, "collision", begin)
+
+
+def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, across: float) -> None:
+    """Mass and inertia of a body of revolution about x, its centre at this x."""
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=numbers((centre, 0.0, 0.0)), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=number(mass))
+    sides = {"iyy": number(across), "izz": number(across), "ixy": "0", "ixz": "0", "iyz": "0"}
+    ET.SubElement(inertial, "inertia", {"ixx": number(axial), **sides})
+
+
+def _add_capsule(link: ET.Element, arm: DrivenArm, purpose: str, begin: float) -> None:
+    """A cylinder along the link, from ``begin`` to its end, and a sphere at either end."""
+    radius = number(visual_radius(arm))
+    shape = _add_shape(link, purpose, (0.5 * (begin + arm.link_length), 0.0, 0.0))
+    ET.SubElement(shape, "cylinder", radius=radius, length=number(arm.link_length - begin))
+    for x in (begin, arm.link_length):
+        ET.SubElement(_add_shape(link, purpose, (x, 0.0, 0.0)), "sphere", radius=radius)
+
+
+def _add_shape(link: ET.Element, purpose: str, centre: tuple[float, float, float]) -> ET.Element:
+    body = ET.SubElement(link, purpose)
+    ET.SubElement(body, "origin", xyz=numbers(centre), rpy=numbers((0.0, 0.5 * np.pi, 0.0)))  # z along the link
+    return ET.SubElement(body, "geometry")
+
+
+def _add_joint(robot: ET.Element, arm: DrivenArm, parent: str, child: str, revolute: Revolute, limits: Limits) -> None:
+    joint = ET.SubElement(robot, "joint", name=revolute.name, type="revolute")
+    shift = arm.link_length if revolute.starts_ball and revolute.ball > 1 else 0.0
+    _place(joint, parent, child, (shift, 0.0, 0.0))
+    ET.SubElement(joint, "axis", xyz=numbers(revolute.axis))
+    effort = UNLIMITED_EFFORT if limits.torque is None else float(limits.torque[revolute.index])
+    _add_limit(joint, (-revolute.limit, revolute.limit), float(limits.velocity[revolute.index]), effort)
+    if revolute.friction:
+        ET.SubElement(joint, "dynamics", damping=number(revolute.friction))

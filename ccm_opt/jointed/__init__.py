@@ -1,1 +1,0 @@
-"""The jointed arm: planar kinematics, mapping from curves, ball-joint frames, inverse kinematics (section 5)."""

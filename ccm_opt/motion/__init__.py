@@ -1,1 +1,0 @@
-"""Motion of the whole arm: tip-led continuation on the links in the coordinates of the curve, certified."""

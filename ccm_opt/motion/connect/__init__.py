@@ -1,1 +1,0 @@
-"""RRT-Connect in the coordinates of the curve: what finds the plain motions that need no guide."""

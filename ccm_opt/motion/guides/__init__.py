@@ -1,1 +1,0 @@
-"""Guides of the continuation: what draws the arm on, step by step."""

@@ -1,1 +1,0 @@
-"""Trees of poses that are joined by certified motions: the fall-back when no candidate arrives."""

@@ -1,0 +1,349 @@
+"""Configurations of the arm by the curvature of a curve that lies still in space while the arm is fed along it.
+
+The curve's curvature about each of two axes is linear between its values at even knots. A joint at arc length σ turns
+by the second difference of the twice integrated curvature, (F(σ + l) − 2 F(σ) + F(σ − l)) / l: by as much as the mean
+heading changes from the link before it to the one behind it. Where the base is fed, σ is counted from the end of the
+guide tube, so that an arm that is fed with all else still follows its own shape; joints bend a little
+beyond the tube only, so that those inside it stay straight from keyframe to keyframe.
+
+Unknowns v: where the base is fixed its two turns, then the curvatures about the first and about the second axis, then
+the feed. They are scaled so that every one turns the joints by about as much.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.native import NativeCall
+from ccm_opt.robot.biarc import free_before, free_shares_of_bends
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.robot.space_arm import SpaceArm
+
+KNOTS = 11
+SETTLING = 1e-2
+"""Weight on differences of unknowns from knot to knot that settles what the joints leave open, and no more."""
+SMOOTHNESS = 2.0
+"""The same where the joints' turns that a smoother curve does not show are blended in: among bays of a wing box, blades
+and pipes motions to such an end are a twentieth shorter than with little, and roomier."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveMap:
+    """The map from unknowns v, shape (p,), to configurations q, shape (c,).
+
+    Attributes:
+        arm: the arm.
+        spacing: of the knots [m].
+        knots: their number, about each of the two axes.
+        scale: turn by the unknowns' unit, shape (p,).
+        offset: joints' turns that the curve does not show, by places from ``offset_at``, shape (m, 2) [rad].
+        offset_at: arc lengths of the same, increasing, shape (m,) [m].
+        blend: joints' turns that one more unknown blends in, of the shape of ``offset``; None without one.
+    """
+
+    arm: SpaceArm
+    spacing: float
+    knots: int
+    scale: FloatArray
+    offset: FloatArray
+    offset_at: FloatArray
+    blend: FloatArray | None = None
+
+    @classmethod
+    def through(cls, arm: SpaceArm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
+        """The map that holds a configuration exactly, and its unknowns there.
+
+        Joints slide along the curve of a fed arm, which may have more knots than there are joints; on a fixed base more
+        would say nothing.
+        """
+        if not arm.base_axes:
+            knots = max(3, min(knots, arm.links - 1))
+        spacing = arm.length / (knots - 1)
+        plain = cls(arm, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
+        shapes = plain._shapes(plain._places_at_full_feed)
+        norms = np.maximum(np.linalg.norm(shapes, axis=0), 1e-9 * np.max(np.linalg.norm(shapes, axis=0)))
+        of_base = np.ones(0 if arm.base_axes else 2)
+        of_feed = np.full(len(arm.base_axes), plain.nominal_length)
+        scale = np.concatenate((of_base, 1.0 / norms, 1.0 / norms, of_feed))
+        plain = replace(plain, scale=scale)
+        v = plain.fitted(q)
+        return _exact_at(plain, v, q), v
+
+    @property
+    def nominal_length(self) -> float:
+        """u, length of a nominal link [m]."""
+        return self.arm.length / NOMINAL_LINKS
+
+    @property
+    def dimension(self) -> int:
+        """Number p of unknowns."""
+        return len(self.scale) + (self.blend is not None)
+
+    def configuration(self, v: FloatArray) -> FloatArray:
+        """The configuration q of unknowns, shape (c,) [rad, m]."""
+        return np.asarray(self.configurations(v[None])[0])
+
+    def configurations(self, v: FloatArray) -> FloatArray:
+        """The configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
+        feeds = self._feeds(v)
+        places = self._places_at(feeds)
+        turns = self._turns(v, places, self._shapes(places))
+        return np.concatenate((turns.reshape(len(v), -1), feeds), axis=1)
+
+    def slopes(self, v: FloatArray) -> FloatArray:
+        """Derivatives of the configuration by the unknowns, shape (c, p)."""
+        _, slopes = self.configurations_and_slopes(v[None])
+        return np.asarray(slopes[0])
+
+    def configurations_and_slopes(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The configurations of several unknowns, shape (m, p), and their derivatives by these.
+
+        Returns:
+            Shapes (m, c) [rad, m] and (m, c, p).
+        """
+        m = len(v)
+        n = self.arm.links
+        k = self.knots
+        fed = bool(self.arm.base_axes)
+        feeds = self._feeds(v)
+        places = self._places_at(feeds)
+        if fed:
+            # By the feed joints slide along the curve: a central difference.
+            step = 1e-6 * self.arm.length
+            places = np.concatenate((places, places + step, places - step))
+            v = np.tile(v, (3, 1))
+        shapes = self._shapes(places)
+        turns = self._turns(v, places, shapes).reshape(len(v), 2 * n)
+        slopes = np.zeros((m, 2 * n + fed, self.dimension))
+        turned = self._base_turns
+        if turned:
+            slopes[:, [0, 1], [0, 1]] = self._bent_by_base
+        for axis in (0, 1):
+            columns = slice(turned + axis * k, turned + (axis + 1) * k)
+            slopes[:, axis : 2 * n : 2, columns] = shapes[:m] * self.scale[columns]
+        if fed:
+            column = turned + 2 * k
+            slopes[:, : 2 * n, column] = (turns[m : 2 * m] - turns[2 * m :]) / (2.0 * step) * self.scale[column]
+            slopes[:, 2 * n, column] = self.scale[column]
+        if self.blend is not None:
+            slopes[:, : 2 * n, -1] = self._interpolated(self.blend, places[:m]).reshape(m, 2 * n)
+        return np.concatenate((turns[:m], feeds), axis=1), slopes
+
+    def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
+        """Unknowns of the curve that comes nearest to a configuration.
+
+        Args:
+            q: shape (c,) [rad, m].
+            smoothness: weight on differences of the unknowns from knot to knot, beside those of turns of the joints.
+        """
+        n = self.arm.links
+        feeds = len(self.arm.base_axes)
+        v = np.zeros(self.dimension)
+        if feeds:
+            v[len(self.scale) - 1] = q[2 * n] / self.scale[-1]
+        places = self.places(float(np.sum(q[2 * n :])))
+        wanted = q[: 2 * n].reshape(n, 2) - self.offsets(places, v)
+        shapes = self._shapes(places)
+        turned = self._base_turns
+        k = self.knots
+        smooth = smoothness * np.diff(np.eye(k), axis=0)
+        for axis in range(2):
+            columns = slice(turned + axis * k, turned + (axis + 1) * k)
+            rows = shapes * self.scale[columns]
+            if turned:
+                rows = np.column_stack((np.eye(n)[:, 0], rows))
+            tie = np.column_stack((np.zeros((k - 1, rows.shape[1] - k)), smooth))
+            matrix = np.vstack((rows, tie))
+            target = np.concatenate((wanted[:, axis], np.zeros(k - 1)))
+            found = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
+            v[columns] = found[rows.shape[1] - k :]
+            if turned:
+                v[axis] = found[0]
+        return v
+
+    def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
+        """The map with one more unknown, which at 1 holds another configuration exactly too, and the unknowns of that.
+
+        Args:
+            q: shape (c,) [rad, m].
+        """
+        v = self.fitted(q, SMOOTHNESS)
+        left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
+        places = self.places(float(np.sum(q[2 * self.arm.links :])))
+        offset = self._interpolated(self.offset, places)
+        grid = np.union1d(self.offset_at, places) if self.arm.base_axes else places
+        # Gated as by its own joints: a joint of the start may lie between one that the tube holds and one that is bent.
+        known = replace(self, offset=left, offset_at=places, blend=None)
+        at_grid = known.offsets(grid, v) * (grid <= places[-1])[:, None]
+        own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
+        return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
+
+    @property
+    def _base_turns(self) -> int:
+        """Number of unknowns in front of those of the curve: the two turns of a base that is not fed."""
+        return 0 if self.arm.base_axes else 2
+
+    @property
+    def _bent_by_base(self) -> FloatArray:
+        """What the two turns of the base bend its joint, shape (2,) [rad]: nothing where it is clamped."""
+        return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
+
+    def unbent(self, v: FloatArray) -> FloatArray:
+        """Unknowns with all else as it is and a curve that is straight, shape (p,)."""
+        straight = v.copy()
+        turned = self._base_turns
+        straight[turned : turned + 2 * self.knots] = 0.0
+        return straight
+
+    @property
+    def feed_column(self) -> int:
+        """Number of the unknown that carries the base of a fed arm."""
+        return 2 * self.knots
+
+    @property
+    def curvature_rows(self) -> FloatArray:
+        """The curvature at the knots about the first and then about the second axis, shape (2 knots, p) [1/m]."""
+        turned = self._base_turns
+        count = 2 * self.knots
+        rows = np.zeros((count, self.dimension))
+        rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
+        return rows
+
+    @property
+    def change_rows(self) -> FloatArray:
+        """How a curve changes with the unknowns: curvatures at the knots, and those that are blended in, [1/m].
+
+        The latter are those of the places where they are known, each of which counts by its share of the spacing of the
+        knots, shape (2 knots + 2 m, p).
+        """
+        rows = self.curvature_rows
+        if self.blend is None:
+            return rows
+        length = self.arm.link_length
+        blended = np.zeros((self.blend.size, self.dimension))
+        blended[:, -1] = np.sqrt(length / self.spacing) * self.blend.ravel() / length
+        return np.concatenate((rows, blended))
+
+    @property
+    def curvature_differences(self) -> FloatArray:
+        """Differences of the curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
+        rows = self.curvature_rows
+        return np.concatenate((np.diff(rows[: self.knots], axis=0), np.diff(rows[self.knots :], axis=0)))
+
+    # ------------------------------------------------------------ places and shapes
+    @property
+    def _places_at_full_feed(self) -> FloatArray:
+        return self.places(sum(axis.high for axis in self.arm.base_axes))
+
+    def places(self, feed: FloatArray | float) -> FloatArray:
+        """Arc lengths of the joints, shape (links,) [m]; of several feeds, shape (m, 1), those of each in a row."""
+        arm = self.arm
+        along = arm.link_length * np.arange(arm.links)
+        return np.asarray(along + feed - arm.hole if arm.base_axes else along)
+
+    def _feeds(self, v: FloatArray) -> FloatArray:
+        """How far the base is carried, shape (m, 0) or (m, 1) [m]."""
+        last = len(self.scale)
+        first = last - len(self.arm.base_axes)
+        return np.asarray(v[:, first:last] * self.scale[first:])
+
+    def _places_at(self, feeds: FloatArray) -> FloatArray:
+        """Arc lengths of the joints at several feeds, shape (m, 0) or (m, 1) to (m, links) [m]."""
+        places = self.places(np.sum(feeds, axis=1, keepdims=True))
+        return np.asarray(np.broadcast_to(places, (len(feeds), self.arm.links)))
+
+    def _turns(self, v: FloatArray, places: FloatArray, shapes: FloatArray) -> FloatArray:
+        """Turns of the joints about both axes, shape (m, links, 2) [rad].
+
+        Args:
+            v: unknowns, shape (m, p).
+            places: of the joints, shape (m, links) [m].
+            shapes: there, shape (m, links, knots) [m].
+        """
+        k = self.knots
+        turned = self._base_turns
+        curvatures = (v[:, turned : turned + 2 * k] * self.scale[turned : turned + 2 * k]).reshape(len(v), 2, k)
+        turns = np.matmul(shapes, np.swapaxes(curvatures, 1, 2))
+        turns += self._interpolated(self.offset, places)
+        if self.blend is not None:
+            turns += v[:, -1, None, None] * self._interpolated(self.blend, places)
+        if turned:
+            turns[:, 0] += v[:, :2] * self._bent_by_base
+        return np.asarray(turns)
+
+    def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
+        """Turns of joints at places beside those of the curve, for unknowns v, shape (places, 2) [rad]."""
+        offsets = self._interpolated(self.offset, places)
+        if self.blend is not None:
+            offsets = offsets + v[-1] * self._interpolated(self.blend, places)
+        return offsets
+
+    def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
+        """Turns at places, linear between those where they are known, shape (..., 2); held joints have none."""
+        first = self._first_bent(values)
+        turns = np.zeros((*places.shape, 2))
+        if not np.isfinite(first):
+            return turns
+        for axis in (0, 1):
+            turns[..., axis] = np.interp(places, self.offset_at, values[:, axis])
+        if self.arm.base_axes:
+            # Between a joint in the guide tube and the first one outside that is bent, turns grow from where they may.
+            straight = self.straight_before
+            gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
+            turns *= gate[..., None]
+        return turns
+
+    def _first_bent(self, values: FloatArray) -> float:
+        """Arc length of the first joint that has a turn [m]; infinite where none has."""
+        bent = np.flatnonzero(np.any(values != 0.0, axis=1))
+        return float(self.offset_at[bent[0]]) if len(bent) else np.inf
+
+    @cached_property
+    def straight_before(self) -> float:
+        """Arc length beyond the end of the guide tube on which joints stay straight [m].
+
+        A start that bends a joint nearer to the tube leaves half of what there is: that joint has to be straight again
+        before the tube holds it, and a smooth path needs some way on which it is.
+        """
+        usual = free_before(self.arm)
+        first = min(self._first_bent(values) for values in (self.offset, self.blend) if values is not None)
+        return usual if first > usual else 0.5 * max(first, 0.0)
+
+    def _shapes(self, places: FloatArray) -> FloatArray:
+        """Turns of joints at places by a unit of curvature at each knot, shape (..., knots) [m]."""
+        flat = np.ascontiguousarray(places).ravel()
+        shapes = np.empty((len(flat), self.knots))
+        NativeCall(
+            "curve_shapes",
+            joints=len(flat), knots=self.knots, spacing=self.spacing, length=self.arm.link_length, places=flat,
+            shapes=shapes,
+        )()  # fmt: skip
+        if self.arm.base_axes:
+            shapes *= free_shares_of_bends(self.arm, flat)[:, None]
+        elif self.arm.clamped_joints:
+            shapes[flat < (self.arm.clamped_joints - 0.5) * self.arm.link_length] = 0.0
+        return shapes.reshape(*places.shape, self.knots)
+
+
+def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
+    """How far the base may be carried in one piece until a joint has to stop just outside the guide tube [m].
+
+    In a piece all coordinates change evenly. A joint that is inside at one end may not be bent at the other.
+    """
+    arm = curve.arm
+    straight = curve.straight_before
+    places = feed + arm.link_length * np.arange(arm.links) - arm.hole
+    if forward:
+        inside = places[places < 0.0]
+        return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf
+    outside = places[places > straight]
+    return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
+
+
+def _exact_at(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
+    """The map whose offset makes unknowns stand for a configuration exactly."""
+    n = curve.arm.links
+    left = (q - curve.configuration(v))[: 2 * n].reshape(n, 2)
+    return replace(curve, offset=left, offset_at=curve.places(float(np.sum(q[2 * n :]))))

@@ -1,0 +1,288 @@
+"""The planner of curves: configuration, motion, smooth path.
+
+The known motion is bent to where the goal is now, or, where a wall is in its way, tracked by steps that keep off the
+walls; then it is optimised like any other. There is no search, so this takes as long as an optimisation.
+
+Free space and routes (section 4.1 of the paper), a goal configuration of the continuous curve by the NLP, tip paths,
+the certified motion on the links, and a smooth path through joint space.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.progress import Stages
+from ccm_opt.errors import Diagnosis, MotionNotFound
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.continuation import Stalled, settle
+from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
+from ccm_opt.planning.ending import optimised_to_end_pose
+from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
+from ccm_opt.planning.goal_members import EndPoses
+from ccm_opt.planning.limits.limit import Limit
+from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import CachedItems, JointSlowness, Motion, MotionTask
+from ccm_opt.planning.neighbourhood import neighbourhood
+from ccm_opt.planning.optimisation.optimise import path_parameters
+from ccm_opt.planning.passage_widths import nominal_links_asked
+from ccm_opt.planning.planner_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planning.pose import nearest_curves
+from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.search_run import pose_headings
+from ccm_opt.planning.smooth_path import smooth_path
+from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
+from ccm_opt.problem import Problem
+from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.contact_finder import CertificateSettings
+from ccm_opt.solution import JointPath
+
+
+def resumed(known: Motion, task: MotionTask) -> Motion | None:
+    """A certified, optimised motion near a known one.
+
+    Args:
+        known: a motion to another goal or among other walls.
+        task: the arm, the room, the goal and the limits as they are now.
+
+    Returns:
+        None where the known motion leads to none, or begins elsewhere; that says nothing of the task.
+    """
+    same_start = known.headings.shape[1] == len(task.start) and np.allclose(
+        known.headings[0], task.start, rtol=0.0, atol=task.settings.certificate.rounding
+    )
+    if not same_start:
+        return None
+    if task.goal_headings is not None or any(limit.moves_keyframes for limit in task.user_limits):
+        return None
+    stepper = _stepper(known, task)
+    moved = _bent(known, stepper, task) or _tracked(known, stepper, task)
+    return None if moved is None else optimised_to_end_pose(moved, task)
+
+
+def _stepper(known: Motion, task: MotionTask) -> Stepper:
+    """Steps in the space through the start that holds the end of the known motion too."""
+    space, _ = LinkSpace.through(task.arm, task.start, nominal_links_asked(task), clamped=task.clamped)
+    space, _ = space.blended_to(known.headings[-1])
+    margin = task.settings.search.margins[0] * space.nominal_length
+    finder = task.planning_finder(margin, space.nominal_length)
+    return Stepper(space, finder, task.limits(finder), task.settings)
+
+
+def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
+    """The known motion with the way of its end onto the goal added, more and more towards the end."""
+    space = stepper.space
+    coordinates = _coordinates(space, known, task.start)
+    try:
+        settled = settle(stepper, task.limited_goal, stepper.pose(coordinates[-1]), task.deadline)
+    except Stalled:
+        return None
+    change = settled[-1].v - coordinates[-1]
+    u = path_parameters(known)
+    for beginning in task.settings.optimisation.bending_from:
+        share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
+        moved = _certified(space, coordinates + (share**2 * (3.0 - 2.0 * share))[:, None] * change, known, task)
+        if moved is not None:
+            return moved
+    # Where bending it would meet a wall, the motion goes on from its end.
+    return _certified(space, np.vstack((coordinates, [pose.v for pose in settled[1:]])), known, task)
+
+
+def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
+    """The known motion tracked by steps that keep off the walls as they are now, then settled on the goal."""
+    start = stepper.pose(_coordinates(stepper.space, known, task.start)[0])
+    reference = ReferenceMotion.from_headings(known.headings)
+    try:
+        way = follow_reference(stepper, reference, task.limited_goal, start, task.deadline)
+    except Stalled:
+        return None
+    headings = pose_headings(way.poses)
+    if len(task.certificate.failures(headings)) or not task.within_joint_limits(headings):
+        return None
+    return Motion(stepper.space, np.array([pose.v for pose in way.poses]), headings, known.candidate)
+
+
+def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArray:
+    """Coordinates nearest to the keyframes of the known motion, shape (K, p); those of the start are exact."""
+    wanted = known.headings - space.offset
+    coordinates = np.array(np.linalg.lstsq(space.matrix, wanted.T, rcond=None)[0].T, dtype=np.float64)
+    exact = LinkSpace.through(space.arm, start, space.nominal_links, clamped=space.clamped)[1]
+    coordinates[0] = np.append(exact, 0.0)
+    return coordinates
+
+
+def _certified(space: LinkSpace, coordinates: FloatArray, known: Motion, task: MotionTask) -> Motion | None:
+    """The motion through keyframes, shape (K, p); None where it is not certified."""
+    headings = space.headings(coordinates)
+    if len(task.certificate.failures(headings)) or not task.within_joint_limits(headings):
+        return None
+    return replace(known, space=space, coordinates=coordinates, headings=headings, u=None, end_pose=None)
+
+
+@dataclass(frozen=True)
+class CurvePlanner:
+    """Plans by the continuous curve; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        stages: names and times the stages.
+        terms: the user's constraints and costs, or None.
+        refuse: raises where it is proved that no way leads to the goal; asked where no route is found, and for goals of
+            the whole arm that are not reached at once.
+        settings: numbers of every stage.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+    terms: UserTerms | None = None
+    refuse: Callable[[Problem], None] = field(default=lambda _: None)
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+
+    @property
+    def user_limits(self) -> tuple[Limit, ...]:
+        """The user's constraints and costs as limits of the motion; usually none."""
+        return () if self.terms is None else (UserLimit(self.terms, self.settings.motion.user_limits),)
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified motion.
+
+        Raises:
+            NoPlanFound: with the reason and what would help.
+        """
+        return self.planned(problem)[0]
+
+    def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
+        """Plan a certified motion, and keep it as the search knows it.
+
+        Args:
+            problem: what is asked.
+            known: a motion for a problem that differs a little, from which to go on; sought from nothing when None, or
+                when nothing comes of it.
+
+        Returns:
+            The path and the motion that it follows.
+
+        Raises:
+            NoPlanFound: with the reason and what would help.
+        """
+        deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
+        with self.stages("mapping"):
+            ends = resolve_ends(problem, self.settings.motion.ends)
+            for limit in self.user_limits:
+                limit.refuse_ends(ends.start, ends.goal_headings)
+            near = neighbourhood(problem, ends, self.settings)
+
+        # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
+        end_poses = EndPoses(near, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
+        if known is not None:
+            with self.stages("motion"):
+                task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)
+                motion = resumed(known, task)
+                if motion is not None:
+                    path = joint_path(problem, task, motion)
+                    return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
+        task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
+        with self.stages("motion"):
+            motion = find_motion(task)
+            path = joint_path(problem, task, motion)
+        return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
+
+    def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
+        """What the search for a motion between ends that are already resolved is asked.
+
+        Args:
+            problem: perhaps with the walls of the neighbourhood alone.
+            ends: of the motion.
+            deadline: when to stop.
+            asked: the problem with all walls as they are, for proofs; the same when None.
+
+        Raises:
+            NoPlanFound: there is no route, and a proof that there can be none.
+        """
+        settings = self.settings
+        with self.stages("free space"):
+            room = route_room(problem, ends, settings)
+            routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
+            tip_paths = tip_paths_along(problem, ends, routes, room, settings)
+            if not tip_paths:
+                self.refuse(problem if asked is None else asked)
+        # Without a goal for the whole arm all that there is to prove has been tried by now.
+        refuse = partial(self.refuse, asked or problem) if ends.goal_headings is not None else _nothing_proved
+        guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
+        further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))
+        return replace(
+            self.task_without_routes(problem, ends, deadline),
+            guesses=guesses,
+            tip_paths=tip_paths,
+            further_guesses=further,
+            refuse=refuse,
+        )
+
+    def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
+        """The same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
+        settings = self.settings
+        return MotionTask(
+            clamped_arm(problem.arm) if ends.clamped else problem.arm,
+            problem.workspace,
+            ends.start,
+            ends.goal,
+            ends.goal_headings,
+            (),
+            (),
+            deadline,
+            clamped=ends.clamped,
+            optimiser=problem.planner.optimiser,
+            seed=problem.planner.seed,
+            weights=problem.planner.weights,
+            slowness=slowness(problem),
+            user_limits=self.user_limits,
+            wanted_gap=problem.wanted_gap,
+            settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
+        )
+
+    def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
+        """Configurations, each made in the stage of that name when it is asked for."""
+        while True:
+            with self.stages("configuration"):
+                found = next(configurations, None)
+            if found is None:
+                return
+            yield found
+
+
+def _nothing_proved() -> None:
+    """Refuses nothing."""
+
+
+def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
+    """Of a certificate that keeps to the contact tolerance of a problem."""
+    return replace(settings, contact=settings.contact_share * problem.contact_tolerance)
+
+
+def slowness(problem: Problem) -> JointSlowness:
+    """What the joints can do by their limits; planar motion turns the second revolute of every ball."""
+    return JointSlowness.from_limits(problem.limits.velocity[1::3], problem.limits.acceleration[1::3])
+
+
+def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
+    """The smooth, certified path through joint space along a motion.
+
+    Raises:
+        MotionNotFound: when no smooth path near the motion can be certified.
+    """
+    path = smooth_path(motion, task)
+    if path is None:
+        reason = "the motion leaves no room for a smooth path"
+        names = ", ".join(f"'{name}'" for limit in task.user_limits for name in limit.names)
+        if names:
+            reason = f"{reason} that keeps the joint limits and the constraints {names}"
+        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm, problem.workspace)))
+    control = problem.arm.bends(path.spline.c)
+    curves = nearest_curves(problem.arm, motion.headings)
+    keyframes = problem.arm.bends(motion.headings)
+    spline = BSpline(path.spline.t, control, path.spline.k)
+    return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)

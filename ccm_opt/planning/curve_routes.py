@@ -1,0 +1,298 @@
+"""Curves along routes, from first guesses."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import path_length, unit_vector
+from ccm_opt.errors import ConfigurationNotFound, ProblemError, UnreachableGoal
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import find_configuration
+from ccm_opt.planning.ends import Ends
+from ccm_opt.planning.goal_members import GoalMember, goal_members
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.neighbourhood import route_workspace
+from ccm_opt.planning.planner_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, turning_by, turning_least
+from ccm_opt.problem import Problem
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.corridor import Corridor, Route
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
+from ccm_opt.scene.narrow_gates import GateRuns
+
+
+def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> FreeSpace:
+    """Free space for routes, walls that no pose at the goal comes near to left out.
+
+    Walls are inflated by a little more than the arm needs, but by no more than the goal has. Where that closes every
+    way from the base to the goal, or from where the arm lies, by hardly more than the arm needs; where that does too,
+    their corners are drawn finely.
+    """
+    least = problem.arm.radius + problem.workspace.clearance
+    inflation = settings.route_inflation * problem.arm.length
+    kept = settings.least_margin * inflation
+    wide = least + inflation
+    workspace = route_workspace(problem, ends, settings)
+    if not ends.goal.is_set:
+        goal = shapely.Point(ends.goal.position)
+        _, room = workspace.nearest(goal)
+        wide = least + float(np.clip(room - least - kept, kept, inflation))
+    free = FreeSpace(workspace, wide)
+    if _connected(problem, ends, free, settings):
+        return free
+    narrow = FreeSpace(workspace, least + kept)
+    if _connected(problem, ends, narrow, settings):
+        return narrow
+    return FreeSpace(workspace, least + kept, settings=FINE_FREE_SPACE)
+
+
+def _connected(problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings) -> bool:
+    """Whether the free places nearest to the base, the tip as it is, and a member of the goal are in one piece."""
+    pieces = shapely.get_parts(room.polygons)
+    places = [problem.arm.base, problem.arm.joint_positions(ends.start)[-1]]
+    if ends.goal.is_set:
+        if len(pieces) == 0 or not goal_members(problem.arm, ends.goal, room, settings.members):
+            return False
+    else:
+        places.append(ends.goal.position)
+    if len(pieces) < 2:
+        return len(pieces) == 1
+    nearest = {int(np.argmin(shapely.distance(pieces, shapely.Point(place)))) for place in places}
+    return len(nearest) == 1
+
+
+def find_routes(
+    problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+) -> tuple[Route, ...]:
+    """Routes from the base to the start of the run onto the goal, shortest first; of a set, onto several members.
+
+    Args:
+        problem: what is asked.
+        ends: of the motion.
+        room: free space.
+        settings: numbers.
+
+    Returns:
+        None when the arm is long enough for none of those that were looked for; that proves nothing.
+    """
+    members = goal_members(problem.arm, ends.goal, room, settings.members)
+    count = problem.planner.routes
+    found = [routes_to(problem, member, room, count, settings) for member in members]
+    # The shortest route to every member before the second to any.
+    ranked = sorted(((rank, route.length, route) for routes in found for rank, route in enumerate(routes)), key=_order)
+    chosen = [route for _, _, route in ranked[: count + len(members) - 1]]
+    if chosen:
+        return tuple(sorted(chosen, key=lambda route: route.length))
+    direct = [route for member in members for route in _direct(problem, member, room)]
+    fitting = [route for route in direct if route.length <= (1.0 + settings.rounding) * problem.arm.length]
+    return (min(fitting, key=lambda route: route.length),) if fitting else ()
+
+
+def _order(ranked: tuple[int, float, Route]) -> tuple[int, float]:
+    rank, length, _ = ranked
+    return rank, length
+
+
+def routes_to(
+    problem: Problem, member: GoalMember, room: FreeSpace, count: int, settings: CurvePlannerSettings
+) -> list[Route]:
+    """Routes onto one member of the goal that are not too long, shortest first."""
+    arm = problem.arm
+    entry = run_in(room, member, arm.length / NOMINAL_LINKS, settings)
+    longest = settings.longest_route * arm.length - float(np.hypot(*(member.position - entry)))
+    shrink = settings.corner_distance * arm.length
+    routes = room.routes(arm.base, entry, count, longest=longest, shrink=shrink)
+    return [_led_on(room, route, member) for route in routes]
+
+
+def _direct(problem: Problem, member: GoalMember, room: FreeSpace) -> list[Route]:
+    """The shortest route to a member of the goal, whatever its heading."""
+    shortest = room.routes(problem.arm.base, member.position, 1, shrink=0.0)
+    return [replace(route, heading=member.heading) for route in shortest]
+
+
+def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
+    """A route led straight on to a member of the goal."""
+    path = np.vstack((route.taut, member.position))
+    return Route(room.sleeve_of(path), path, path_length(path), member.heading)
+
+
+def run_in(
+    room: FreeSpace, member: GoalMember, nominal_length: float, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+) -> FloatArray:
+    """Where the straight run onto a member of the goal along its heading begins, shape (2,) [m].
+
+    Args:
+        room: free space.
+        member: where the run ends.
+        nominal_length: of a nominal link [m].
+        settings: numbers.
+    """
+    if member.heading is None:
+        return member.position
+    direction = unit_vector(member.heading)
+    for links in settings.run_in:
+        entry = member.position - links * nominal_length * direction
+        if room.contains(np.linspace(entry, member.position, settings.run_in_samples)).all():
+            return entry
+    return member.position
+
+
+def tip_paths_along(
+    problem: Problem,
+    ends: Ends,
+    routes: tuple[Route, ...],
+    room: FreeSpace,
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> tuple[TipPath, ...]:
+    """Classes of tip motions: along every route, or along the goal pose itself when that is given.
+
+    None where free space, which gives a little away at corners, is closed to the tip; that proves nothing.
+
+    Args:
+        problem: what is asked.
+        ends: of the motion.
+        routes: from the base to the goal.
+        room: free space that the routes were found in; the tip's is drawn alike.
+        settings: numbers.
+    """
+    arm = problem.arm
+    points = arm.joint_positions(ends.start)
+    if ends.goal_headings is not None:
+        ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
+    else:
+        ways = tuple(route.taut for route in routes)
+    link = max(arm.link_length, arm.length / NOMINAL_LINKS)
+    gate_runs = GateRuns(settings.gate_width * arm.length, settings.gate_run * link, arm.base, 1.1 * room.inflation)
+    drawn = FreeSpace(problem.workspace, room.inflation, settings=room.settings, gate_runs=gate_runs)
+    try:
+        paths = find_tip_paths(drawn, points, ways, settings.corner_distance * arm.length)
+    except UnreachableGoal:
+        return ()
+    if ends.goal_headings is None:
+        return turning_least(paths, float(arm.bends(ends.start)[0]), arm.base_limit)
+    return turning_by(paths, float(ends.goal_headings[0] - ends.start[0]))
+
+
+def find_guesses(
+    problem: Problem,
+    ends: Ends,
+    room: FreeSpace,
+    routes: tuple[Route, ...],
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> Iterator[FloatArray]:
+    """Link headings of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
+    if ends.goal_headings is not None:
+        yield ends.goal_headings
+        return
+    tries = [(route, settings.attempts, settings.curvature_share) for route in routes[: settings.configurations]]
+    tries += [(route, 1, settings.full_curvature_share) for route in routes[:1]]
+    for route, attempts, share in tries:
+        guess = guess_along(problem, ends, room, route, attempts, share, settings)
+        if guess is not None:
+            yield guess
+            return
+
+
+def further_guesses(
+    problem: Problem,
+    ends: Ends,
+    room: FreeSpace,
+    routes: tuple[Route, ...],
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> Iterator[FloatArray]:
+    """Link headings of goal poses along every route, with more patience."""
+    for route in routes:
+        guess = guess_along(problem, ends, room, route, settings.further_attempts, settings.curvature_share, settings)
+        if guess is not None:
+            yield guess
+
+
+def guess_along(
+    problem: Problem,
+    ends: Ends,
+    room: FreeSpace,
+    route: Route,
+    attempts: int,
+    share: float,
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> FloatArray | None:
+    """Link headings of a configuration at the goal along a route; None when the NLP finds none that links can follow.
+
+    That is no failure: the motion search can lead the tip to the goal by itself.
+    """
+    try:
+        task = configuration_task(problem, ends, room, route, share, settings)
+        configuration = find_configuration(task, attempts)
+        return map_curve(problem.arm, configuration, problem.planner.mapping)
+    except (ConfigurationNotFound, ProblemError):
+        return None
+
+
+def configuration_task(
+    problem: Problem,
+    ends: Ends,
+    room: FreeSpace,
+    route: Route,
+    share: float | None = None,
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> ConfigurationTask:
+    """What the configuration NLP is asked along one route.
+
+    Args:
+        problem: arm, goal and weights.
+        ends: of the motion.
+        room: free space.
+        route: from the base to the goal.
+        share: of the tightest bend that the curve may use; that of the settings when None.
+        settings: numbers.
+    """
+    arm = problem.arm
+    # Of a goal that is a set, the configuration takes the member that the route leads to.
+    taut = room.path_of_sleeve(route.sleeve, arm.base, route.taut[-1])
+    corridor = room.corridor(Route(route.sleeve, taut, path_length(taut)))
+    weights = problem.planner.weights
+    return ConfigurationTask(
+        base=arm.base,
+        base_heading_range=base_heading_range(problem, ends),
+        length=arm.length,
+        curvature_limit=(settings.curvature_share if share is None else share) * arm.joint_limit / arm.link_length,
+        goal=route.taut[-1],
+        goal_heading=route.heading,
+        corridor=corridor,
+        mount_length=arm.mount_length,
+        bending_weight=weights.bending,
+        clearance_weight=weights.clearance,
+        side_gaps=side_gaps(room, corridor) if weights.clearance > 0.0 else (),
+        settings=settings.configuration,
+    )
+
+
+def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
+    """How far behind every side of every region the inflated walls begin [m], for sides may lie in the open.
+
+    Measured where the side is nearest to the route.
+    """
+    walls = room.workspace.walls
+    cores = np.array([wall.core for wall in walls])
+    rounding = np.array([wall.rounding for wall in walls])
+    route = shapely.LineString(corridor.route.taut)
+    gaps = []
+    for region in corridor.regions:
+        sides = shapely.linestrings(np.stack((region.vertices, np.roll(region.vertices, -1, axis=0)), axis=1))
+        nearest = shapely.get_point(shapely.shortest_line(sides, route), 0)
+        least = (shapely.distance(np.asarray(nearest)[:, None], cores) - rounding).min(axis=1)
+        gaps.append(np.maximum(least - room.inflation, 0.0))
+    return tuple(gaps)
+
+
+def base_heading_range(problem: Problem, ends: Ends) -> tuple[float, float]:
+    """Least and greatest heading of the curve at the base [rad]."""
+    arm = problem.arm
+    if ends.clamped:
+        return float(ends.start[0]), float(ends.start[0])
+    return arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit

@@ -1,0 +1,295 @@
+"""Poses drawn at the goal and elsewhere, and the tree that they grow."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import wrap
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.settings import ConnectSettings, GoalDrawSettings
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.robot.arm import Arm
+
+
+@dataclass
+class HeadingTree:
+    """Poses that are reached from a root by straight motions; several roots are allowed.
+
+    Attributes:
+        headings: of all nodes, with room to spare, shape (capacity, links) [rad].
+        parents: number of each node's parent, -1 for a root, shape (capacity,).
+        count: number of nodes.
+    """
+
+    headings: FloatArray
+    parents: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    count: int = 0
+
+    @classmethod
+    def empty(cls, links: int) -> "HeadingTree":
+        """A tree without nodes."""
+        return cls(np.zeros((0, links)))
+
+    def __len__(self) -> int:
+        return self.count
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Link headings of the nodes, shape (nodes, links) [rad]."""
+        return self.headings[: self.count]
+
+    def add(self, headings: FloatArray, parents: IntArray) -> IntArray:
+        """Add nodes; their numbers.
+
+        Args:
+            headings: shape (m, links) [rad].
+            parents: number of each one's parent or -1, shape (m,).
+        """
+        numbers = np.arange(self.count, self.count + len(headings))
+        if self.count + len(headings) > len(self.headings):
+            self._grow(len(headings))
+        self.headings[numbers] = headings
+        self.parents[numbers] = parents
+        self.count += len(headings)
+        return numbers
+
+    def nearest(self, targets: FloatArray) -> IntArray:
+        """Number of the node nearest to each target by the squared turns of the links, (m, links) to (m,)."""
+        # |a − b|² without the part that is the same for all nodes.
+        nodes = self.nodes
+        squares = np.einsum("kn,kn->k", nodes, nodes)
+        return np.asarray(np.argmin(squares - 2.0 * (targets @ nodes.T), axis=1))
+
+    def way_to(self, node: int) -> list[int]:
+        """Numbers of the nodes from the root to a node."""
+        way = []
+        while node >= 0:
+            way.append(node)
+            node = int(self.parents[node])
+        return way[::-1]
+
+    def cut(self, node: int) -> None:
+        """Take out a node and all that hang on it; the others are numbered anew."""
+        gone = np.zeros(self.count + 1, dtype=bool)
+        gone[node] = True
+        # A parent stands before its children; the last place stands for the parent of roots, number -1.
+        for k in range(node + 1, self.count):
+            gone[k] = gone[self.parents[k]]
+        kept = np.flatnonzero(~gone[:-1])
+        number = np.full(self.count + 1, -1)
+        number[kept] = np.arange(len(kept))
+        self.headings[: len(kept)] = self.headings[kept]
+        self.parents[: len(kept)] = number[self.parents[kept]]
+        self.count = len(kept)
+
+    def _grow(self, least: int) -> None:
+        """Room for twice as many nodes, so that adding some seldom copies all."""
+        capacity = max(256, 2 * (self.count + least))
+        headings = np.zeros((capacity, self.headings.shape[1]))
+        parents = np.full(capacity, -1, dtype=np.intp)
+        headings[: self.count] = self.nodes
+        parents[: self.count] = self.parents[: self.count]
+        self.headings = headings
+        self.parents = parents
+
+
+_RANK = 1e-6
+"""Singular values below this share of the largest count as none."""
+
+
+@dataclass(frozen=True)
+class TargetDraws:
+    """Draws targets in the link space of a motion.
+
+    Attributes:
+        arm: the arm.
+        projector: takes changes of link headings to those that the coordinates can make, shape (links, links).
+        offsets: link headings of the space where all coordinates but the blended one are 0, at the start and at a goal
+            of the whole arm, each of shape (links,) [rad].
+        limits: bounds of the bends that are drawn, shape (links,) [rad].
+        base: least and greatest bend of the first joint that is drawn [rad].
+        settings: numbers.
+    """
+
+    arm: Arm
+    projector: FloatArray
+    offsets: tuple[FloatArray, FloatArray]
+    limits: FloatArray
+    base: tuple[float, float]
+    settings: ConnectSettings
+
+    @property
+    def longest(self) -> float:
+        """Longest extension, the mean turn of the links [rad]."""
+        few = self.arm.links <= self.settings.few_links
+        return self.settings.range if few else self.settings.smooth_range
+
+    @classmethod
+    def within(
+        cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float, settings: ConnectSettings
+    ) -> "TargetDraws":
+        """Draws between known ends.
+
+        Args:
+            space: the link space, perhaps with a coordinate that blends a goal in.
+            ends: link headings of the start and, of a goal for the whole arm, of the goal, each of shape (links,).
+            curve_columns: coordinates of the curve alone.
+            share: of the joint limits that is used; a bend that an end has is allowed in any case.
+            settings: numbers.
+        """
+        arm = space.arm
+        curve = space.matrix[:, :curve_columns]
+        projector = curve @ np.linalg.pinv(curve, rcond=_RANK)
+        blended = space.offset + space.matrix[:, curve_columns:].sum(axis=1)
+
+        bends = np.array([arm.bends(end) for end in ends])
+        limits = np.maximum(share * arm.bend_limits, np.abs(bends).max(axis=0))
+        # A base that turns further winds the arm round itself.
+        low = max(-limits[0], float(bends[:, 0].min()) - settings.winding)
+        high = min(limits[0], float(bends[:, 0].max()) + settings.winding)
+        return cls(arm, projector, (space.offset, blended), limits, (low, high), settings)
+
+    def draw(self, rng: np.random.Generator, count: int, tree: HeadingTree, other: HeadingTree) -> FloatArray:
+        """Link headings of targets for the extension of a tree, shape (count, links) [rad]; the other attracts."""
+        settings = self.settings
+        targets = self.shapes(rng, count)
+        kind = rng.random(count)
+        bumped = np.flatnonzero(kind < settings.bumped)
+        targets[bumped] = self._bumped(rng, tree.nodes[rng.integers(len(tree), size=len(bumped))])
+        if len(other):
+            attracted = np.flatnonzero(kind > 1.0 - settings.attracted)
+            targets[attracted] = other.nodes[rng.integers(len(other), size=len(attracted))]
+        return targets
+
+    def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far straight motions stay within the limits of the bends, as shares of the whole, shape (m,)."""
+        bends = self.arm.bends(start)
+        change = self.arm.bends(end) - bends
+        bound = np.where(change > 0.0, self.limits, -self.limits)
+        moving = np.abs(change) > 0.0
+        share = np.where(moving, (bound - bends) / np.where(moving, change, 1.0), 1.0)
+        within: FloatArray = np.clip(share.min(axis=1), 0.0, 1.0)
+        return within
+
+    def shapes(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Link headings of random shapes, shape (count, links) [rad]."""
+        arm = self.arm
+        settings = self.settings
+        if arm.links <= settings.few_links:
+            bends = rng.uniform(-self.limits, self.limits, (count, arm.links))
+        else:
+            # Independent bends of many links would crumple the arm; smooth ones stretch through the room.
+            most = np.minimum(self.limits, settings.turning / arm.links)
+            knots = rng.uniform(-1.0, 1.0, (count, settings.knots))
+            at = np.linspace(0.0, settings.knots - 1.0, arm.links)
+            left = np.minimum(at.astype(np.intp), settings.knots - 2)
+            bends = most * (knots[:, left] + (at - left) * (knots[:, left + 1] - knots[:, left]))
+        bends[:, 0] = rng.uniform(*self.base, count)
+        return self._in_space(rng, arm.headings(bends))
+
+    def _bumped(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
+        """Poses with the bend of one joint changed, or of many links a stretch of the arm turned aside."""
+        arm = self.arm
+        count = len(headings)
+        turn = rng.normal(0.0, self.settings.bump, (count, 1))
+        at = rng.uniform(0.0, 1.0, (count, 1))
+        along = (np.arange(arm.links) + 0.5) / arm.links
+        if arm.links <= self.settings.few_links:
+            return self._clipped(headings + turn * (along >= at))
+        width = rng.uniform(*self.settings.bump_widths, (count, 1))
+        bumped = headings + turn * np.exp(-(((along - at) / width) ** 2))
+        return self._in_space(rng, bumped)
+
+    def _clipped(self, headings: FloatArray) -> FloatArray:
+        bends = np.clip(self.arm.bends(headings), -self.limits, self.limits)
+        return self.arm.headings(bends)
+
+    def _in_space(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
+        """The poses of the space nearest to given ones, with a random share of the goal's offset blended in."""
+        share = rng.random((len(headings), 1))
+        offset = self.offsets[0] + share * (self.offsets[1] - self.offsets[0])
+        return offset + (headings - offset) @ self.projector.T
+
+
+_RIDGE = 1e-9
+"""Added to the diagonal of Newton's equations in squared arm lengths: at full stretch they have no solution."""
+
+_INSIDE = 0.99
+"""Share of the goal's room from which members are drawn: Newton's rounding takes none out of it."""
+
+
+@dataclass(frozen=True)
+class GoalDraws:
+    """Draws poses at a goal for the tip.
+
+    Attributes:
+        draws: random poses of the link space.
+        goal: where the tip has to be.
+        check: the cheap one.
+        settings: numbers.
+    """
+
+    draws: TargetDraws
+    goal: GoalPose
+    check: SampledCheck
+    settings: GoalDrawSettings
+
+    def poses(self, rng: np.random.Generator) -> Iterator[FloatArray]:
+        """Link headings of poses at the goal that nothing refutes, none twice, shape (m, links) [rad] at a time."""
+        known = np.zeros((0, self.draws.arm.links))
+        while True:
+            drawn = self._brought(self.draws.shapes(rng, self.settings.draws), self._members(rng, self.settings.draws))
+            drawn = drawn[~self.check.refuted(drawn)]
+            new = []
+            for pose in drawn:
+                apart = np.sqrt(np.mean((known - pose) ** 2, axis=1))
+                if apart.min(initial=np.inf) > self.settings.apart:
+                    new.append(pose)
+                    known = np.vstack((known, pose))
+            yield np.array(new).reshape(-1, self.draws.arm.links)
+
+    def _members(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Places and headings of the tip that meet the goal, shape (count, 3) [m, rad]; evenly spread where many do."""
+        distance, turn = self.goal.room
+        away = rng.uniform(0.0, 2.0 * np.pi, count)
+        radius = _INSIDE * distance * np.sqrt(rng.random(count))
+        places = self.goal.position + radius[:, None] * np.column_stack((np.cos(away), np.sin(away)))
+        middle = 0.0 if self.goal.heading is None else self.goal.heading
+        return np.column_stack((places, middle + _INSIDE * rng.uniform(-turn, turn, count)))
+
+    def _brought(self, headings: FloatArray, members: FloatArray) -> FloatArray:
+        """Those poses that Newton's method of least turns brings onto members of the goal, within the limits."""
+        arm = self.draws.arm
+        projector = self.draws.projector
+        for _ in range(self.settings.steps):
+            rows, error = self._equations(headings, members)
+            spread = projector @ rows.transpose(0, 2, 1)
+            square = rows @ spread + _RIDGE * np.eye(rows.shape[1])
+            change = (spread @ np.linalg.solve(square, error[..., None]))[..., 0]
+            most = np.abs(change).max(axis=1, keepdims=True)
+            headings = headings + change * np.minimum(1.0, self.settings.turn / np.maximum(most, self.settings.turn))
+        _, error = self._equations(headings, members)
+        arrived = np.abs(error).max(axis=1) < self.settings.arrived
+        within = np.all(np.abs(arm.bends(headings)) <= self.draws.limits, axis=1)
+        brought: FloatArray = headings[arrived & within]
+        return brought
+
+    def _equations(self, headings: FloatArray, members: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the tip by the link headings, in arm lengths and radians, and what is missed.
+
+        Returns:
+            Shapes (m, 2 or 3, links) and (m, 2 or 3).
+        """
+        arm = self.draws.arm
+        tip = arm.joint_positions(headings)[:, -1]
+        error = (members[:, :2] - tip) / arm.length
+        rows = np.stack((-np.sin(headings), np.cos(headings)), axis=1) / arm.links
+        if self.goal.heading is None:
+            return rows, error
+        last = np.zeros((len(headings), 1, arm.links))
+        last[:, 0, -1] = 1.0
+        turn = wrap(members[:, 2] - headings[:, -1])
+        return np.concatenate((rows, last), axis=1), np.column_stack((error, turn))

@@ -1,0 +1,176 @@
+"""The ends of a motion: resolved to link headings, and refused when they touch something or break a joint limit."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import short_length
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.planning.settings import DEFAULT_ENDS, EndSettings
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
+from ccm_opt.scene.contact_finder import WALL, ContactFinder
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Both ends of a motion.
+
+    Attributes:
+        start: link headings, shape (links,) [rad].
+        goal: where the tip has to be.
+        goal_headings: link headings of a whole-arm goal, shape (links,) [rad], or None.
+        clamped: whether the base stands flush on a wall, so that its joint cannot turn.
+    """
+
+    start: FloatArray
+    goal: GoalPose
+    goal_headings: FloatArray | None
+    clamped: bool = False
+
+
+def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends:
+    """Start and goal of a problem on the links.
+
+    Args:
+        problem: whose ends they are.
+        settings: numbers.
+
+    Raises:
+        UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
+    """
+    start = _headings(problem, problem.start)
+    clamped = stands_flush(problem, start, settings)
+    arm = clamped_arm(problem.arm) if clamped else problem.arm
+    refuse_bad_pose(arm, problem.workspace, start, "start", settings.reach)
+    if isinstance(problem.goal, TipGoal):
+        refuse_blocked_tip(problem, problem.goal)
+        return Ends(start, tip_goal(problem, problem.goal, settings), None, clamped)
+    headings = _within_limits(problem, _headings(problem, problem.goal), settings)
+    # A base that is clamped at the start is so at the goal only if it has not turned.
+    at_goal = arm if headings[0] == start[0] else problem.arm
+    refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
+    tip = arm.joint_positions(headings)[-1]
+    return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
+
+
+def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> GoalPose:
+    """A goal for the tip as planning takes it: a place and a heading to be met exactly, or a set with room in it.
+
+    A tolerance as small as a precision leaves the goal a point, which is met exactly where that can be; a wider one
+    makes it a set, of which any member will do.
+    """
+    allowed = problem.tolerances
+    # Whoever may turn by half a turn either way may point anywhere.
+    heading = None if allowed.heading >= np.pi else goal.heading
+    wide = allowed.position > settings.precise_place * problem.arm.length
+    turning = heading is not None and allowed.heading > settings.precise_turn
+    room = (settings.room_used * allowed.position * wide, settings.room_used * allowed.heading * turning)
+    spare = (settings.tolerance_share * allowed.position, settings.tolerance_share * allowed.heading)
+    position = goal.position if wide else aim(problem, goal, settings)
+    # An aim beside the goal has used some of the tolerance up.
+    left = settings.room_used * allowed.position - float(np.hypot(*(position - goal.position)))
+    near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
+    return GoalPose(position, heading, room=room, near_enough=near_enough)
+
+
+def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> FloatArray:
+    """Where planning leads the tip, shape (2,) [m]: to the goal, or where that cannot be, to a place near enough.
+
+    A goal out of reach is drawn towards the base, one too near to a wall to the nearest place with room.
+    """
+    arm = problem.arm
+    slack = settings.aim_share * problem.tolerances.position
+    offset = goal.position - arm.base
+
+    # At full stretch the tip cannot move along the arm and Newton would stop; an aim a little nearer keeps the arm
+    # bent, as far as the tolerance allows.
+    beyond = float(np.hypot(*offset)) - (1.0 - settings.stretch) * arm.length
+    if beyond > settings.stretch * arm.length:
+        return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
+
+    need = arm.radius + problem.workspace.clearance
+    place = shapely.Point(goal.position)
+    _, room_there = problem.workspace.nearest(place)
+    if room_there >= need:
+        return goal.position
+
+    # A little more room than need be: at the very edge of free space no step has a choice.
+    need += settings.room_share * slack
+    room = problem.workspace.boundary.buffer(-need)
+    bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
+    free = shapely.difference(room, shapely.union_all(bodies))
+
+    nearest = shapely.get_coordinates(shapely.shortest_line(place, free))
+    if len(nearest) == 0 or float(np.hypot(*(nearest[1] - goal.position))) > slack:
+        return goal.position
+    return np.asarray(nearest[1])
+
+
+def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings = DEFAULT_ENDS) -> bool:
+    """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
+    arm = problem.arm
+    # The whole first link belongs to the mount already.
+    if arm.mount_length >= arm.link_length:
+        return False
+    points = arm.joint_positions(headings)
+    reach = settings.reach * arm.length
+    near = problem.workspace.near(shapely.LineString(points), arm.radius + problem.workspace.clearance + reach)
+    contacts = ContactFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
+    at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
+    flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= settings.flush * arm.length)
+
+    # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap only
+    # falls, by the square of dφ: no turn of the base is free, in either direction.
+    sideways = contacts.normal @ np.array([-np.sin(headings[0]), np.cos(headings[0])])
+    return bool(np.any(flush & (np.abs(sideways) < settings.upright)))
+
+
+def clamped_arm(arm: Arm) -> Arm:
+    """The arm for planning when its base is clamped: the first link, which cannot move, belongs to the mount."""
+    return replace(arm, mount_length=arm.link_length)
+
+
+def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
+    if isinstance(pose, JointPose):
+        return problem.arm.headings(pose.bends)
+    return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
+
+
+def _within_limits(problem: Problem, headings: FloatArray, settings: EndSettings) -> FloatArray:
+    """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
+    arm = problem.arm
+    bends = arm.bends(headings)
+    kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
+    over = float(np.max(np.abs(bends - kept)))
+    given = isinstance(problem.goal, JointPose)
+    return arm.headings(kept) if given and 0.0 < over <= settings.room_used * problem.tolerances.heading else headings
+
+
+def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
+    """Refuse a goal at which the tip, or with a heading the last link, is deeper in a wall than tolerances allow."""
+    arm = problem.arm
+    tolerances = problem.tolerances
+    play = tolerances.position
+    last: shapely.Point | shapely.LineString = shapely.Point(goal.position)
+    if goal.heading is not None:
+        back = arm.link_length * unit_vector(goal.heading)
+        last = shapely.LineString([goal.position - back, goal.position])
+        # The rear end of the last link may swing by this much.
+        play += arm.link_length * tolerances.heading
+    need = arm.radius + problem.workspace.clearance - play
+    k, apart = problem.workspace.nearest(last)
+    gap = apart - need
+    if gap < 0.0:
+        what = "tip is" if goal.heading is None else "last link is"
+        depth = short_length(play - gap)
+        reason = f"at the goal the {what} {depth} too near to '{problem.workspace.walls[k].name}'"
+        move = "move the goal" if goal.heading is None else "move the goal or change its heading"
+        advice = (move, *room_advice(arm, problem.workspace))
+        raise UnreachableGoal(Diagnosis(reason, "goal", advice))

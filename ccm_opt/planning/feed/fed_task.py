@@ -1,0 +1,370 @@
+"""The motion task of a fed arm.
+
+Ends of leaders' paths are hardly improved by that (see ADR 0010), so those that simply follow a leader stay as they
+are; motions that are optimised anyhow are bent to what the NLP says.
+
+Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with the distance that it has
+come beyond, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back
+straightens in time. In the optimisation every keyframe has a first joint that may bend, the first that is outside there
+and at the keyframes beside it, as far as the smooth path mixes them; the joints before it have equations, and the feed
+a row that keeps it outside.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.errors import NoPlanFound
+from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.planning.ends import tip_goal
+from ccm_opt.planning.fed_space import FedSpace
+from ccm_opt.planning.feed.member_problems import PartBeyond
+from ccm_opt.planning.feed.query import FeedQuery
+from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import JointSlowness, Motion, MotionTask
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+
+if TYPE_CHECKING:
+    from ccm_opt.planning.swept_motion import Sweep
+
+
+@dataclass(frozen=True)
+class FedEndPoses:
+    """Offers the optimisation a better pose at the goal than the one in which a motion ends; ``EndPosesOffered``.
+
+    Attributes:
+        query: what is asked.
+        settings: of the NLP.
+    """
+
+    query: FeedQuery
+    settings: PoseSettings
+
+    def __call__(self, arm: Arm, pose: FloatArray) -> Iterator[FloatArray]:
+        """The best pose of the same class and feed; none without need.
+
+        Args:
+            arm: with a feed axis.
+            pose: link headings and the base's way at the end of a motion, shape (c,) [rad, link lengths].
+        """
+        query = self.query
+        goal = query.problem.goal
+        if query.goal is not None or not isinstance(goal, TipGoal) or query.problem.wanted_gap == 0.0:
+            return
+        configuration = arm.configurations(pose)
+        end = JointPose(configuration[:-1], float(configuration[-1]))
+        part = PartBeyond.of(query.problem, end, goal, query.outside, query.settings)
+        if part is None:
+            return
+        headings = pose[part.first : arm.links]
+        try:
+            ends = part.ends(query.settings)
+        except NoPlanFound:
+            return
+        search = GoalPoseSearch(part.problem, ends, headings, None, self.settings)
+        best = search.best(headings)
+        if best is not None:
+            yield np.concatenate((pose[: part.first], best.headings, pose[arm.links :]))
+
+
+@dataclass(frozen=True)
+class GuideTubeSettings:
+    """Numbers of the rows that keep straight what a guide tube holds.
+
+    Attributes:
+        reserve: how far beyond the hole, and what the base travels between two samples, planning lets joints bend, in
+            link lengths; the smooth path beside the keyframes takes some of it. Taste.
+        mixed: keyframes to either side that the smooth path mixes with one: a joint may bend at a keyframe where it is
+            outside at all of these. Derived: four control points shape every span of a cubic spline, and where a span
+            begins the first three.
+        bend_share: share of its limit by which the bend of a joint may grow for every link length that it comes out
+            in a step. Taste.
+        tiny_bend: bends below this, of joints that should be straight, are the accuracy of a QP [rad]. Derived: its
+            tolerance, ten times.
+        rounding: of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis.
+        at_end: how near to an end of its range the base counts as there, in link lengths. Taste.
+    """
+
+    reserve: float = 0.1
+    mixed: int = 2
+    bend_share: float = 2.0
+    tiny_bend: float = 1e-4
+    rounding: float = 1e-9
+    at_end: float = 1e-3
+
+
+Number = TypeVar("Number", np.float64, np.intp)
+
+
+@dataclass(frozen=True)
+class GuideTubeLimit(Limit):
+    """Keeps straight what is in the tube.
+
+    All lengths that it reckons with are in link lengths, in which poses have the base.
+
+    Attributes:
+        arm: with axes that carry its base.
+        travel: distance beyond the hole up to which a joint that comes out stays straight, so that no two samples of
+            the timed motion have it bend in the tube between them [m].
+        settings: of its rows.
+    """
+
+    arm: Arm
+    travel: float = 0.0
+    settings: GuideTubeSettings = field(default_factory=GuideTubeSettings)
+
+    # ------------------------------------------------------------ the single step
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """Equations of the bends that are held, cones of the others, and the range of the base."""
+        del jacobians
+        bends = space.bends(pose.headings)
+        room = self._beyond(pose.headings) - self._reserve
+        held = (room < 0.0) & (bends == 0.0)
+        slope = self.settings.bend_share * space.bend_limits
+        # s (f + j l − …) ∓ b ≥ 0; where it is not kept already, it may not become worse.
+        slack = slope * room - np.abs(bends)
+        near = ~held & (slack < (2.0 + slope) * turn)
+        cone = slope[near, None] * self._base_row(space)
+        spare = np.maximum(slack[near], 0.0)
+        sides = [
+            (cone - sign * space.bend_rows[near], np.maximum(spare, slope[near] * room[near] - sign * bends[near]))
+            for sign in (1.0, -1.0)
+        ]
+        low, high = self._range_left(pose.headings)
+        rows = [space.bend_rows[held], *(matrix for matrix, _ in sides), self._base_row(space)]
+        straight = np.zeros(int(held.sum()))
+        lower = [straight, *(-most for _, most in sides), np.atleast_1d(low)]
+        upper = [straight, *(np.full(len(most), UNBOUNDED) for _, most in sides), np.atleast_1d(high)]
+
+        def keeps(trial: Pose) -> bool:
+            return not np.any(self._held_bent(np.stack((pose.headings, trial.headings))))
+
+        return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
+
+    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
+        """Bends of held joints exactly 0, and the base in its range, where only the solver's accuracy lacks."""
+        del most
+        snapped: FloatArray = self._snapped(space, v[None])[0]
+        return snapped
+
+    # ------------------------------------------------------------ at the goal
+    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        """Whether nothing that is held is bent, and the base is in its range."""
+        del space, near
+        low, high = self._range_left(final.headings)
+        in_range = bool(low <= 0.0 <= high)
+        return in_range and not np.any(self._held_bent(final.headings[None]))
+
+    # ------------------------------------------------------------ the optimisation of a motion
+    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """No bend before the first joint that may bend."""
+        del u
+        straight = np.arange(self.arm.links) < self._first_free(sweep.headings)[:, None]
+        straight[0] = False  # the start is fixed
+        keyframe, joint = np.nonzero(straight)
+        zero = np.zeros(len(keyframe))
+        return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
+
+    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """The base where joints that bend, here or at a keyframe beside, stay outside the tube, and in its range."""
+        del u
+        first = self._first_free(sweep.headings)
+        around = _least_around(first, self.settings.mixed)
+        base = self._base(sweep.headings)
+        # Nothing bends where the first that may is beyond the last joint: then only the range counts.
+        outside = np.where(around < self.arm.links, self._hole + self._reserve - around, -np.inf)
+        low, high = self._range_left(sweep.headings)
+        least = np.minimum(np.maximum(low, outside - base), 0.0)
+        keyframe = np.arange(1, len(base))
+        rows = np.repeat(self._base_row(sweep.space), len(keyframe), axis=0)
+        return (KeyframeRows(keyframe, rows, least[1:], np.maximum(high, 0.0)[1:]),)
+
+    def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
+        """As ``restored``, of all keyframes after the first."""
+        del u
+        snapped = self._snapped(space, coordinates)
+        snapped[0] = coordinates[0]
+        return snapped
+
+    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+        """Whether the base is in its range at every keyframe; what is held between them is for ``failures`` to see."""
+        del before, u
+        low, high = self._range_left(sweep.headings)
+        return bool(np.all((low <= ROUNDING) & (high >= -ROUNDING)))
+
+    # ------------------------------------------------------------ between keyframes
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals in which a joint is bent that the tube holds at some time."""
+        del depth
+        return np.flatnonzero(self._held_bent(headings))
+
+    # ------------------------------------------------------------ words
+    def describe(self, headings: FloatArray) -> str:
+        """That the base is at an end of its range; empty when it is not."""
+        low, high = self._range_left(headings)
+        if min(-float(low), float(high)) > self.settings.at_end:
+            return ""
+        return "the feed is at the end of its range"
+
+    # ------------------------------------------------------------ what it reckons with
+    @property
+    def _hole(self) -> float:
+        return self.arm.hole / self.arm.link_length
+
+    @property
+    def _reserve(self) -> float:
+        """How far beyond the hole rows let joints bend [link lengths]."""
+        return self.settings.reserve + self.travel / self.arm.link_length
+
+    def _base(self, poses: FloatArray) -> FloatArray:
+        """How far the base is carried, shape (..., c) to (...) [link lengths]."""
+        return np.asarray(np.sum(poses[..., self.arm.links :], axis=-1))
+
+    def _base_row(self, space: LinkSpace) -> FloatArray:
+        """Derivative of that by the coordinates, shape (1, p)."""
+        return np.asarray(space.matrix[self.arm.links :].sum(axis=0, keepdims=True))
+
+    def _beyond(self, poses: FloatArray) -> FloatArray:
+        """How far every joint is beyond the hole, shape (..., links) [link lengths]."""
+        return np.asarray(self._base(poses)[..., None] + np.arange(self.arm.links) - self._hole)
+
+    def _range_left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far the base may still go either way, at most 0 and at least 0 where it is in its range."""
+        low, high = self.arm.base_range
+        base = self._base(poses)
+        return low / self.arm.link_length - base, high / self.arm.link_length - base
+
+    def _first_free(self, poses: FloatArray) -> IntArray:
+        """Of every keyframe the first joint that may bend, shape (K,); the number of links where none may."""
+        base = self._base(poses)
+        least = _least_around(base, self.settings.mixed)
+        outside = np.ceil(self._hole + self._reserve - least - self.settings.rounding)
+        bent = self.arm.bends(poses[:, : self.arm.links]) != 0.0
+        first_bent = np.where(bent.any(axis=1), np.argmax(bent, axis=1), self.arm.links)
+        # What is bent already may stay so: the motion is certified.
+        first: IntArray = np.clip(np.minimum(outside, first_bent), 0, self.arm.links).astype(np.intp)
+        return first
+
+    def _held_bent(self, poses: FloatArray) -> BoolArray:
+        """In which intervals between poses, shape (K, c), or at which pose alone, some joint is bent and held."""
+        bent = self.arm.bends(poses[:, : self.arm.links]) != 0.0
+        beyond = self._beyond(poses)
+        # A joint that an end of the motion bends nearer to the hole than that has not just come out.
+        ends = np.where(bent[[0, -1]], beyond[[0, -1]], np.inf).min(axis=0)
+        least = np.clip(self.travel / self.arm.link_length, 0.0, np.maximum(ends, 0.0)) - self.settings.rounding
+        if len(poses) == 1:
+            return np.asarray(np.any(bent & (beyond < least), axis=1))
+        bent_within = bent[:-1] | bent[1:]
+        nearest = np.minimum(beyond[:-1], beyond[1:])
+        return np.asarray(np.any(bent_within & (nearest < least), axis=1))
+
+    def _snapped(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
+        """Coordinates, shape (K, p), with tiny bends of joints within the reserve 0, and the base within its range."""
+        poses = space.headings(coordinates)
+        bends = space.bends(poses)
+        inside = self._beyond(poses) < self._reserve + self.settings.rounding
+        tiny = inside & (np.abs(bends) < self.settings.tiny_bend)
+        snapped = coordinates.copy()
+        snapped[:, : self.arm.links][tiny] = 0.0
+        low, high = self.arm.base_range
+        first = self.arm.links
+        snapped[:, first] = np.clip(snapped[:, first], low / self.arm.link_length, high / self.arm.link_length)
+        return snapped
+
+
+def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
+    """The least of every value and of so many to either side, shape (K,)."""
+    around = np.pad(values, reach, mode="edge")
+    least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
+    return least
+
+
+def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...] = ()) -> MotionTask:
+    """The task of a query: start and goal are poses, with the base's way, and the guide tube is one of the limits.
+
+    Args:
+        query: what is asked, its ends resolved.
+        deadline: when to stop.
+        user_limits: what the user asks for.
+    """
+    problem = query.problem
+    arm = query.arm
+    start = query.pose(query.start)
+    goal_pose = None if query.goal is None else query.pose(query.goal)
+    if goal_pose is not None:
+        goal = GoalPose(arm.points(goal_pose)[-1], float(goal_pose[arm.links - 1]))
+    elif isinstance(problem.goal, TipGoal):
+        goal = tip_goal(problem, problem.goal)
+    return MotionTask(
+        arm,
+        problem.workspace,
+        start,
+        goal,
+        goal_pose,
+        (),
+        (),
+        deadline,
+        # The reference optimiser has its points written out for fixed arms.
+        optimiser="none" if problem.planner.optimiser == "none" else "sequential-convex",
+        seed=problem.planner.seed,
+        weights=problem.planner.weights,
+        slowness=fed_slowness(problem),
+        user_limits=user_limits,
+        wanted_gap=problem.wanted_gap,
+        end_poses=FedEndPoses(query, query.settings.curve.goal_pose),
+        guide_tubes=(GuideTubeLimit(arm, query.motions.travel),),
+        settings=query.settings.curve.motion,
+    )
+
+
+def task_of_optimising(task: MotionTask, query: FeedQuery, motion: Motion) -> MotionTask:
+    """The task as it is while one motion is optimised: with keyframes as dense as its feed needs, and a share of time.
+
+    Args:
+        task: the task of the whole search.
+        query: what is asked.
+        motion: to optimise.
+    """
+    arm = query.arm
+    way = arm.coordinates.advance(arm.configurations(motion.headings))
+    # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
+    links_fed = float(np.abs(np.diff(way)).sum()) / arm.link_length
+    dense = round(min(query.settings.keyframes_a_link * links_fed, query.settings.most_keyframes))
+    plain = task.settings.optimisation
+    optimisation = replace(
+        plain,
+        intervals=max(plain.intervals, dense),
+        moved_intervals=tuple(max(count, dense) for count in plain.moved_intervals),
+    )
+    deadline = task.deadline.within(query.settings.optimising_share * query.problem.planner.time_limit)
+    return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
+
+
+def fed_space(problem: Problem) -> FedSpace:
+    """The space of a problem's arm, in which a way of the base counts by the time that it takes."""
+    return FedSpace.of_arm(problem.arm, turn_per_link(problem))
+
+
+def turn_per_link(problem: Problem) -> float:
+    """What the average joint turns while the base is carried by a link length [rad]."""
+    speed = problem.limits.feed_velocity or 1.0
+    return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
+
+
+def fed_slowness(problem: Problem) -> JointSlowness:
+    """What the joints and the base can do by their limits, the way of the base counted as in ``fed_space``."""
+    limits = problem.limits
+    per_turn = turn_per_link(problem) / problem.arm.link_length  # rad a metre
+    speeds = np.append(limits.velocity[1::3], per_turn * (limits.feed_velocity or 1.0))
+    accelerations = np.append(limits.acceleration[1::3], per_turn * (limits.feed_acceleration or 1.0))
+    return JointSlowness.from_limits(speeds, accelerations)

@@ -1,0 +1,328 @@
+"""The planner of arms on a feed axis: follow the leader into the room beyond the hole, change shape where need be."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import islice, product
+
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import long_length, short_length
+from ccm_opt.core.progress import Stages
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.feed.fed_task import fed_space, fed_task
+from ccm_opt.planning.feed.finishing import Finishing
+from ccm_opt.planning.feed.leader_paths import LeaderPaths, Reach
+from ccm_opt.planning.feed.member_problems import ends_of_tight_places, member_problems
+from ccm_opt.planning.feed.proposed_motion import ProposedMotion, drawn_back_a_little, straight_to_goal
+from ccm_opt.planning.feed.query import FeedQuery
+from ccm_opt.planning.feed.tactics import following, reshaping, reshaping_at_once, straightened
+from ccm_opt.planning.following.leader import LeaderPath
+from ccm_opt.planning.limits.limit import Limit
+from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.solution import JointPath
+
+
+@dataclass(frozen=True)
+class FeedPlanner:
+    """Plans motions of an arm on a feed axis; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        stages: names and times the stages.
+        settings: shares of the time, margins and tolerances.
+        terms: the user's constraints and costs, or None.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+    settings: FeedPlannerSettings = DEFAULT_FEED
+    terms: UserTerms | None = None
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified motion of bends and feed.
+
+        Raises:
+            ProblemError: the arm has no feed axis.
+            NoPlanFound: with the reason and what would help.
+        """
+        if problem.arm.feed is None:
+            raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
+        deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
+        members = member_problems(problem, problem.arm.feed, self.settings)
+        if len(members) == 1:
+            return self._planned(members[0], problem.arm.feed, deadline)
+        # Members differ in how hard they are: all are tried in short before any may take long.
+        for member in members:
+            short = deadline.within(self.settings.member_share * problem.planner.time_limit)
+            with suppress(NoPlanFound):
+                return self._planned(member, problem.arm.feed, short)
+        failures: list[NoPlanFound] = []
+        for number, member in enumerate(members):
+            share = deadline.left / (len(members) - number)
+            try:
+                return self._planned(member, problem.arm.feed, deadline.within(share))
+            except NoPlanFound as failure:
+                failures.append(failure)
+        raise failures[0]
+
+    def _planned(self, problem: Problem, feed: Feed, deadline: Deadline) -> JointPath:
+        """A motion to one member of the goal."""
+        with self.stages("mapping"):
+            query = FeedQuery.from_problem(problem, feed, deadline, self.settings)
+            for limit in user_limits(self.terms, self.settings):
+                goal = None if query.goal is None else query.pose(query.goal)
+                limit.refuse_ends(query.pose(query.start), goal)
+        with self.stages("motion"):
+            return _FeedSearch(query, self.terms).run()
+
+
+def user_limits(terms: UserTerms | None, settings: FeedPlannerSettings) -> tuple[Limit, ...]:
+    """The user's constraints and costs as limits of the motion; usually none."""
+    return () if terms is None else (UserLimit(terms, settings.curve.motion.user_limits),)
+
+
+@dataclass
+class _FeedSearch:
+    """The search for one motion, and what it has seen on the way.
+
+    Attributes:
+        query: what is asked.
+        terms: the user's constraints and costs, or None.
+        finishing: makes paths of motions.
+        leader_paths: finds leaders' paths for a goal of the tip; None when the goal is the whole arm's.
+        found: leaders' paths found so far.
+        refused: why motions were refused.
+        compared: whether a change of shape without any feed has been compared with other motions.
+    """
+
+    query: FeedQuery
+    terms: UserTerms | None = None
+    leader_paths: LeaderPaths | None = field(init=False)
+    finishing: Finishing = field(init=False)
+    found: list[LeaderPath] = field(init=False, default_factory=list)
+    refused: list[str] = field(init=False, default_factory=list)
+    compared: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        problem = self.query.problem
+        settings = self.query.settings
+        limits = user_limits(self.terms, self.query.settings)
+        task = fed_task(self.query, self.query.deadline, limits)
+        self.finishing = Finishing(self.query, task, fed_space(problem), self.refused, self.terms)
+        self.leader_paths = None
+        if isinstance(problem.goal, TipGoal):
+            # What following may use up leaves time for changes of shape.
+            deadline = self.query.deadline.within(settings.following_share * problem.planner.time_limit)
+            self.leader_paths = LeaderPaths(problem, problem.goal, deadline, settings)
+
+    def run(self) -> JointPath:
+        """The first motion that is certified.
+
+        Raises:
+            NoPlanFound: when none is.
+        """
+        put_off: list[ProposedMotion] = []
+        best: JointPath | None = None
+        others = 0
+        for motion in self._motions():
+            others += best is not None
+            # A motion that is much longer than it might be waits for a few others: perhaps one of them is better.
+            if self.finishing.is_long(motion):
+                put_off.append(motion)
+                path = self._first_path(put_off) if len(put_off) > self.query.settings.put_off else None
+            else:
+                path = self.finishing.path(motion)
+            best = self._better(best, path)
+            # So does one that grazes walls.
+            if best is not None and (others >= self.query.settings.put_off or not self.finishing.grazes(best)):
+                return best
+            if self.query.deadline.passed():
+                break
+        best = self._better(best, self._first_path(put_off))
+        if best is None:
+            raise self._nothing_found()
+        return best
+
+    def _better(self, one: JointPath | None, other: JointPath | None) -> JointPath | None:
+        """The path that is preferred, where there are two."""
+        if one is None or other is None:
+            return other if one is None else one
+        return other if self.finishing.preferred(other, one) else one
+
+    def _first_path(self, motions: list[ProposedMotion]) -> JointPath | None:
+        """The path of the quickest of some motions that have one, in which room counts too; they are used up."""
+        best: JointPath | None = None
+        for motion in sorted(motions, key=self.finishing.duration):
+            # Turns say little of how smooth a path is: one that is quicker as it stands is worth a look.
+            if best is None or self.finishing.quicker_as_it_is(motion, best):
+                best = self._better(best, self.finishing.path(motion))
+        motions.clear()
+        return best
+
+    def _motions(self) -> Iterator[ProposedMotion]:
+        """All motions to try; those that follow a leader all the time first, but where an end cannot be drawn back."""
+        query = self.query
+        # An end that bends too near to the hole to be drawn back has to change its shape in any case: perhaps that is
+        # all it takes.
+        end_bends_at_hole = query.start_path is None or query.goal_path is None
+        yield from straight_to_goal(query, self.finishing.task, self.finishing.space)
+        at_once_first = query.goal is not None and end_bends_at_hole
+        if at_once_first:
+            yield from reshaping_at_once(query, query.settings.reshaping_share)
+
+        starts = straightened(query, query.start, query.start_path)
+        if query.goal is None:
+            for start in starts:
+                for motion in self._between(query.between(start.pose, None)):
+                    yield motion.between(start)
+        else:
+            for start, goal in product(starts, straightened(query, query.goal, query.goal_path)):
+                for motion in self._between(query.between(start.pose, goal.pose)):
+                    yield motion.between(start, goal)
+
+        if not at_once_first:
+            yield from reshaping_at_once(query, query.settings.reshaping_share)
+
+    def _between(self, query: FeedQuery) -> Iterator[ProposedMotion]:
+        """Motions between ends from which the arm can be drawn back.
+
+        When the first paths cannot be followed all the way, others hardly can: shapes are changed to them first.
+        """
+        settings = query.settings
+        most = settings.paths_reshaped_to
+        not_followed: list[LeaderPath] = []
+        not_led_to: list[LeaderPath] = []
+        for path in self._leaders(query):
+            self.found.append(path)
+            motions = list(following(query, path))
+            ahead = [motion for motion in motions if not motion.draws_back]
+            yield from ahead
+            back = [motion for motion in motions if motion.draws_back]
+            if not ahead:
+                # Where the arm stalls on its way to some paths it mostly does to all, and changes of shape help.
+                asked = len(not_led_to) < settings.led_in_vain
+                led = list(self._led_to(query, path)) if asked else []
+                if not led:
+                    not_led_to.append(path)
+                back += [*led, *self._changing_shape(query, path)]
+            yield from sorted(back, key=self.finishing.duration)
+            if not motions and query.end_on(path) is not None:
+                not_followed.append(path)
+                if len(not_followed) == most:
+                    yield from self._reshaping_to(query, not_followed)
+
+        if len(not_followed) < most:
+            others = [path for path in self.found if path not in not_followed]
+            yield from self._reshaping_to(query, (not_followed + others)[:most])
+        for path in not_led_to[settings.led_in_vain :]:
+            yield from self._led_to(query, path)
+
+    def _led_to(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
+        """The motion that changes shape and feed at once, drawn back as far as need be."""
+        yield from drawn_back_a_little(query, path, self.finishing.task, self.finishing.space)
+
+    def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
+        """Changes of shape that are found quickly, to compare with what is drawn back."""
+        share = query.settings.compared_seconds / query.problem.planner.time_limit
+        yield from islice(reshaping(query, path, share), 1)
+        if not self.compared:
+            self.compared = True
+            yield from reshaping_at_once(query, share)
+
+    def _reshaping_to(self, query: FeedQuery, paths: list[LeaderPath]) -> Iterator[ProposedMotion]:
+        """Motions that change shape to that of some paths."""
+        for path in paths:
+            yield from reshaping(query, path, query.settings.reshaping_share)
+
+    def _leaders(self, query: FeedQuery) -> Iterator[LeaderPath]:
+        """Leaders' paths, most promising first."""
+        if query.goal_path is not None:
+            yield query.goal_path
+        if self.leader_paths is None:
+            return
+        reach = Reach.from_feed(query.arm, query.feed)
+        straights = _straights(query)
+        # Bands cost little: all beginnings are tried with them before the NLP is asked for a curve.
+        for straight, _ in straights:
+            yield from self.leader_paths.bands(straight, reach)
+        for straight, most in straights:
+            yield from self.leader_paths.curves(straight, reach, most)
+
+    def _nothing_found(self) -> NoPlanFound:
+        # No path at all: the goal itself may be out of reach, which says more than how the search went.
+        if self.leader_paths is not None and not self.found:
+            necessary = _unreachable(self.query, self.leader_paths.shortest)
+            if necessary is not None:
+                return UnreachableGoal(necessary)
+
+        refused = list(self.refused)
+        if self.leader_paths is not None:
+            refused.extend(self.leader_paths.refusals)
+        found = len(self.found)
+        reason = f"no motion found along {found} leaders' paths, {len(self.refused)} motions could not be certified"
+        names = ", ".join(f"'{name}'" for limit in self.finishing.task.user_limits for name in limit.names)
+        if names:
+            # What a constraint refused says more than how many motions there were.
+            broken = next((words for words in self.refused if "constraint" in words), None)
+            reason = f"{reason} under {names}" + ("" if broken is None else f"; {broken}")
+        evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
+        room = room_advice(self.query.arm, self.query.problem.workspace)
+        if self.query.deadline.passed():
+            advice = (*room, "widen arm.feed.range", "raise planner.time_limit")
+            return TimeLimitReached(
+                Diagnosis(f"{self.query.deadline.what_passed()}: {reason}", "motion", advice, evidence)
+            )
+        advice = ("raise planner.routes", *room, "widen arm.feed.range")
+        return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))
+
+
+def _straights(query: FeedQuery) -> list[tuple[float, int]]:
+    """Arc lengths up to which leaders' paths follow the feed axis [m], and how many curves to ask for at each.
+
+    A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
+    """
+    settings = query.settings.leaders
+    arm = query.arm
+    least = query.least_straight
+    tip_drawn_back = query.feed.low + query.arm.length
+    tip_at_start = query.start.feed + query.arm.length
+
+    straights: list[tuple[float, int]] = []
+    # A straight arm need not be drawn back for a path that is straight up to its tip,
+    if not query.start.bends.any() and tip_at_start > least:
+        straights.append((tip_at_start, settings.first_curves))
+    # any arm can be drawn back as far as the feed's range allows,
+    if tip_drawn_back > least:
+        straights.append((tip_drawn_back, settings.first_curves))
+    # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a path
+    # may have to be straight for as long.
+    # Nor can it bend where a guide or a hole is hardly wider than it: no joint may before the place where it widens.
+    tight = ends_of_tight_places(query.problem, query.feed.hole - arm.link_length, query.settings)
+    straights.extend((max(end + arm.link_length, least), settings.first_curves) for end in tight)
+    straights.append((least, settings.curves))
+    if query.feed.high > least:
+        straights.append((query.feed.high + 2.0 * query.motions.travel, settings.curves))
+    return straights
+
+
+def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
+    """Why no path to the goal can exist, given the shortest route seen [m]; None when one might."""
+    arm = query.arm
+    most = Reach.from_feed(arm, query.feed).most
+    if shortest == float("inf"):
+        reason = (
+            f"no way from the hole to the goal was found that is wide enough for the arm: diameter "
+            f"{short_length(2.0 * arm.radius)}, clearance {short_length(query.problem.workspace.clearance)}"
+        )
+        advice = (*room_advice(arm, query.problem.workspace), "remove an obstacle")
+        return Diagnosis(reason, "free space", advice)
+    if shortest > most:
+        reason = (
+            f"the shortest way found along the feed axis to the goal is {long_length(shortest)} long from arm.base; "
+            f"the tip comes {long_length(most)} far at most"
+        )
+        return Diagnosis(reason, "free space", ("widen arm.feed.range", "use a longer arm"), {"way_length": shortest})
+    return None

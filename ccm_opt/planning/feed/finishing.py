@@ -1,0 +1,356 @@
+"""Finishes the motion of a fed arm: smooth path and parameter.
+
+The spline beside few keyframes bends a joint a little before it comes out of the tube. Drawn onto its legs instead it
+would be certified, but all corners. So it is sampled finely, what is bent in the tube is moved on to the next joints,
+and a spline is laid beside the samples: as smooth as the first, and straight where it must be.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.continuation import Stalled
+from ccm_opt.planning.ending import optimised_to_end_pose
+from ccm_opt.planning.fed_space import FedSpace
+from ccm_opt.planning.feed.fed_task import task_of_optimising
+from ccm_opt.planning.feed.proposed_motion import ProposedMotion
+from ccm_opt.planning.feed.query import FeedQuery
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
+from ccm_opt.planning.planner_settings import DEFAULT_FEED
+from ccm_opt.planning.pose import nearest_curves
+from ccm_opt.planning.settings import MotionSettings, SmoothPathSettings
+from ccm_opt.planning.smooth_path import SmoothPath, smooth_path
+from ccm_opt.planning.spline_path import DEGREE, certified_spline, clamped_spline, spare_kept
+from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
+from ccm_opt.problem import Limits, Weights
+from ccm_opt.robot.arm import Arm
+from ccm_opt.solution import JointPath
+
+
+def even_spline(
+    arm: Arm,
+    poses: FloatArray,
+    travel: float,
+    certificate: IntervalCertificate,
+    finer: int,
+    settings: SmoothPathSettings,
+) -> BSpline | None:
+    """The certified spline of poses near keyframes; None when there is none.
+
+    Args:
+        arm: with a feed axis.
+        poses: keyframes, shape (K, c) [rad, link lengths].
+        travel: how far beyond the hole a joint stays straight [m].
+        certificate: of the path.
+        finer: samples to a keyframe.
+        settings: of the spline.
+    """
+    if len(poses) <= DEGREE:
+        return None
+    fine = clamped_spline(poses)(np.linspace(0.0, 1.0, finer * len(poses)))
+    straightened = arm.poses(_straight_in_tube(arm, arm.configurations(fine), travel))
+    straightened[0] = poses[0]
+    straightened[-1] = poses[-1]
+    return certified_spline(straightened, certificate, settings)
+
+
+def _straight_in_tube(arm: Arm, q: FloatArray, travel: float) -> FloatArray:
+    """Configurations, shape (K, c), with bends of joints that the tube holds there or beside moved on to the next."""
+    feeds = arm.coordinates.advance(q)
+    # A sample shapes the spline as far as the third beside it.
+    around = np.pad(feeds, DEGREE, mode="edge")
+    least = np.lib.stride_tricks.sliding_window_view(around, 2 * DEGREE + 1).min(axis=1)
+    held = arm.held(least - travel)
+    straight = q.copy()
+    for joint in range(arm.links - 1):
+        moved = np.where(held[:, joint], straight[:, joint], 0.0)
+        straight[:, joint] -= moved
+        straight[:, joint + 1] += moved
+    straight[:, : arm.links][held] = 0.0
+    return straight
+
+
+def path_time(arm: Arm, limits: Limits, path: BSpline, samples: int = DEFAULT_FEED.time_samples) -> float:
+    """Least duration of a path by the limits on speeds, and by those on accelerations at an even pace [s].
+
+    With s the path parameter, |q′| ṡ ≤ v and |q″| ṡ² ≤ a bound ṡ everywhere; what it costs to change the pace is left
+    out.
+
+    Args:
+        arm: the arm.
+        limits: of its drives.
+        path: of bends and feed, over [0, 1].
+        samples: places at which its speed is bounded.
+    """
+    axes = len(arm.base_axes)
+    speed = np.append(limits.velocity[1::3], np.full(axes, limits.feed_velocity or np.inf))
+    acceleration = np.append(limits.acceleration[1::3], np.full(axes, limits.feed_acceleration or np.inf))
+    s = np.linspace(0.0, 1.0, samples)
+    by_speed = np.max(np.abs(path.derivative(1)(s)) / speed, axis=1)
+    by_acceleration = np.sqrt(np.max(np.abs(path.derivative(2)(s)) / acceleration, axis=1))
+    return float(np.mean(np.maximum(by_speed, by_acceleration)))
+
+
+@dataclass(frozen=True)
+class FedPaths:
+    """Lays smooth paths along motions, and says how long they last.
+
+    Attributes:
+        query: what is asked.
+        task: the same as a task of the optimisation, with all limits.
+    """
+
+    query: FeedQuery
+    task: MotionTask
+
+    def time(self, path: JointPath) -> float:
+        """Least duration of a path [s]."""
+        return self.spline_time(path.spline)
+
+    def spline_time(self, spline: BSpline) -> float:
+        """Least duration of a spline of bends and feed [s]."""
+        query = self.query
+        return path_time(query.arm, query.problem.limits, spline, query.settings.time_samples)
+
+    def smooth(self, motion: Motion) -> JointPath | None:
+        """The quickest smooth path along a motion of the optimisation."""
+        arm = self.query.arm
+        curves = nearest_curves(arm, motion.headings[:, : arm.links])
+        keyframes = arm.configurations(motion.headings)
+        paths = []
+        for path in (self._even(motion), smooth_path(motion, self.task) or self._beside_keyframes(motion)):
+            if path is not None:
+                spline = BSpline(path.spline.t, arm.configurations(path.spline.c), path.spline.k)
+                paths.append(JointPath(spline, keyframes, curves, motion.candidate, (), path.spare))
+        return min(paths, key=self.time, default=None)
+
+    def _even(self, motion: Motion) -> SmoothPath | None:
+        """A path that is even where joints come out of the tube; none where it may not leave the keyframes."""
+        if any(limit.shapes_path for limit in self.task.user_limits):
+            return None
+        settings = self.task.settings.smooth_path
+        finer = self.query.settings.finer_samples
+        certificate = self.task.certificate
+        travel = self.query.motions.travel
+        spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer, settings)
+        return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate, settings))
+
+    def _beside_keyframes(self, motion: Motion) -> SmoothPath | None:
+        """A path beside the keyframes where it meets the user's equations all the same.
+
+        A path through knots on equations swings a little everywhere, and so in the guide tube too; one beside keyframes
+        is straight where they are, and meets what is linear in bends and feed.
+        """
+        if not any(limit.shapes_path for limit in self.task.user_limits):
+            return None
+        settings = self.task.settings.smooth_path
+        spline = certified_spline(motion.headings, self.task.certificate, settings)
+        if spline is None:
+            return None
+        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        if any(limit.misses_path(spline(u), u).any() for limit in self.task.user_limits):
+            return None
+        return SmoothPath(spline, spare_kept(spline, self.task.certificate, settings))
+
+    def plain(self, proposed: ProposedMotion) -> JointPath | None:
+        """The path near the keyframes as they are."""
+        certified = self.query.motions.path(proposed.keyframes)
+        if certified is None:
+            return None
+        spline, spare = certified
+        arm = self.query.arm
+        curves = nearest_curves(arm, arm.headings(proposed.keyframes[:, : arm.links]))
+        return JointPath(spline, proposed.keyframes, curves, proposed.name, proposed.leaders, spare)
+
+
+@dataclass
+class Finishing:
+    """Makes paths of proposed motions.
+
+    Attributes:
+        query: what is asked.
+        task: the same as a task of the optimisation, with all limits.
+        space: of the motions.
+        refused: why motions were refused.
+        terms: the user's constraints and costs, which are limits of the task; or None.
+        paths: lays the paths.
+    """
+
+    query: FeedQuery
+    task: MotionTask
+    space: FedSpace
+    refused: list[str]
+    terms: UserTerms | None = None
+    paths: FedPaths = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.paths = FedPaths(self.query, self.task)
+
+    def path(self, proposed: ProposedMotion) -> JointPath | None:
+        """The certified path of a motion, optimised where that is worth while; None when there is none."""
+        if not self.query.motions.within_limits(proposed.keyframes):
+            self.refused.append(f"{proposed.name}: beyond a limit of the joints or of the feed")
+            return None
+        found = self._motion(proposed)
+        if self.task.user_limits:
+            return self._on_limits(found)
+        certified = len(self.task.certificate.failures(found.headings)) == 0
+        plain = self.paths.plain(proposed) or (self.paths.smooth(found) if certified else None)
+        if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
+            better = optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found))
+            path = self.paths.smooth(better)
+            if path is not None and (plain is None or self.task.weights != Weights() or self.preferred(path, plain)):
+                return path
+        if plain is None:
+            self.refused.append(f"{proposed.name}: not certified")
+        return plain
+
+    def duration(self, proposed: ProposedMotion) -> float:
+        """An estimate of how long a motion lasts, in turns of the average joint [rad]."""
+        return duration_estimate(self._motion(proposed))
+
+    def is_long(self, proposed: ProposedMotion) -> bool:
+        """Whether a motion lasts much longer than the straight line between its ends."""
+        motion = self._motion(proposed)
+        return duration_estimate(motion) > self.query.settings.long * _straight_line(motion)
+
+    def _motion(self, proposed: ProposedMotion) -> Motion:
+        poses = self.query.arm.poses(proposed.keyframes)
+        return Motion(self.space, self.space.coordinates(poses), poses, proposed.name)
+
+    # ------------------------------------------------------------ the user's constraints and costs
+    def _on_limits(self, found: Motion) -> JointPath | None:
+        """The path of a motion brought onto the user's limits, and optimised under them."""
+        for motion in self._kept(found):
+            optimised = optimise(motion, task_of_optimising(self.task, self.query, motion))
+            motions = (optimised, motion) if keeps_limits(optimised, self.task) else (motion,)
+            paths = [path for each in motions if (path := self.paths.smooth(each)) is not None]
+            if paths:
+                # What costs weigh is in the optimised motion; constraints alone leave the quicker of the two.
+                weighed = self.terms is not None and len(self.terms.all_costs) > 0
+                return min(paths, key=self._cost if weighed else self.paths.time)
+            self.refused.append(f"{motion.candidate}: no smooth path keeps the constraints")
+        return None
+
+    def _kept(self, found: Motion) -> Iterator[Motion]:
+        """The motion where it keeps the limits, and the same tracked under them with less and less margin."""
+        parametric = self.task.parametric
+        if not parametric and keeps_limits(found, self.task):
+            yield found
+        for links in self.task.settings.search.margins:
+            try:
+                yield self._tracked(found, links)
+            except Stalled as stalled:
+                self.refused.append(f"{found.candidate}, tracked: {stalled}")
+
+    def _tracked(self, found: Motion, links: float) -> Motion:
+        """The motion drawn through the limits.
+
+        Raises:
+            Stalled: naming what could not be met.
+        """
+        task = self.task
+        space = self.space
+        finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
+        stepper = Stepper(space, finder, task.limits(finder), _keeping_up(task.settings, found))
+        start = stepper.pose(found.coordinates[0])
+        goal = task.limited_goal
+        reference = ReferenceMotion.from_headings(found.headings)
+        if task.goal_headings is not None:
+            goal = replace(goal, coordinates=space.coordinates(task.goal_headings))
+        way = follow_reference(stepper, reference, goal, start, task.deadline)
+        poses = np.array([pose.headings for pose in way.poses])
+        if task.goal_headings is not None:
+            poses = np.vstack((poses, task.goal_headings))
+        if len(task.certificate.failures(poses)):
+            raise Stalled("the motion arrived but could not be certified", way.poses)
+        u = np.array(way.u) if task.parametric else None
+        return Motion(space, space.coordinates(poses), poses, f"{found.candidate}, tracked", u)
+
+    # ------------------------------------------------------------ shorter, and with more room
+    def _worthwhile(self, found: Motion, *, follows: bool) -> bool:
+        """Whether a motion is much longer than the straight line between its ends, lacks room, or is weighed anew.
+
+        Args:
+            found: the motion.
+            follows: whether it follows a leader all the way: then it has the room that the leader's path has.
+        """
+        if self.task.optimiser == "none":
+            return False
+        longer = duration_estimate(found) > self.query.settings.worth_shortening * _straight_line(found)
+        return longer or self.task.weights != Weights() or (not follows and lacks_room(found, self.task))
+
+    def preferred(self, one: JointPath, other: JointPath) -> bool:
+        """Whether one path is quicker than another, or has so much more room that it makes up for it."""
+        return self._time_for_room(one) < self._time_for_room(other)
+
+    def grazes(self, path: JointPath) -> bool:
+        """Whether a path passes walls much closer than its ends lie and than is wanted."""
+        ends = self.query.arm.poses(path.spline(np.array([0.0, 1.0])))
+        most = min(self.task.wanted_gap, self.task.least_gap(ends))
+        return self._room(path) < self.query.settings.grazing * most
+
+    def _time_for_room(self, path: JointPath) -> float:
+        """The least duration of a path [s], longer by the room that it lacks: half the room counts as √2 times."""
+        time = self.paths.time(path)
+        wanted = self.task.wanted_gap
+        if wanted == 0.0:
+            return time
+        share = self._room(path) / wanted
+        settings = self.query.settings
+        return time * float(np.clip(share, settings.least_room, 1.0) ** -settings.room_exponent)
+
+    def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
+        """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""
+        spline = clamped_spline(proposed.keyframes)
+        return self.paths.spline_time(spline) < self.paths.time(path)
+
+    def _cost(self, path: JointPath) -> float:
+        """What the user's costs make of a path: their weighted means over its samples."""
+        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        poses = self.query.arm.poses(path.spline(u))
+        costs = () if self.terms is None else self.terms.all_costs
+        return float(sum(cost.cost.weight * np.mean(cost.values(poses, u)[cost.applies(u)]) for cost in costs))
+
+    def _room(self, path: JointPath) -> float:
+        """Least gap along a path, as far as the wanted gap sees [m]."""
+        samples = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        return self.task.least_gap(self.query.arm.poses(path.spline(samples)))
+
+
+def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
+    """Settings with which a motion that is tracked runs no faster than steps can follow: a long feed takes many."""
+    tracking = settings.tracking
+    length = float(np.abs(np.diff(found.headings, axis=0)).max(axis=1).sum())
+    most = settings.step.largest_turn / max(length, TINY)
+    paced = replace(
+        tracking,
+        first_advance=min(tracking.first_advance, 0.5 * most),
+        largest_advance=min(tracking.largest_advance, 0.5 * most),
+    )
+    return replace(settings, tracking=paced)
+
+
+def duration_estimate(motion: Motion) -> float:
+    """How long a motion lasts at least at full speed, in turns of the average joint [rad].
+
+    What the drives move is counted by the time that it takes, so the busiest of them decides in every interval.
+    """
+    return _at_full_speed(motion.space.drives(motion.headings))
+
+
+def _straight_line(motion: Motion) -> float:
+    """The same of the straight line between the ends of a motion."""
+    return _at_full_speed(motion.space.drives(motion.headings[[0, -1]]))
+
+
+def _at_full_speed(drives: FloatArray) -> float:
+    """Sum of the longest change in every interval, shape (K, c) [rad]."""
+    return float(np.abs(np.diff(drives, axis=0)).max(axis=1).sum())

@@ -1,0 +1,403 @@
+"""Paths of a leader through free space.
+
+The band is a chain of points at equal distances h. A step moves every point by a along its own normal, left positive;
+its curvature then changes to first order by a'' + κ² a and its length by -κ a. The step minimises the band's bending,
+weighted up where it nears the tightest bend, the change of its curvature, which is 0 before and after it, and its
+length; walls to the left and right bound each point's a. That is a quadratic program with bounds alone. Then the band
+is divided into equal distances again.
+
+Elastic bands are tried first. Where they are too short or bend too much, configurations of the continuous curve are
+asked for (section 4.1 of the paper and the multiple-shooting NLP), only that the base is a place on the feed axis and
+the length is free within what the range of the feed leaves.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ccm_opt.core.arrays import SHORTEST, TINY, BoolArray, FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polygons import nearest_on_segments
+from ccm_opt.core.polyline import arc_lengths, heading_of, path_length, points_at, unit_vector
+from ccm_opt.core.small_qp import solve_small_qp
+from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import find_configuration
+from ccm_opt.planning.following.leader import LeaderPath, path_through
+from ccm_opt.planning.planner_settings import DEFAULT_FEED, DEFAULT_FOLLOWING, ElasticBandSettings, FeedPlannerSettings
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.link_chain import Feed
+from ccm_opt.scene.corridor import Route
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.walls import Walls
+
+
+@dataclass(frozen=True)
+class ElasticBand:
+    """What a band has to keep to.
+
+    Attributes:
+        walls: edges and vertices of the walls.
+        least: distance kept from the walls [m].
+        chord: length of the chords that will lie on the band; their sagitta is kept on top of ``least`` [m].
+        curvature_limit: bound on |κ| that the band tries to keep [1/m].
+        spacing: h, distance between points [m].
+        evenness: length over which a change of curvature weighs as much as the curvature itself [m].
+        settings: of the steps.
+    """
+
+    walls: Walls
+    least: float
+    chord: float
+    curvature_limit: float
+    spacing: float
+    evenness: float
+    settings: ElasticBandSettings = DEFAULT_FOLLOWING.band
+
+    def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
+        """A smooth band from a taut path.
+
+        Args:
+            taut: a polyline, shape (k, 2) [m]; the band keeps its ends.
+            headings: at its beginning and at its end [rad]; None when any will do there.
+
+        Returns:
+            Points, shape (m, 2) [m].
+        """
+        band = divided(taut, self.spacing)
+        for _ in range(self.settings.steps):
+            shift, normals = self._step(band, headings)
+            band = divided(band + shift[:, None] * normals, self.spacing)
+            if np.max(np.abs(shift)) < self.settings.settled * self.spacing:
+                break
+        return band
+
+    def _step(self, band: FloatArray, headings: tuple[float, float | None]) -> tuple[FloatArray, FloatArray]:
+        """Shift of every point along its normal [m], shape (m,), and the normals, shape (m, 2)."""
+        h = float(np.hypot(*(band[1] - band[0])))
+        around = _with_ghosts(band, headings, h)
+
+        # Central differences; κ h² is what the second one has along the normal.
+        ahead = around[2:] - around[:-2]
+        tangents = ahead / np.maximum(np.hypot(*ahead.T), TINY)[:, None]
+        normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
+        second = around[:-2] - 2.0 * band + around[2:]
+        scaled_curvature = np.einsum("ij,ij->i", second, normals)
+
+        hessian, gradient = self._quadratic_cost(scaled_curvature, h)
+        low, high = self._bounds(band, tangents, np.abs(scaled_curvature) / h**2)
+        low[[0, -1]] = 0.0
+        high[[0, -1]] = 0.0
+
+        m = len(band)
+        shift = solve_small_qp(hessian, gradient, np.zeros((0, m)), high, low, np.zeros(m, dtype=np.intc))
+        return (np.zeros(m) if shift is None else shift), normals
+
+    def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
+        """Hessian (m, m) and gradient (m,) by the shifts of what a step minimises.
+
+        The sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a ridge, over two.
+
+        Args:
+            scaled_curvature: κ h² at the points, shape (m,) [m].
+            h: distance between points [m].
+        """
+        settings = self.settings
+        m = len(scaled_curvature)
+        # Row i: derivative of κ h² at point i by the shifts, a'' + κ² a in differences.
+        rows = np.diag(-2.0 + (scaled_curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
+
+        tightness = np.abs(scaled_curvature) / (self.curvature_limit * h * h)
+        tightness = np.minimum(tightness, settings.most_tight)
+        weight = 1.0 + settings.tightness * tightness**settings.tightness_power
+
+        straight = np.zeros((1, m))  # before and after the band
+        change = np.diff(scaled_curvature, prepend=0.0, append=0.0)
+        change_rows = np.diff(np.vstack((straight, rows, straight)), axis=0)
+        even = (self.evenness / h) ** 2
+
+        bending = rows.T @ (weight[:, None] * rows)
+        evenness = even * change_rows.T @ change_rows
+        hessian = bending + evenness + settings.ridge * np.eye(m)
+        gradient = (
+            rows.T @ (weight * scaled_curvature) + even * change_rows.T @ change - settings.tension * scaled_curvature
+        )
+        return hessian, gradient
+
+    def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far every point may move to the right (negative) and left; to the middle where it is too narrow.
+
+        Args:
+            band: shape (m, 2) [m].
+            tangents: unit vectors, shape (m, 2).
+            curvature: |κ|, shape (m,) [1/m].
+        """
+        least_slant = self.settings.least_slant
+        sagitta = np.minimum(curvature, self.curvature_limit) * self.chord**2 / 8.0
+        need = self.least + sagitta
+        gaps, slants = self._gaps(band, tangents)
+
+        # A shift by a towards a wall at slant s brings the point nearer by about s a.
+        room = (gaps - need[:, None]) / np.maximum(np.abs(slants), least_slant)
+        left = np.min(np.where(slants > least_slant, room, np.inf), axis=1, initial=np.inf)
+        right = np.min(np.where(slants < -least_slant, room, np.inf), axis=1, initial=np.inf)
+
+        narrow: BoolArray = left + right < 0.0
+        # Where there is no wall on either side there is no middle.
+        middle = 0.5 * (np.where(narrow, left, 0.0) - np.where(narrow, right, 0.0))
+        largest = self.settings.largest_step * self.spacing
+        high = np.clip(np.where(narrow, middle, left), -largest, largest)
+        low = np.clip(np.where(narrow, middle, -right), -largest, largest)
+        return np.minimum(low, high), high
+
+    def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances of points from edges and vertices, and how far to the left each lies in [-1, 1]; (m, walls)."""
+        walls = self.walls
+        # A vertex is an edge whose two ends are one.
+        vertices = np.repeat(walls.vertices[:, None], 2, axis=1)
+        edges = np.concatenate((walls.edges, vertices))
+        rounding = np.concatenate((walls.rounding[walls.edge_wall], walls.rounding[walls.vertex_wall]))
+        apart = nearest_on_segments(band[:, None], edges[None]) - band[:, None]
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        sideways = tangents[:, None, 0] * apart[..., 1] - tangents[:, None, 1] * apart[..., 0]
+        return distance - rounding, sideways / np.maximum(distance, TINY)
+
+
+def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
+    """The band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
+    first, last = headings
+    if last is None:
+        last = heading_of(band[-1] - band[-2])
+    before = band[0] - h * unit_vector(first)
+    beyond = band[-1] + h * unit_vector(last)
+    return np.vstack((before, band, beyond))
+
+
+def divided(path: FloatArray, spacing: float) -> FloatArray:
+    """Points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
+    arc = arc_lengths(path)
+    # At least four pieces, so that there are points between the ends that can move.
+    places = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / spacing)) + 1)
+    coarse = np.max(np.diff(arc)) > 2.0 * spacing
+    if coarse:
+        return points_at(path, arc, places)
+    points: FloatArray = CubicSpline(arc, path)(places)
+    return points
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Between which arc lengths a leader's path has to end, so that the base is in the range of the feed then [m]."""
+
+    least: float
+    most: float
+
+    @classmethod
+    def from_feed(cls, arm: Arm, feed: Feed) -> "Reach":
+        """The bounds for an arm on a feed axis."""
+        return cls(feed.low + arm.length, feed.high + arm.length)
+
+
+@dataclass
+class LeaderPaths:
+    """Finds paths for the leader of one problem.
+
+    Attributes:
+        problem: with a feed axis.
+        goal: where the tip has to arrive.
+        deadline: when to stop.
+        settings: of the planner.
+        shortest: length of the shortest route seen, from the arm's own base position [m]; for the diagnosis.
+        refusals: why the NLP found no curve, one line each.
+    """
+
+    problem: Problem
+    goal: TipGoal
+    deadline: Deadline
+    settings: FeedPlannerSettings = DEFAULT_FEED
+    shortest: float = np.inf
+    refusals: tuple[str, ...] = ()
+
+    def bands(self, straight: float, reach: Reach) -> Iterator[LeaderPath]:
+        """Taut routes drawn smooth, shortest first: quick, and at home in narrow ducts.
+
+        Args:
+            straight: arc length at which the path may leave the axis [m].
+            reach: between which arc lengths it has to end.
+        """
+        longest = reach.most * (1.0 + self.settings.leaders.chord_allowance)
+        seen = set[float]()
+        for free_space, routes in self._routes_in_free_spaces(straight, reach):
+            for k, route in enumerate(routes, start=1):
+                for margin in self._band_margins:
+                    path = self._band(free_space, route, straight, margin, f"band {k}")
+                    # In a duct all margins give the same band; bands are told apart by their length.
+                    length = round(path.end, 6)
+                    if reach.least <= path.end <= longest and length not in seen:
+                        seen.add(length)
+                        yield path
+
+    def curves(self, straight: float, reach: Reach, most: int) -> Iterator[LeaderPath]:
+        """Configurations of the continuous curve, shortest first; they may be longer than their route is.
+
+        Args:
+            straight: arc length at which the path may leave the axis [m].
+            reach: between which arc lengths it has to end.
+            most: how many are asked for at most.
+        """
+        begin, end = self._curve_ends(straight)
+        candidates = islice(self._curve_candidates(straight, reach), most)
+        for k, (free_space, route, length) in enumerate(candidates, start=1):
+            if self.deadline.passed():
+                return
+            curve = self._curve(free_space, route, begin, end, length)
+            if curve is not None:
+                yield self._path(straight, curve, f"curve {k} of {long_length(length)}")
+
+    @property
+    def _band_margins(self) -> tuple[float, ...]:
+        """What bands keep beyond radius and clearance, widest first [m].
+
+        With short links, shares of them leave less room than is wanted, and turns as tight round corners.
+        """
+        settings = self.settings.leaders
+        margins = self.problem.arm.link_length * np.array(settings.band_margins)
+        wanted = settings.band_gap * self.problem.wanted_gap
+        return (wanted, *margins) if wanted > margins[0] else tuple(margins)
+
+    def _band(self, free_space: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
+        """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
+        arm = self.problem.arm
+        settings = self.settings.leaders
+        band = ElasticBand(
+            walls=self.problem.workspace.flat_walls,
+            least=arm.radius + self.problem.workspace.clearance + margin,
+            chord=arm.link_length,
+            curvature_limit=self._curvature_limit,
+            spacing=max(settings.band_spacing * arm.link_length, settings.least_band_spacing * arm.length),
+            evenness=settings.band_evenness * arm.length,
+            settings=self.settings.following.band,
+        )
+        begin, end = self._curve_ends(straight)
+        # Routes are drawn with a distance from corners; the band finds its own.
+        taut = free_space.path_of_sleeve(route.sleeve, begin, end)
+        points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
+        if self._last_link > 0.0:
+            points = np.vstack((points, self.goal.position))
+        return path_through(arm, straight, points, name, self.goal.heading, self.settings.following)
+
+    def _curve_candidates(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, Route, float]]:
+        """Free space, a route through it and a length of the curve, in the order they are tried."""
+        for free_space, routes in self._routes_in_free_spaces(straight, reach):
+            for route, length in self._lengths(routes, straight, reach):
+                yield free_space, route, length
+
+    def _routes_in_free_spaces(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, tuple[Route, ...]]]:
+        """Free space with less and less margin, and the routes through it."""
+        begin, end = self._curve_ends(straight)
+        for margin in self.settings.leaders.free_space_margins:
+            free_space = self._free_space(margin)
+            if free_space.contains(np.stack((begin, end))).all():
+                yield free_space, self._routes(free_space, begin, end, reach.most - straight)
+
+    @property
+    def _curvature_limit(self) -> float:
+        """What paths may bend [1/m]: chords of a link on an arc of curvature κ bend by 2 asin(κ l/2)."""
+        arm = self.problem.arm
+        tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))
+        return float(self.settings.leaders.curvature_share * tightest / arm.link_length)
+
+    def _free_space(self, margin: float) -> FreeSpace:
+        """Free space with a margin, as a share of a link's sagitta at its joint limit, beyond radius and clearance."""
+        arm = self.problem.arm
+        workspace = self.problem.workspace
+        sagitta = 0.125 * arm.joint_limit * arm.link_length  # κ l²/8 with κ = limit / l
+        # Without any inflation, free space would touch itself at corners.
+        return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, SHORTEST))
+
+    def _curve_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
+        """Where the curve begins and ends; with a goal heading the last link lies straight behind the goal."""
+        arm = self.problem.arm
+        heading = self.goal.heading or 0.0
+        back = self._last_link * unit_vector(heading)
+        return arm.base + straight * arm.feed_direction, self.goal.position - back
+
+    @property
+    def _last_link(self) -> float:
+        """Length behind the goal that the path runs straight, so that the last link takes the goal's heading [m]."""
+        return 0.0 if self.goal.heading is None else self.problem.arm.link_length
+
+    def _routes(self, free_space: FreeSpace, begin: FloatArray, end: FloatArray, longest: float) -> tuple[Route, ...]:
+        """Routes between two points whose paths are not longer than ``longest`` [m]."""
+        corner_distance = self.settings.curve.corner_distance * self.problem.arm.length
+        routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=corner_distance)
+        if routes:
+            before = float(np.hypot(*(begin - self.problem.arm.base)))
+            self.shortest = min(self.shortest, before + routes[0].length + self._last_link)
+        return tuple(route for route in routes if route.length + self._last_link <= longest)
+
+    def _lengths(self, routes: tuple[Route, ...], straight: float, reach: Reach) -> list[tuple[Route, float]]:
+        """Routes with lengths of the curve to try along them, shortest first."""
+        settings = self.settings.leaders
+        least = (reach.least - straight - self._last_link) * (1.0 + settings.chord_allowance)
+        most = reach.most - straight - self._last_link
+        pairs: list[tuple[Route, float]] = []
+        for route in routes:
+            lengths = np.clip(route.length * np.array(settings.curve_stretches), least, most)
+            # Clipping makes several alike; rounding finds them.
+            longer = np.unique(np.round(lengths[lengths > route.length], 9))
+            pairs.extend((route, float(length)) for length in longer)
+        return sorted(pairs, key=lambda pair: pair[1])
+
+    def _curve(
+        self, free_space: FreeSpace, route: Route, begin: FloatArray, end: FloatArray, length: float
+    ) -> Configuration | None:
+        """A configuration of the curve of some length along a route, or None when the NLP finds none."""
+        arm = self.problem.arm
+        taut = free_space.path_of_sleeve(route.sleeve, begin, end)
+        task = ConfigurationTask(
+            base=begin,
+            base_heading_range=(arm.base_heading, arm.base_heading),
+            length=length,
+            curvature_limit=self._curvature_limit,
+            goal=end,
+            goal_heading=self.goal.heading,
+            corridor=free_space.corridor(Route(route.sleeve, taut, path_length(taut))),
+            settings=self.settings.curve.configuration,
+        )
+        try:
+            return find_configuration(task, self.settings.leaders.curve_attempts)
+        except ConfigurationNotFound as refused:
+            self.refusals = (*self.refusals, refused.diagnosis.reason)
+            return None
+
+    def _path(self, straight: float, curve: Configuration, name: str) -> LeaderPath:
+        """The feed axis, the curve and the last link, sampled."""
+        arm = self.problem.arm
+        spacing = arm.link_length / self.settings.following.samples_per_link
+        on_curve = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length / spacing))) + 1)
+
+        first = min(arm.base_range[0], 0.0) - arm.link_length
+        on_axis = np.arange(first, straight - 0.5 * spacing, arm.link_length)
+
+        points = [arm.base + on_axis[:, None] * arm.feed_direction, curve.positions_at(on_curve)]
+        headings = [np.full(len(on_axis), arm.base_heading), curve.heading_at(on_curve)]
+        arcs = [on_axis, straight + on_curve]
+        if self._last_link > 0.0:
+            points.append(self.goal.position[None])
+            headings.append(headings[-1][-1:])
+            arcs.append(arcs[-1][-1:] + self._last_link)
+        return LeaderPath(
+            np.concatenate(arcs),
+            np.concatenate(points),
+            np.concatenate(headings),
+            straight,
+            name,
+            self.settings.following.chords,
+        )

@@ -1,0 +1,343 @@
+"""The leader of a fed arm and the path of a shape.
+
+Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
+
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, BoolArray, FloatArray, IntArray
+from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, whole_turns
+from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING, ChordSettings, FollowingSettings
+from ccm_opt.problem import Limits
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.link_chain import HELD_TOLERANCE
+
+
+@dataclass(frozen=True, eq=False)
+class LeaderPath:
+    """A path with a continuous heading; arc length is counted from ``Arm.base`` along the feed axis.
+
+    Attributes:
+        arc: of the samples, increasing, shape (m,) [m].
+        points: shape (m, 2) [m].
+        headings: unwrapped, shape (m,) [rad].
+        straight: arc length up to which the path is the feed axis [m].
+        name: how it was found, for messages.
+        chords: of finding the joints on it.
+    """
+
+    arc: FloatArray
+    points: FloatArray
+    headings: FloatArray
+    straight: float
+    name: str = ""
+    chords: ChordSettings = DEFAULT_FOLLOWING.chords
+
+    @property
+    def end(self) -> float:
+        """Arc length at the end of the path [m]."""
+        return float(self.arc[-1])
+
+    @cached_property
+    def _curve(self) -> CubicHermiteSpline:
+        tangents = unit_vector(self.headings)
+        return CubicHermiteSpline(self.arc, self.points, tangents)
+
+    def positions(self, arc: FloatArray) -> FloatArray:
+        """Points of the path, shape (..., 2) [m]; straight on beyond its ends."""
+        inside = np.clip(arc, self.arc[0], self.arc[-1])
+        beyond = np.asarray(arc - inside)[..., None]
+        first, last = unit_vector(self.headings[[0, -1]])
+        points: FloatArray = self._curve(inside) + beyond * np.where(beyond < 0.0, first, last)
+        return points
+
+    def joints(self, feeds: FloatArray, links: int, link_length: float) -> FloatArray:
+        """Arc lengths of the joints and the tip of an arm on the path, shape (len(feeds), links + 1) [m].
+
+        Args:
+            feeds: arc lengths of the base, shape (k,) [m].
+            links: number of links.
+            link_length: l [m].
+        """
+        # One joint after the other, for all feeds at once.
+        arc = np.empty((len(feeds), links + 1))
+        arc[:, 0] = feeds
+        for j in range(links):
+            arc[:, j + 1] = self._next(arc[:, j], link_length)
+        return arc
+
+    def base_with_tip_at_end(self, links: int, link_length: float) -> float:
+        """Arc length of the base of an arm that lies on the path with its tip at the end [m]."""
+        arc = np.array([self.end])
+        for _ in range(links):
+            arc = self._next(arc, -link_length)
+        return float(arc[0])
+
+    def _next(self, arc: FloatArray, chord: float) -> FloatArray:
+        """The next places on the path a chord away, ahead of ``arc`` or, for a negative chord, behind; Newton."""
+        here = self.positions(arc)
+        length = abs(chord)
+        sign = np.sign(chord)
+        least_slope = self.chords.least_slope
+        guess = arc + chord  # no chord is longer than its arc, so the root lies further on
+        for _ in range(self.chords.most_steps):
+            apart = self.positions(guess) - here
+            distance = np.hypot(apart[..., 0], apart[..., 1])
+            slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance
+            # Newton's step would shoot far off where the path turns across the chord.
+            safe_slope = np.where(sign * slope > least_slope, slope, sign * least_slope)
+            step = (length - distance) / safe_slope
+            guess = guess + np.clip(step, -0.5 * length, 0.5 * length)
+            if np.max(np.abs(step)) < self.chords.settled:
+                break
+        return guess
+
+    def _tangents(self, arc: FloatArray) -> FloatArray:
+        tangents: FloatArray = self._curve(np.clip(arc, self.arc[0], self.arc[-1]), 1)
+        return tangents
+
+    def link_headings(self, joints: FloatArray) -> FloatArray:
+        """Headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
+        steps = np.diff(self.positions(joints), axis=-2)
+        chords = vector_headings(steps)
+        middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
+        return chords + whole_turns(middle - chords)
+
+
+def path_of_pose(
+    arm: Arm, bends: FloatArray, feed: float, straight: float, settings: FollowingSettings = DEFAULT_FOLLOWING
+) -> LeaderPath | None:
+    """A smooth path through all joints of a pose; it follows the feed axis at least up to a given arc length.
+
+    Beyond the axis it is a cubic spline through the joints, so that a joint that slides to its neighbour's place takes
+    over its bend gradually, and the arm lies on the path exactly with chords of its links.
+
+    Args:
+        arm: with a feed axis.
+        bends: of the pose, shape (links,) [rad].
+        feed: of the pose [m].
+        straight: arc length that the path follows the axis at least [m].
+        settings: of following.
+
+    Returns:
+        The path, or None when a joint bends so near to the hole that no such path exists.
+    """
+    l = arm.link_length
+    joints = arm.joint_positions_at(arm.configuration(bends, feed))
+    bent = np.flatnonzero(bends)
+    first_bent = int(bent[0]) if len(bent) else arm.links
+    # On the axis up to the first bent joint at least, for all before it lies there.
+    leaves = max(straight, feed + first_bent * l)
+
+    off_axis = joints[first_bent + 1 :]
+    if len(off_axis):
+        lead = float((off_axis[0] - arm.base) @ arm.feed_direction) - leaves
+        if lead < settings.least_lead * l:
+            return None
+    return path_through(arm, leaves, off_axis, "own shape", settings=settings)
+
+
+def path_through(
+    arm: Arm,
+    leaves: float,
+    points: FloatArray,
+    name: str,
+    end_heading: float | None = None,
+    settings: FollowingSettings = DEFAULT_FOLLOWING,
+) -> LeaderPath:
+    """The path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
+
+    Args:
+        arm: with a feed axis.
+        leaves: arc length at which the path leaves the axis [m].
+        points: in order, shape (k, 2) [m]; with none the path is a piece of the axis.
+        name: of the path.
+        end_heading: heading at the last point [rad], or None when any will do.
+        settings: of following.
+    """
+    if len(points) == 0:
+        return _axis_alone(arm, leaves, name, settings)
+    nodes = np.vstack((arm.base + leaves * arm.feed_direction, points))
+    chords = arc_lengths(nodes)
+
+    # The first derivative is that of the axis; at the end it is the heading's, or else the second derivative is zero.
+    order: Literal[1, 2]
+    if end_heading is None:
+        order = 2
+        end = np.zeros(2)
+    else:
+        order = 1
+        end = unit_vector(end_heading)
+    curve = CubicSpline(chords, nodes, bc_type=((1, arm.feed_direction), (order, end)))
+
+    parameters = _parameters(chords, settings.samples_per_link)
+    tangents = np.asarray(curve(parameters, 1))
+    speed = np.hypot(*tangents.T)
+    arc = np.asarray(cumulative_simpson(speed, x=parameters, initial=0.0))
+    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name, settings)
+
+
+def _parameters(chords: FloatArray, count: int) -> FloatArray:
+    """Parameters of the curve at which it is sampled: so many to a chord, all joints among them."""
+    inner = [a + (b - a) * np.arange(count) / count for a, b in pairwise(chords)]
+    return np.concatenate([*inner, chords[-1:]])
+
+
+def _axis_alone(arm: Arm, leaves: float, name: str, settings: FollowingSettings) -> LeaderPath:
+    """The feed axis up to an arc length [m]."""
+    arc = np.append(_on_axis(arm, leaves), leaves)
+    points = arm.base + arc[:, None] * arm.feed_direction
+    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name, settings.chords)
+
+
+def _with_axis(
+    arm: Arm,
+    leaves: float,
+    arc: FloatArray,
+    points: FloatArray,
+    tangents: FloatArray,
+    name: str,
+    settings: FollowingSettings,
+) -> LeaderPath:
+    """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
+    before = _on_axis(arm, leaves)
+    headings = arm.base_heading + np.unwrap(vector_headings(tangents) - arm.base_heading)
+    headings -= whole_turns(headings[0] - arm.base_heading)
+    return LeaderPath(
+        np.concatenate((before, leaves + arc)),
+        np.concatenate((arm.base + before[:, None] * arm.feed_direction, points)),
+        np.concatenate((np.full(len(before), arm.base_heading), headings)),
+        leaves,
+        name,
+        settings.chords,
+    )
+
+
+def _on_axis(arm: Arm, leaves: float) -> FloatArray:
+    """Arc lengths of samples of the feed axis before the path leaves it, a link length behind the base's range on."""
+    low, _ = arm.base_range
+    arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
+    # Two samples in one place would leave the interpolation no slope.
+    return arc[arc < leaves - SHORTEST * arm.link_length]
+
+
+def travel_between_samples(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> float:
+    """How far the base can move between two samples of a trajectory [m], given that it is timed by ``feed_limits``."""
+    return settings.sample_period * (feed_limits(arm, limits, settings).feed_velocity or 0.0)
+
+
+def feed_limits(arm: DrivenArm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
+    """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
+
+    Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
+    a base that is allowed to be very fast is held back rather than its joints.
+    """
+    if limits.feed_velocity is None:
+        return limits
+    fastest = settings.links_per_sample * arm.link_length / settings.sample_period
+    return replace(limits, feed_velocity=min(limits.feed_velocity, fastest))
+
+
+def straight_while_held(
+    arm: Arm, spline: BSpline, travel: float, settings: FollowingSettings = DEFAULT_FOLLOWING
+) -> bool:
+    """Whether every joint is exactly straight while it is held, and for some travel of the base before and after.
+
+    A joint is taken as bent on a whole span of the spline when one of the span's control points bends it. Where the
+    path comes to rest (three control points are one) the base needs no room to travel on.
+
+    Args:
+        arm: with a feed axis.
+        spline: of bends and feed, over [0, 1].
+        travel: of the base, around a joint's bending, in which the joint must be outside the guide tube too [m].
+        settings: of following.
+    """
+    per_span = settings.samples_per_span
+    samples = np.asarray(spline(np.linspace(0.0, 1.0, per_span * _spans(spline) + 1)))[:, -1]
+    travelled = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
+    rests = per_span * _rests(spline)
+    bent = _bent_spans(spline)
+
+    for joint in np.flatnonzero(bent.any(axis=0)):
+        # Samples of every span that bends the joint, and further those that the base reaches by its travel,
+        begin = per_span * np.flatnonzero(bent[:, joint])
+        end = begin + per_span
+        first = np.searchsorted(travelled, travelled[begin] - travel, side="left") - 1
+        last = np.searchsorted(travelled, travelled[end] + travel, side="right")
+        # but not beyond where the path rests before and after.
+        first = np.maximum(first, rests[np.searchsorted(rests, begin, side="right") - 1])
+        last = np.minimum(last, rests[np.searchsorted(rests, end, side="left")])
+
+        least_feed = min(float(samples[a : b + 1].min()) for a, b in zip(first, last, strict=True))
+        if least_feed + joint * arm.link_length < arm.hole - 0.5 * HELD_TOLERANCE:
+            return False
+    return True
+
+
+def _rests(spline: BSpline) -> IntArray:
+    """Spans at whose beginning the path rests, the number of spans last, increasing."""
+    control = np.asarray(spline.c)
+    same = np.all(control[1:] == control[:-1], axis=1)
+    inner = np.flatnonzero(same[:-1] & same[1:])
+    return np.unique(np.concatenate(([0], inner[inner <= _spans(spline)], [_spans(spline)])))
+
+
+def _spans(spline: BSpline) -> int:
+    return len(spline.c) - spline.k
+
+
+def _bent_spans(spline: BSpline) -> BoolArray:
+    """Which joints a control point bends on which span, shape (spans, links), boolean."""
+    bent = np.asarray(spline.c)[:, :-1] != 0.0
+    on_span: BoolArray = np.any([bent[k : k + _spans(spline)] for k in range(spline.k + 1)], axis=0)
+    return on_span
+
+
+_NO_BEND = 1e-10
+"""Bends below this are rounding of straight chords [rad]; the guide tube asks for exactly straight joints."""
+
+
+def slide(
+    arm: Arm, path: LeaderPath, start: float, end: float, settings: FollowingSettings = DEFAULT_FOLLOWING
+) -> FloatArray:
+    """Keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
+    feeds = feeds_between(arm, start, end, settings)
+    joints = path.joints(feeds, arm.links, arm.link_length)
+    bends = arm.bends(path.link_headings(joints))
+    # The guide tube takes exactly straight joints only.
+    bends = np.where(np.abs(bends) < _NO_BEND, 0.0, bends)
+    return np.column_stack((bends, feeds))
+
+
+def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
+    """Bends of the arm on a path, shape (links,) [rad]."""
+    return slide(arm, path, feed, feed)[0, :-1]
+
+
+def feeds_between(arm: Arm, start: float, end: float, settings: FollowingSettings = DEFAULT_FOLLOWING) -> FloatArray:
+    """Feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
+    if start == end:
+        return np.array([start])
+    # Whole steps stay whole when rounding puts the distance a little beyond them.
+    steps = np.ceil(abs(end - start) / feed_step(arm, settings) - ROUNDING)
+    return np.linspace(start, end, 1 + int(steps))
+
+
+def feed_step(arm: Arm, settings: FollowingSettings = DEFAULT_FOLLOWING) -> float:
+    """Feed between two keyframes [m]."""
+    return max(settings.feed_step * arm.link_length, settings.least_feed_step * arm.length)
+
+
+def joined_keyframes(*pieces: FloatArray) -> FloatArray:
+    """Keyframes of several pieces in a row, each beginning where the one before ends."""
+    first, *others = [piece for piece in pieces if len(piece)]
+    beginnings_dropped = [piece[1:] for piece in others]
+    return np.concatenate((first, *beginnings_dropped))

@@ -1,0 +1,311 @@
+"""Members of a goal set.
+
+What a wide tolerance leaves open is closed again by a few members that differ: at least one in every piece of the set
+that the tip can get to, those first onto which the arm can run in straight, and far apart otherwise. The search takes
+any other member that it comes by.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import unit_vector, wrap
+from ccm_opt.core.progress import Stages
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.planning.ends import Ends
+from ccm_opt.planning.goal_pose import GoalPoseSearch, for_arm
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.solution import GoalPoseRecord
+
+
+@dataclass(frozen=True)
+class GoalMemberSettings:
+    """Numbers of the choice of members.
+
+    Attributes:
+        most: members that are chosen, but for one in every piece. Taste: each is worth routes of its own.
+        pieces: pieces of the set that are looked at, the largest first. Taste.
+        grid: places across the set, in both directions. Taste.
+        turn_step: between headings that are looked at [rad], at most. Taste: 5°.
+        turn_share: of the arm's length that a turn of one radian counts for. Taste.
+        different: members that differ by less than this share of the arm's length count as one. Taste: a nominal link.
+        edge: distance of places from the edge of free space, as a share of the set's radius. Taste.
+        reach: share of its length to which the arm can be expected to stretch. Taste: at full stretch no step has a
+            choice.
+        runs: straight runs onto a member that are told apart, in nominal links. Taste.
+        run_samples: places of a run that have to be free. Taste.
+    """
+
+    most: int = 5
+    pieces: int = 4
+    grid: int = 9
+    turn_step: float = 0.08726646259971647
+    turn_share: float = 0.1
+    different: float = 0.04
+    edge: float = 0.02
+    reach: float = 0.99
+    runs: tuple[float, ...] = (0.5, 1.0, 2.0)
+    run_samples: int = 9
+
+
+@dataclass(frozen=True)
+class GoalMember:
+    """One place and heading of a goal.
+
+    Attributes:
+        position: of the tip, shape (2,) [m].
+        heading: of the tip [rad], or None where any will do.
+    """
+
+    position: FloatArray
+    heading: float | None
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """Members to choose from.
+
+    Attributes:
+        places: shape (m, 2) [m].
+        headings: shape (m,) [rad]; zeros where any will do.
+        runs: nominal links that run straight onto each without meeting a wall, shape (m,).
+        pieces: number of the piece of the set that each place belongs to, shape (m,).
+    """
+
+    places: FloatArray
+    headings: FloatArray
+    runs: FloatArray
+    pieces: IntArray
+
+
+def goal_members(
+    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings | None = None, fed: float = 0.0
+) -> tuple[GoalMember, ...]:
+    """Members of a goal to lead routes to; the goal itself alone when it is no set.
+
+    Args:
+        arm: that is to get there.
+        goal: of the tip.
+        room: free space of the arm's axis.
+        settings: numbers.
+        fed: how far the base can be fed in beyond where it stands [m].
+
+    Returns:
+        At least one unless the whole set is closed to the tip; the one nearest to the middle of the set first.
+    """
+    if not goal.is_set:
+        return (GoalMember(goal.position, goal.heading),)
+    settings = settings or GoalMemberSettings()
+    choice = _choice(arm, goal, room, settings, fed)
+    chosen = _far_apart(arm, goal, choice, settings)
+    any_heading = goal.heading is None
+    return tuple(GoalMember(choice.places[k], None if any_heading else float(choice.headings[k])) for k in chosen)
+
+
+def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings, fed: float) -> _Choice:
+    """All places and headings that are looked at."""
+    places, pieces = _places(arm, goal, room, settings, fed)
+    headings = _headings(goal, settings)
+    each = np.repeat(np.arange(len(places)), len(headings))
+    turned = np.tile(headings, len(places))
+    runs = np.zeros(len(each))
+    if goal.heading is not None and len(each):
+        unit = arm.length / NOMINAL_LINKS
+        # The longest run comes last, so that it stays.
+        for links in sorted(settings.runs):
+            runs[_runs_in(room, places[each], turned, links * unit, settings)] = links
+    return _Choice(places[each], turned, runs, pieces[each])
+
+
+def _runs_in(
+    room: FreeSpace, places: FloatArray, headings: FloatArray, length: float, settings: GoalMemberSettings
+) -> BoolArray:
+    """Onto which places (m, 2) [m] with headings (m,) [rad] a straight run of some length [m] is free; shape (m,)."""
+    back = -np.linspace(0.0, length, settings.run_samples)
+    samples = places[:, None] + back[:, None] * unit_vector(headings).reshape(-1, 2)[:, None]
+    return np.asarray(room.contains(samples.reshape(-1, 2)).reshape(len(places), -1).all(axis=1))
+
+
+def _headings(goal: GoalPose, settings: GoalMemberSettings) -> FloatArray:
+    """Headings within the range, evenly, the middle one among them; shape (h,) [rad]."""
+    if goal.heading is None:
+        return np.zeros(1)
+    steps = int(np.ceil(goal.room[1] / settings.turn_step))
+    return goal.heading + np.linspace(-goal.room[1], goal.room[1], 2 * steps + 1)
+
+
+def _places(
+    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings, fed: float
+) -> tuple[FloatArray, IntArray]:
+    """Places of the set that are connected with the base and within the arm's length of it, with their pieces."""
+    if goal.room[0] == 0.0:
+        return goal.position[None], np.zeros(1, dtype=np.intp)
+    parts = shapely.get_parts(room.polygons)
+    if len(parts) == 0:
+        return np.zeros((0, 2)), np.zeros(0, dtype=np.intp)
+    base = shapely.Point(arm.base)
+    around_base = parts[int(np.argmin(shapely.distance(parts, base)))]
+    middle = shapely.Point(goal.position)
+    within = shapely.intersection(middle.buffer(goal.room[0]), base.buffer(settings.reach * arm.length + fed))
+    pieces = [
+        piece
+        for piece in shapely.get_parts(shapely.intersection(around_base, within))
+        if isinstance(piece, shapely.Polygon) and not piece.is_empty
+    ]
+    pieces.sort(key=lambda piece: -piece.area)
+    places = [_places_in(piece, middle, base, goal.room[0], settings) for piece in pieces[: settings.pieces]]
+    numbers = [np.full(len(some), k, dtype=np.intp) for k, some in enumerate(places)]
+    return np.concatenate([np.zeros((0, 2)), *places]), np.concatenate([np.zeros(0, dtype=np.intp), *numbers])
+
+
+def _places_in(
+    piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float, settings: GoalMemberSettings
+) -> FloatArray:
+    """Places of one piece: a grid, its roomiest place, and those nearest to the middle and to the base; (m, 2) [m]."""
+    roomiest = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece))[:1]
+    # A little inside: at the very edge of free space no step has a choice.
+    inside = piece.buffer(-settings.edge * width)
+    inside = piece if inside.is_empty else inside
+    ends = [shapely.get_coordinates(shapely.shortest_line(inside, end))[:1] for end in (middle, base)]
+    across = np.linspace(-width, width, settings.grid)
+    grid = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2) + shapely.get_coordinates(middle)
+    return np.concatenate([*ends, roomiest, grid[shapely.intersects_xy(inside, grid[:, 0], grid[:, 1])]])
+
+
+def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice, settings: GoalMemberSettings) -> list[int]:
+    """Which members are taken: the nearest to the middle of every piece, then the farthest from those taken."""
+    if len(choice.places) == 0:
+        return []
+    off = np.linalg.norm(choice.places - goal.position, axis=1) / arm.length
+    turned = np.abs(choice.headings - (goal.heading or 0.0)) * settings.turn_share
+    # What can be run onto straight is better than what can not, whatever else.
+    short = choice.runs.max() - choice.runs
+    chosen: list[int] = []
+    for piece in range(int(choice.pieces.max()) + 1):
+        mine = np.flatnonzero(choice.pieces == piece)
+        best = mine[np.argmin(short[mine] + 1e-3 * (off + turned)[mine])]
+        chosen.append(int(best))
+    while len(chosen) < settings.most:
+        apart = np.min([_apart(arm, choice, k, settings) for k in chosen], axis=0)
+        apart[short > 0.0] = 0.0
+        farthest = int(np.argmax(apart))
+        if apart[farthest] < settings.different:
+            break
+        chosen.append(farthest)
+    return chosen
+
+
+def _apart(arm: Arm, choice: _Choice, k: int, settings: GoalMemberSettings) -> FloatArray:
+    """How much all members differ from one of them, shape (m,): in arm lengths, turns by their share."""
+    off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
+    turned = np.abs(wrap(choice.headings - choice.headings[k])) * settings.turn_share
+    return np.asarray(off + turned)
+
+
+@dataclass
+class EndPoses:
+    """Offers the search better poses at the goal than those in which its motions arrive; they are ``EndPosesOffered``.
+
+    Attributes:
+        problem: whose goal it is.
+        ends: its ends as planning takes them.
+        deadline: after which no further pose is asked for.
+        stages: names and times the stage.
+        terms: the user's constraints and costs, or None.
+        settings: of the NLP.
+        said: every pose that was asked for, with the search that asked, in the order of asking.
+    """
+
+    problem: Problem
+    ends: Ends
+    deadline: Deadline
+    stages: Stages
+    terms: UserTerms | None
+    settings: PoseSettings
+    said: list[tuple[GoalPoseSearch, ArmPose]] = field(default_factory=list)
+
+    def __call__(self, arm: Arm, headings: FloatArray) -> Iterator[FloatArray]:
+        """Link headings of better poses than the one in which a motion ends, the best first; none without need.
+
+        The pose of the motion's own class comes first, for interpolation reaches it. Only where it lacks room are poses
+        of other classes asked for.
+
+        Args:
+            arm: the arm, or one as long with fewer links.
+            headings: of its links at the end of the motion, shape (links,) [rad].
+        """
+        if self.problem.wanted_gap == 0.0 or self.ends.goal_headings is not None:
+            return
+        with self.stages("configuration"):
+            search = GoalPoseSearch(for_arm(self.problem, arm), self.ends, headings, self.terms, self.settings)
+            poses = search.improved(headings)
+            own = search.best_of(poses)
+        self.said.append((search, own or poses[-1]))
+        if own is not None and own.gap >= self.settings.room_enough * search.wanted_gap:
+            yield own.headings
+            return
+        with self.stages("configuration"):
+            others = [each.pose for each in search.candidates(headings, self.deadline)]
+            poses_of_all = sorted(others if own is None else [own, *others], key=lambda pose: pose.answer.cost)
+        for pose in poses_of_all:
+            if pose is not own:
+                self.said.append((search, pose))
+            yield pose.headings
+
+    def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
+        """What was said of the pose in which the motion ends, or of the last that was asked for.
+
+        Args:
+            reached: link headings of the offered pose that the motion ends in, shape (links,) [rad]; None where it
+                ends elsewhere.
+        """
+        if not self.said:
+            return None
+        taken = [each for each in self.said if reached is not None and np.array_equal(each[1].headings, reached)]
+        search, pose = taken[-1] if taken else self.said[-1]
+        return pose_record(search, pose, len(self.said), "" if taken else _why_not(search, pose))
+
+
+def pose_record(search: GoalPoseSearch, pose: ArmPose, tried: int, reason: str = "") -> GoalPoseRecord:
+    """What is kept of a pose of the NLP.
+
+    Args:
+        search: that asked for it.
+        pose: the pose.
+        tried: how many poses were asked for, this one among them.
+        reason: why the motion does not end in it; empty when it does, or when there is none.
+    """
+    return GoalPoseRecord(
+        reached=not reason,
+        reason=reason,
+        headings=pose.headings,
+        curve=pose.curve,
+        gap=pose.gap,
+        wanted_gap=search.wanted_gap,
+        costs=pose.answer.costs,
+        multipliers=pose.answer.multipliers,
+        iterations=pose.answer.iterations,
+        size=pose.answer.size,
+        status=pose.answer.status,
+        tried=tried,
+    )
+
+
+def _why_not(search: GoalPoseSearch, pose: ArmPose) -> str:
+    """Why a motion does not end in the pose that was asked for last."""
+    if not search.feasible(pose):
+        return (
+            f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' off by "
+            f"{pose.answer.violation:.2g}; the motion ends where the search arrived"
+        )
+    return "no certified way leads from where the search arrived to this pose, so the motion ends where it arrived"

@@ -1,0 +1,339 @@
+"""Hairpins that travel along the arm.
+
+Dragging the tip alone leaves it to buckling where the arm folds. Here every link has a heading reference, so that the
+fold is where it should be. Arc length s is counted from the base, L and l are the lengths of the arm and of a link;
+link k has its middle at m_k = (k + 1/2) l. The hairpin has length λ and begins at f on the old shape; f falls from L
+to 0, and on to -λ while the fold opens at the base.
+
+- *Ahead of the fold*, m_k <= f, the arm stays on its old shape: heading φ_old(m_k).
+- *Behind it* the arm lies on a track that leads from the tip back beside the old arm, leaves it where the new route
+  does, and goes on to the goal. r(s) is the arc length on the track beside place s of the old shape; it is not
+  L - s, for in a bend the strand on the outside is longer. The strand that has turned round is L - f - λ long and
+  begins beside the fold, so that the tip's target is at
+
+      u = r(f) + (L - f - λ),
+
+  and link k, which is L - m_k behind the tip, should have the track's heading h(u - (L - m_k)), smoothed over two
+  nominal links.
+- *In the fold* one heading blends into the other,
+
+      φ_ref,k = (1 - b_k) φ_old(min(m_k, f)) + b_k h(u - (L - m_k)),
+
+  with x_k = clip((m_k - f) / λ, 0, 1) and b_k = x_k² (3 - 2 x_k). The two differ by half a turn, to the left or to
+  the right: that is the hairpin.
+
+Each step draws the tip to its target and the links to the reference, and keeps the joints ahead of the fold where they
+are. The fold travels on as long as the tip keeps up.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.length_words import long_length, short_length
+from ccm_opt.core.polyline import arc_lengths, path_length
+from ccm_opt.planning.continuation import Guide, GuideCandidate
+from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack, shortened
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.passage_widths import passage_widths
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.settings import DEFAULT_GUIDES, HairpinSettings
+from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.tip_paths import TipPath
+
+
+@dataclass
+class Hairpin:
+    """Reference headings and tip targets for one fold.
+
+    Attributes:
+        space: the link space.
+        track: from the tip back along the arm and on to the goal.
+        retraced: r at the joints: arc length on the track beside each joint of the old shape, shape (links + 1,) [m];
+            joints that the track does not pass have that of the joint where it leaves.
+        old: headings φ_old of the old shape, shape (links,) [rad].
+        fold_length: length λ of the hairpin [m].
+        fold_at: arc length f of the fold on the old shape [m]; runs from L to 0 and on while it opens at the base.
+        settings: advances, leashes and weights.
+    """
+
+    space: LinkSpace
+    track: TipTrack
+    retraced: FloatArray
+    old: FloatArray
+    fold_length: float
+    fold_at: float
+    settings: HairpinSettings = DEFAULT_GUIDES.hairpin
+
+    @property
+    def nominal_length(self) -> float:
+        """The nominal link [m]."""
+        return self.space.nominal_length
+
+    @property
+    def tip_arc(self) -> float:
+        """Where on the track the tip should be, u [m]."""
+        arm = self.space.arm
+        joints = np.arange(arm.links + 1) * arm.link_length
+        # Measured on the track: in a bend the strand on the outside is longer than the arm beside it.
+        beside_fold = np.interp(self.fold_at, joints, self.retraced)
+        return float(beside_fold + arm.length - self.fold_at - self.fold_length)
+
+    def target(self) -> FloatArray:
+        """The tip's target, shape (2,) [m]."""
+        return self.track.point(self.tip_arc)
+
+    def reference(self) -> FloatArray:
+        """Heading φ_ref that every link should have, shape (links,) [rad]."""
+        arm = self.space.arm
+        middle = self._middles()
+        x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
+        blend = x * x * (3.0 - 2.0 * x)
+        # Inside the fold the old shape goes on as it is at the fold's beginning.
+        on_old_shape = np.interp(np.minimum(middle, self.fold_at), middle, self.old)
+        on_track = self.track.heading(self.tip_arc - (arm.length - middle))
+        reference: FloatArray = (1.0 - blend) * on_old_shape + blend * on_track
+        return reference
+
+    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+        """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
+        settings = self.settings
+        links = self.space.arm.links
+        per_link = self.space.nominal_per_link
+        turns = self.space.matrix
+        tip = jacobians[-1] / self.nominal_length
+        joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
+
+        error = self.target() - pose.points[-1]
+        error = shortened(error, settings.longest_error * self.nominal_length)
+        still = settings.still_weight * np.repeat(per_link * self._ahead(), 2) + settings.motion_weight * per_link
+        return [
+            # The tip goes to its target and every link into its reference heading,
+            Term(tip, error / self.nominal_length, 1.0),
+            Term(turns, self.reference() - pose.headings, settings.heading_weight * per_link),
+            # all with little turning, and joints ahead of the fold stay where they are.
+            Term(turns, np.zeros(links), settings.turn_weight * per_link),
+            Term(joints, np.zeros(2 * links), still),
+        ]
+
+    def _ahead(self) -> FloatArray:
+        """How much each link lies ahead of the fold, in [0, 1]: wholly from a nominal link on, shape (links,)."""
+        middle = self._middles()
+        before_fold = np.minimum((self.fold_at - middle) / self.nominal_length, 1.0)
+        return np.where(middle < self.fold_at, before_fold, 0.0)
+
+    def _middles(self) -> FloatArray:
+        """Arc lengths m_k of the links' middles, shape (links,) [m]."""
+        arm = self.space.arm
+        return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
+
+    def progress(self, pose: Pose) -> bool:
+        """Let the fold travel a little if the tip keeps up."""
+        # A fold that left its tip behind would ask for headings that fit no place where the arm can be.
+        if self._lag(pose) > self.settings.leash * self.nominal_length:
+            return False
+        self.fold_at -= self.settings.advance * self.nominal_length
+        return True
+
+    def finished(self, pose: Pose) -> bool:
+        """Whether the tip's target has reached the end of the track, or the fold has opened at the base."""
+        del pose  # the fold's travel alone decides; what the tip lags behind is led on later
+        return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
+
+    def run_through(self) -> None:
+        """Put the fold where the tip's target is at the end of the track, at most where it has opened at the base."""
+        arm = self.space.arm
+        places = np.linspace(-self.fold_length, arm.length, self.settings.places)
+        arcs = np.interp(places, np.arange(arm.links + 1) * arm.link_length, self.retraced) - places
+        reached = arcs + arm.length - self.fold_length >= self.track.length
+        self.fold_at = float(places[reached].max(initial=-self.fold_length))
+
+    def describe(self, pose: Pose) -> str:
+        """How far the fold has come."""
+        return (
+            f"the fold stopped {long_length(self.fold_at)} from the base, "
+            f"the tip {short_length(self._lag(pose))} short of {long_length(self.tip_arc)} "
+            f"on a path of {long_length(self.track.length)}"
+        )
+
+    def _lag(self, pose: Pose) -> float:
+        """Distance of the tip from its target [m]."""
+        return float(np.hypot(*(self.target() - pose.points[-1])))
+
+
+def fold_track(
+    points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
+) -> tuple[TipTrack, FloatArray]:
+    """The track back along the arm, beside it, and on to the goal.
+
+    Args:
+        points: joints of the old shape, shape (links + 1, 2) [m].
+        leave: joint where the route leaves the old shape.
+        route: from that joint to the goal, shape (k, 2) [m].
+        side: +1 folds to the left, -1 to the right.
+        offset: distance between the strands [m].
+        window: smoothing length of the heading [m].
+        last_heading: heading of the old shape's last link [rad].
+
+    Returns:
+        The track, and the arc length on it beside every joint, shape (links + 1,).
+    """
+    tangent = np.gradient(points, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    left = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
+    # The strand that comes back lies beside the old shape, on the side to which the arm folds.
+    beside = points + side * offset * left
+    back = beside[leave:][::-1]
+    onward = _rest_of(route, back[-1], offset) if len(back) > 1 else route
+    # The tip turns by half a turn to the fold's side, which fixes the winding of all headings on the track.
+    track = TipTrack.along(np.vstack((back, onward)), window, last_heading + side * np.pi)
+
+    # Joints before the one where the route leaves stay, so the strand never passes them.
+    arcs = arc_lengths(back)
+    retraced = np.empty(len(points))
+    retraced[leave:] = arcs[::-1]
+    retraced[:leave] = arcs[-1]
+    return track, retraced
+
+
+def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
+    """The route from a little beyond the point that is nearest to a place, shape (k, 2) [m].
+
+    The strand so joins its route wherever the route's vertices lie.
+    """
+    line = shapely.LineString(route)
+    joined = line.project(shapely.Point(place)) + lead
+    rest = route[arc_lengths(route) > joined + ROUNDING]
+    if len(rest) == 0:
+        return route[-1:]
+    return np.vstack((line.interpolate(joined).coords[0], rest))
+
+
+def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
+    """Lengths of the hairpin in nominal links, the one that fits the passage first: width times ``passage_share``."""
+    arm = stepper.space.arm
+    settings = stepper.settings.guides
+    hairpin = settings.hairpin
+    widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
+    # A fold turns inside the width that the arm's own thickness leaves.
+    width = float(np.quantile(widths, hairpin.passage_quantile)) - 2.0 * arm.radius
+    wanted = hairpin.passage_share * width / stepper.space.nominal_length
+    fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
+    others = [length for length in hairpin.lengths if abs(length - fitting) > hairpin.same_length]
+    return fitting, *others
+
+
+def pulled_over(
+    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
+) -> Iterator[GuideCandidate]:
+    """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        whole_arm: coordinates of a goal for the whole arm, or None.
+        path: of the tip.
+        lengths: of the hairpin, in nominal links.
+    """
+    leave = leaving_joint(stepper, start, path)
+    if leave is None:
+        return
+    joint, route = leave
+    resume = partial(_pulled_out, stepper, path) if whole_arm is None else partial(_opened, stepper, whole_arm)
+    for length in lengths:
+        make_guide = partial(fold_about_to_travel, stepper, start, path, joint, route, length)
+        yield GuideCandidate(f"hairpin of {length:.2g}, {path.name}", make_guide, (resume,))
+
+
+def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
+    """The joint where the new shape leaves the old one, and the route from there.
+
+    The new shape (old arm up to joint b, then the taut path to the goal) may not be longer than the arm; among those
+    the smallest b whose tip path is within one nominal link of the shortest.
+    """
+    arm = stepper.space.arm
+
+    @cache
+    def onward(joint: int) -> float:
+        return path_length(path.from_joint(start.points, joint))
+
+    def new_length(joint: int) -> float:
+        return joint * arm.link_length + onward(joint)
+
+    def tip_path_length(joint: int) -> float:
+        return (arm.links - joint) * arm.link_length + onward(joint)
+
+    longest = stepper.settings.guides.hairpin.longest_shape * arm.length
+    if new_length(0) > longest:
+        return None
+    # Hardly too long: the arm leaves its old shape at the base, and may fit where the path keeps off corners.
+    if new_length(0) > arm.length:
+        return 0, path.from_joint(start.points, 0)
+
+    # Both lengths grow or fall with the joint, for the path from a joint differs from its neighbour's by at most a
+    # link; so bisection finds where they cross a bound, and few taut paths have to be drawn.
+    last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
+    near_shortest = tip_path_length(last) + stepper.space.nominal_length
+    first = last - _last_true(lambda back: tip_path_length(last - back) <= near_shortest, last)
+    return first, path.from_joint(start.points, first)
+
+
+def _last_true(holds: Callable[[int], bool], last: int) -> int:
+    """Largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
+    low = 0
+    high = last
+    while low < high:
+        middle = (low + high + 1) // 2
+        if holds(middle):
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+def fold_about_to_travel(
+    stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float
+) -> Hairpin:
+    """The guide of a fold of some length, in nominal links, that has not begun to travel yet."""
+    arm = stepper.space.arm
+    fold_length = length * stepper.space.nominal_length
+    # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
+    # fold's length has them further apart.
+    strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
+    last_heading = float(start.headings[-1])
+    window = heading_window(stepper)
+    track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
+    settings = stepper.settings.guides.hairpin
+    return Hairpin(stepper.space, track, retraced, start.headings, fold_length, arm.length, settings)
+
+
+def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """The tip drawn along what remains of a hairpin's track, the fold left to itself."""
+    if not isinstance(guide, Hairpin):
+        raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
+    track = guide.track
+    # The tip may have got ahead of its target or lag behind it: what remains begins beside it.
+    rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
+    remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
+    taut = path.free_space.taut_path(remaining, shrink=path.shrink)
+    return led_along(stepper, pose, taut)
+
+
+def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
+    """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
+    return Interpolation(stepper.space, pose.v, goal, settings=stepper.settings.guides.interpolation)
+
+
+def led_along(stepper: Stepper, pose: Pose, taut: FloatArray) -> TipLed:
+    """The tip of a pose drawn along a taut path that begins there, shape (k, 2) [m]."""
+    track = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
+    return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)
+
+
+def heading_window(stepper: Stepper) -> float:
+    """Length over which a track's heading is smoothed [m]."""
+    return stepper.settings.guides.heading_window * stepper.space.nominal_length

@@ -1,0 +1,396 @@
+"""Rows that keep links clear of walls, and regions about what they sweep.
+
+The link at the start, half-way and at the end of the interval spans a convex hull Q. Walls are taken nearest first:
+the half-plane across the shortest line from Q to the wall leaves Q inside and the wall outside; walls already behind
+a chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a polygon for the ellipsoid).
+
+Every row has one form, for walls and for pairs of links:
+
+    n·(P_a − P_b) + sag_hi − sag_lo + c ≤ 0,
+
+positions at one end of interval k, sag_j = ⅛ Σ_{i<j} l Δφ_i² over it (see ``certificate``). A wall's half-plane
+n·x ≤ b has P_b = base; a pair of links i < j has a = j + t, b = i + s and only the links between in the sag.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.core.arrays import SHORTEST, BoolArray, FloatArray, IntArray
+from ccm_opt.core.native import NativeCall, element_type
+from ccm_opt.planning.spline_path import smoothing_matrix
+from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, LinkMarginSettings
+from ccm_opt.scene.contact_finder import closest_on_segments
+from ccm_opt.scene.walls import WallSegments
+from ccm_opt.scene.workspace import Workspace
+
+BEHIND = 1e-9
+"""By which a wall may stand out of a half-plane that it counts as behind [m]. Derived: rounding."""
+_PLANES = 8
+"""Half-planes about a sweep that there is room for at first."""
+
+
+@dataclass(frozen=True)
+class HalfPlanes:
+    """Half-planes n·x ≤ b that one link has to keep within over one interval.
+
+    Attributes:
+        interval: shape (m,).
+        link: shape (m,).
+        normal: n, unit, shape (m, 2).
+        bound: b, at the wall's surface, shape (m,) [m].
+    """
+
+    interval: IntArray
+    link: IntArray
+    normal: FloatArray
+    bound: FloatArray
+
+    def take(self, mask: BoolArray) -> "HalfPlanes":
+        """Those selected by a mask."""
+        return HalfPlanes(self.interval[mask], self.link[mask], self.normal[mask], self.bound[mask])
+
+
+def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
+    """Half-planes round the sweep of every link in every interval.
+
+    Args:
+        sweep: the motion.
+        walls: what to keep away from.
+        first_link: links before this one may touch walls.
+        reach: walls farther away than this are left out [m].
+    """
+    intervals = len(sweep.turns)
+    links = sweep.space.arm.links
+    free = np.arange(first_link, links)
+    interval, link = (grid.ravel() for grid in np.meshgrid(np.arange(intervals), free, indexing="ij"))
+    corners = _corners(sweep, interval, link)
+    far = reach + float(walls.rounding.max())
+
+    q, normal, bound = free_half_planes(corners, walls, far)
+    return HalfPlanes(interval[q], link[q], normal, bound)
+
+
+def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The sweep, the unit normal and the bound of every half-plane, by sweep and distance.
+
+    Args:
+        corners: ends of each link at three times, shape (m, 6, 2) [m].
+        walls: what to keep away from.
+        far: segments farther away are left out [m].
+
+    Returns:
+        Shapes (k,), (k, 2) and (k,) [m]; n·x ≤ b is on the sweep's side.
+    """
+    call = NativeCall(
+        "sweep_planes",
+        sweeps=len(corners), corners=corners, halfway=corners[:, 2:4], tree=walls.boxes.for_c(), ends=walls.ends,
+        rounding=walls.rounding, far=far, shortest=SHORTEST, behind=BEHIND,
+        planes=np.empty(len(walls.ends), dtype=element_type("sweep_planes", "planes")),
+    )  # fmt: skip
+    capacity = _PLANES * len(corners)
+    while True:
+        sweep = np.empty(capacity, dtype=np.int64)
+        normal = np.empty((capacity, 2))
+        bound = np.empty(capacity)
+        call.set(capacity=capacity, sweep=sweep, normal=normal, bound=bound)
+        call()
+        count = call.fields.count
+        if count <= capacity:
+            return sweep[:count], normal[:count], bound[:count]
+        capacity = count
+
+
+def _corners(sweep: Sweep, interval: IntArray, link: IntArray) -> FloatArray:
+    """Ends of the links at the start, half-way and at the end of the intervals, shape (m, 6, 2) [m]."""
+    corners = [
+        positions[at, link + end]
+        for positions, at in ((sweep.points, interval), (sweep.middles, interval), (sweep.points, interval + 1))
+        for end in (0, 1)
+    ]
+    return np.stack(corners, axis=1)
+
+
+@dataclass(frozen=True)
+class IntervalRows:
+    """Rows g ≤ 0 over a motion; all arrays have length m.
+
+    Attributes:
+        interval: k.
+        side: 0 at the start of the interval, 1 at its end.
+        plus: index a of the point counted positively (into ``Sweep.points``).
+        minus: index b of the point counted negatively: b < a for a pair of links, the point that stands still for a
+            wall.
+        high: joint up to which sag counts.
+        low: joint from which on sag counts.
+        normal: n, shape (m, 2).
+        constant: c [m].
+    """
+
+    interval: IntArray
+    side: IntArray
+    plus: IntArray
+    minus: IntArray
+    high: IntArray
+    low: IntArray
+    normal: FloatArray
+    constant: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.interval)
+
+    def take(self, mask: BoolArray | IntArray) -> "IntervalRows":
+        """The rows selected by a mask."""
+        return IntervalRows(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
+
+    @property
+    def against_walls(self) -> BoolArray:
+        """Which rows keep from walls, shape (m,); what stands still is the last of all points."""
+        against: BoolArray = self.minus > self.plus
+        return against
+
+    def values(self, sweep: Sweep) -> FloatArray:
+        """Values of every row, shape (m,) [m]."""
+        keyframe = self.interval + self.side
+        apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
+        sag = sweep.sag[self.interval, self.high] - sweep.sag[self.interval, self.low]
+        values: FloatArray = np.einsum("md,md->m", self.normal, apart) + sag + self.constant
+        return values
+
+    def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by the coordinates at the start and at the end of the row's interval, each (m, p)."""
+        # A change at the row's own keyframe moves the points; a change at either keyframe alters the turn Δφ, and so
+        # the sag, with opposite signs.
+        keyframe = self.interval + self.side
+        apart = sweep.jacobians[keyframe, self.plus] - sweep.jacobians[keyframe, self.minus]
+        moving = np.einsum("md,mdp->mp", self.normal, apart)
+        sag = sweep.sag_slopes[self.interval, self.high] - sweep.sag_slopes[self.interval, self.low]
+        at_end = (self.side == 1)[:, None]
+        return np.where(at_end, 0.0, moving) - sag, np.where(at_end, moving, 0.0) + sag
+
+    def curvature(self, sweep: Sweep, multipliers: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
+
+        Args:
+            sweep: the motion.
+            multipliers: λ of the rows, shape (m,).
+            pull: multipliers of the last keyframe's tip position, shape (2,).
+
+        Returns:
+            Of the positions by the headings, shape (K + 1, n), any sign; of the sag by the turns, shape (K, n).
+        """
+        space = sweep.space
+        keyframes = len(sweep.headings)
+        links = space.arm.links
+
+        # The sums are read as forces on a chain: ``position_curvature`` takes −Σ f·x, so −λn acts on the point that
+        # counts positively and λn on the other. The pull at the base balances one at the tip.
+        forces = np.zeros((keyframes, links + 3, 2))
+        forces[-1, 0] = pull
+        weighted = multipliers[:, None] * self.normal
+        np.add.at(forces, (self.interval + self.side, self.minus), weighted)
+        np.add.at(forces, (self.interval + self.side, self.plus), -weighted)
+
+        # The mount's end is no joint: what acts on it is shared out between the joints of its link, as by the law of
+        # the lever.
+        link, share = space.mount_end
+        forces[:, link] += (1.0 - share) * forces[:, links + 1]
+        forces[:, link + 1] += share * forces[:, links + 1]
+        # What stands still bears its forces through the base.
+        forces[:, 0] += forces[:, sweep.standing]
+
+        sag = np.zeros((keyframes - 1, links + 1))
+        np.add.at(sag, (self.interval, self.low), multipliers)
+        np.add.at(sag, (self.interval, self.high), -multipliers)
+        return space.position_curvature(sweep.headings, forces), space.sag_curvature(sag)
+
+
+def representatives(rows: IntervalRows, values: FloatArray, group: int, sectors: int) -> IntArray:
+    """Indices of the tightest row for each interval side, group of neighbouring joints and direction.
+
+    Args:
+        rows: the rows.
+        values: of the rows, shape (m,).
+        group: number of joints in a group.
+        sectors: directions that count as different.
+    """
+    sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * sectors / (2.0 * np.pi)).astype(np.intp)
+    keys = (
+        2 * rows.interval + rows.side,
+        rows.plus // group,
+        rows.minus // group,
+        rows.against_walls,
+        sector % sectors,
+    )
+
+    # lexsort sorts by its last key first, so −values only orders rows whose keys all agree: the tightest comes first.
+    order = np.lexsort((-values, *keys))
+    changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
+    first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
+    chosen: IntArray = order[first]
+    return chosen
+
+
+def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
+    """All rows of several lists."""
+    return IntervalRows(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in IntervalRows.__dataclass_fields__)
+    )
+
+
+def motion_rows(
+    sweep: Sweep,
+    workspace: Workspace,
+    segments: WallSegments,
+    margin: float,
+    reach: float,
+    settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
+    wanted: float = 0.0,
+    most: FloatArray | None = None,
+) -> IntervalRows:
+    """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
+
+    Args:
+        sweep: the motion.
+        workspace: the workspace.
+        segments: its walls' segments.
+        margin: gap to keep beyond contact [m].
+        reach: what is farther apart makes no rows [m].
+        settings: of margins between links.
+        wanted: room beyond contact that the smooth path along the motion should have [m].
+        most: that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no bound.
+    """
+    arm = sweep.space.arm
+    room = arm.room_for_errors(np.arange(1, arm.links + 1))
+    planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach + float(room[-1]))
+    kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
+    need = arm.radius + workspace.clearance + kept + room[planes.link]
+    walls = wall_rows(planes, sweep, need)
+    links = self_rows(sweep, reach, margin, settings)
+    if wanted > margin:
+        smooth = Sweep(sweep.space, smoothing_matrix(len(sweep.coordinates)) @ sweep.coordinates)
+        between = arm.link_margins(links.low, links.high - 1, wanted, settings)
+        between -= arm.link_margins(links.low, links.high - 1, margin, settings)
+        more = np.full(len(walls), wanted - margin)
+        if most is not None:
+            # Whoever is asked for less than the margin is asked for nothing beyond contact.
+            more[most[walls.interval, walls.high - 1] < margin] = -np.inf
+        walls = asking_for_room(walls, more, sweep, smooth)
+        links = asking_for_room(links, between, sweep, smooth)
+    rows = joined_rows([walls, links])
+
+    # The start is given and may stand nearer than the margin; with it these rows could never hold.
+    at_start = rows.interval + rows.side == 0
+    return replace(rows, constant=rows.constant - margin * at_start)
+
+
+def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: Sweep) -> IntervalRows:
+    """Rows that ask for more room, of the smooth path and not of its control polygon.
+
+    A row for contact counts the sag, which bounds what lies between two keyframes however the links turn. Room is
+    counted as it is: by how much nearer the smooth path comes, beside the keyframe and half-way through the interval.
+    What is larger is asked for. The loss changes little from one step to the next and counts as constant.
+
+    Args:
+        rows: for contact.
+        more: room asked for beyond theirs, shape (m,) [m].
+        sweep: the motion through the keyframes.
+        smooth: the smooth path's poses beside the keyframes.
+    """
+    keyframe = rows.interval + rows.side
+    beside = smooth.points - sweep.points
+    half_way = smooth.middle_points - 0.5 * (sweep.points[:-1] + sweep.points[1:])
+    at_keyframe = beside[keyframe, rows.plus] - beside[keyframe, rows.minus]
+    between = half_way[rows.interval, rows.plus] - half_way[rows.interval, rows.minus]
+    loss = np.maximum(np.einsum("md,md->m", rows.normal, at_keyframe), np.einsum("md,md->m", rows.normal, between))
+    sag = sweep.sag[rows.interval, rows.high] - sweep.sag[rows.interval, rows.low]
+    missing = np.maximum(more + np.maximum(loss, 0.0) - sag, 0.0)
+    at_start = keyframe == 0
+    return replace(rows, constant=rows.constant + np.where(at_start, 0.0, missing))
+
+
+def wall_rows(planes: HalfPlanes, sweep: Sweep, need: FloatArray) -> IntervalRows:
+    """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
+
+    Args:
+        planes: the half-planes.
+        sweep: the motion.
+        need: distance to keep from each half-plane, shape (m,) [m].
+    """
+    arm = sweep.space.arm
+    mounted, share = sweep.space.mount_end
+    m = len(planes.link)
+    parts = []
+    for end in (0, 1):
+        # The link on which the mount ends is free only from there on: that point, last in ``Sweep.points``, stands for
+        # the link's first joint.
+        cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
+        point = np.where(cut, arm.links + 1, planes.link + end)
+        # A base that cannot move would make the row a constant.
+        moves = (point > 0) | bool(arm.base_axes)
+        # Both ends of the link take the sag of its far end, the larger one, as the certificate does.
+        for side in (0, 1):
+            rows = IntervalRows(
+                planes.interval,
+                np.full(m, side),
+                point,
+                np.full(m, sweep.standing),
+                planes.link + 1,
+                np.zeros(m, dtype=np.intp),
+                planes.normal,
+                planes.normal @ arm.base + need - planes.bound,
+            )
+            parts.append(rows.take(moves))
+    return joined_rows(parts)
+
+
+def self_rows(
+    sweep: Sweep, reach: float, margin: float, settings: LinkMarginSettings = DEFAULT_LINK_MARGINS
+) -> IntervalRows:
+    """Rows that keep distant links apart along the direction that is closest half-way through the interval.
+
+    Args:
+        sweep: the motion.
+        reach: pairs with a gap above this are left out [m].
+        margin: gap to keep beyond two radii, where the links between leave that much [m].
+        settings: what is kept where they leave less.
+    """
+    arm = sweep.space.arm
+    far = reach + 2.0 * arm.radius + float(arm.room_for_errors(np.array([arm.links]))[0])
+    interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, far)
+
+    # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
+    p = sweep.middles[interval]
+    m = np.arange(len(interval))
+    _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
+    distance = np.hypot(apart[:, 0], apart[:, 1])
+    close = distance < far
+    interval = interval[close]
+    i = i[close]
+    j = j[close]
+    apart = apart[close]
+    distance = distance[close]
+
+    normal = apart / np.maximum(distance, 1e-12)[:, None]
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin, settings) + arm.room_for_errors(j - i)
+
+    # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
+    # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.
+    return joined_rows(
+        [
+            IntervalRows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
+            for side in (0, 1)
+            for t in (0, 1)
+            for s in (0, 1)
+        ]
+    )
+
+
+def _near_pairs(sweep: Sweep, i: IntArray, j: IntArray, reach: float) -> tuple[IntArray, IntArray, IntArray]:
+    """Intervals and pairs whose middles half-way come within reach of each other."""
+    centres = 0.5 * (sweep.middles[:, :-1] + sweep.middles[:, 1:])
+    # A broad phase: two links are at most a link length nearer to each other than their middles.
+    apart = np.linalg.norm(centres[:, i] - centres[:, j], axis=2)
+    interval, pair = np.nonzero(apart < reach + sweep.space.arm.link_length)
+    return interval, i[pair], j[pair]

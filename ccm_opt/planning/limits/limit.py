@@ -1,0 +1,291 @@
+"""What a limit is: everything that a motion must keep, seen by the step, the optimisation and the certificate.
+
+A limit contributes; who collects the contributions neither knows nor asks which limits there are. All methods have a
+default that contributes nothing, so that a new limit writes only what it has to say:
+
+==================  =====================================================================================
+where               methods
+==================  =====================================================================================
+single step         ``linearised`` (rows, pulls, and the true check afterwards), ``restored``
+at the goal         ``miss``, ``mending``, ``missed``, ``keeps_at_goal``
+optimisation        ``interval_rows``, ``keyframe_rows``, ``keyframe_equations``, ``costs``, ``restored_keyframes``,
+                    ``holds``
+between keyframes   ``failures``; ``missed_on_path`` and ``misses_path`` of the smooth path in the end
+words               ``refuse_ends``, ``worst``, ``describe``, ``names``, ``advice``
+==================  =====================================================================================
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.pose import Pose, Term
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from ccm_opt.planning.limits.clearance_rows import IntervalRows
+    from ccm_opt.planning.swept_motion import Sweep
+
+UNBOUNDED = 1e30
+"""What QPs take for no bound."""
+
+
+def always(pose: Pose) -> bool:
+    """The true check of a limit whose linearised rows are exact."""
+    del pose
+    return True
+
+
+@dataclass(frozen=True)
+class LimitRows:
+    """A limit linearised about a pose, for one step δ of the coordinates: lower ≤ A δ ≤ upper.
+
+    Attributes:
+        matrix: A, shape (m, p).
+        lower: shape (m,).
+        upper: shape (m,).
+        equations: how many of the first rows are equations, lower = upper.
+        pulls: what the limit draws the arm towards, out of its margin for example.
+        keeps: the true check of a pose after the step.
+    """
+
+    matrix: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    equations: int = 0
+    pulls: tuple[Term, ...] = ()
+    keeps: Callable[[Pose], bool] = field(default=always)
+
+
+@dataclass(frozen=True)
+class KeyframeRows:
+    """Rows on single keyframes of a motion, for a change δ_k of their coordinates: lower ≤ a δ_k ≤ upper.
+
+    Attributes:
+        keyframe: k of every row, at least 1, for the first keyframe is fixed; shape (m,).
+        slopes: a, shape (m, p).
+        lower: shape (m,).
+        upper: shape (m,).
+    """
+
+    keyframe: IntArray
+    slopes: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """½ Σ over neighbouring keyframes of a motion with K intervals.
+
+    Attributes:
+        gradient: shape (K + 1, p).
+        diagonal: blocks of each keyframe, shape (K + 1, p, p).
+        above: blocks of keyframes k and k + 1, shape (K, p, p).
+    """
+
+    gradient: FloatArray
+    diagonal: FloatArray
+    above: FloatArray
+
+
+class MotionCost(Protocol):
+    """A cost of a motion beside the quadratic objective."""
+
+    def value(self, sweep: "Sweep") -> float:
+        """Cost of a motion."""
+        ...
+
+    def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
+        """Cost after a change of the coordinates, shape (K + 1, p), as the model sees it."""
+        ...
+
+    def model(self, sweep: "Sweep") -> Quadratic:
+        """Gradient and a convex Hessian by the coordinates."""
+        ...
+
+
+class Limit:
+    """Something that a motion must keep; contributes nothing unless a method is overridden."""
+
+    # ------------------------------------------------------------ what kind of limit it is
+    @property
+    def parametric(self) -> bool:
+        """Whether it depends on the path parameter, so that a motion can only be tracked under it."""
+        return False
+
+    @property
+    def resamples(self) -> bool:
+        """Whether it holds for an arm of the same length with fewer links, too."""
+        return True
+
+    @property
+    def moves_keyframes(self) -> bool:
+        """Whether keyframes have to be brought back onto it in the optimisation."""
+        return False
+
+    @property
+    def shapes_path(self) -> bool:
+        """Whether a smooth path near the motion may miss it, so that the path is laid through knots that meet it."""
+        return False
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Path parameters inside (0, 1) at which it begins or ends, increasing."""
+        return ()
+
+    def placed(self, u: float) -> "Self":
+        """The limit at a path parameter u of the motion."""
+        del u
+        return self
+
+    def placed_at_goal(self) -> "Self":
+        """The limit at the goal."""
+        return self
+
+    # ------------------------------------------------------------ the single step
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """Rows about a pose.
+
+        Args:
+            space: the link space; p coordinates.
+            pose: to step from.
+            jacobians: of the joints there, shape (links + 1, 2, p) [m per unit].
+            turn: largest turn of a link in the step [rad].
+        """
+        del pose, jacobians, turn
+        return LimitRows(np.zeros((0, space.dimension)), np.zeros(0), np.zeros(0))
+
+    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
+        """Coordinates after a step brought back onto the limit, shape (p,); as they are where that fails.
+
+        Args:
+            space: the link space.
+            v: shape (p,).
+            most: largest turn of a link on the way [rad].
+        """
+        del space, most
+        return v
+
+    # ------------------------------------------------------------ at the goal
+    def miss(self, headings: FloatArray) -> float:
+        """By how much a pose misses the limit where the limit has to be met exactly, in the limit's unit."""
+        del headings
+        return 0.0
+
+    def mending(self, space: LinkSpace, headings: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
+        """Rows of what is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
+        del headings, most
+        return np.zeros((0, space.dimension)), np.zeros(0)
+
+    def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows of what is missed, shape (k, p), and by how much they have to change, in the limit's unit."""
+        del headings
+        return np.zeros((0, space.dimension)), np.zeros(0)
+
+    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        """Whether a pose that was put exactly onto the goal may follow a pose near it."""
+        del space, near, final
+        return True
+
+    # ------------------------------------------------------------ the optimisation of a motion
+    def interval_rows(self, sweep: "Sweep") -> "tuple[IntervalRows, ...]":
+        """Rows over whole intervals; each interval may buy slack at a price."""
+        del sweep
+        return ()
+
+    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Rows on keyframes that have to hold.
+
+        Args:
+            sweep: the motion.
+            u: path parameter of its keyframes, shape (K + 1,).
+        """
+        del sweep, u
+        return ()
+
+    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Equations on keyframes; arguments as for ``keyframe_rows``."""
+        del sweep, u
+        return ()
+
+    def costs(self, space: LinkSpace, u: FloatArray) -> tuple[MotionCost, ...]:
+        """What the limit adds to the cost of a motion with keyframes at path parameters u."""
+        del space, u
+        return ()
+
+    def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
+        """Keyframes, shape (K + 1, p), brought back onto the limit; the same array where it moves none."""
+        del space, u
+        return coordinates
+
+    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+        """The true check of a motion's keyframes after a step of the optimisation from another motion."""
+        del sweep, before, u
+        return True
+
+    # ------------------------------------------------------------ between keyframes
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals of a piecewise-linear motion in which the limit cannot be certified, sorted.
+
+        Args:
+            headings: link headings at the keyframes, shape (K, links) [rad].
+            depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
+        """
+        del headings, depth
+        return np.zeros(0, dtype=np.intp)
+
+    # ------------------------------------------------------------ the smooth path
+    def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Slopes by the link headings of what a point of the path misses, shape (k, links), and by how much, (k,).
+
+        Args:
+            headings: shape (links,) [rad].
+            u: path parameter.
+        """
+        del u
+        return np.zeros((0, len(headings))), np.zeros(0)
+
+    def misses_path(self, headings: FloatArray, u: FloatArray) -> BoolArray:
+        """At which samples of a path, shape (N, links) at u (N,), the limit is missed; shape (N,)."""
+        del headings
+        return np.zeros(len(u), dtype=bool)
+
+    # ------------------------------------------------------------ ends and words
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What a user would recognise in a message."""
+        return ()
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What would help when no motion is found."""
+        return ()
+
+    def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
+        """Refuse ends that break the limit by themselves.
+
+        Args:
+            start: link headings, shape (links,) [rad].
+            goal: link headings of a whole-arm goal, or None.
+
+        Raises:
+            ProblemError: the start breaks the limit.
+            UnreachableGoal: the goal does.
+        """
+        del start, goal
+
+    def worst(self, headings: FloatArray) -> tuple[str, float]:
+        """Name of the part of the limit that a pose misses most, and its miss in the limit's unit."""
+        del headings
+        return "", 0.0
+
+    def describe(self, headings: FloatArray) -> str:
+        """What of the limit is missed, or else at its bound, in words; empty when nothing is."""
+        del headings
+        return ""

@@ -1,0 +1,278 @@
+"""The limits that every motion keeps: contact, joint range, length of a step.
+
+In a step every near pair is a row; over an interval of a motion every link has half-planes and partners to keep from;
+between keyframes the certificate bounds how far links may stray.
+
+A new limit that always holds is one more line here; its rows, checks and words stand in a file of its own.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.clearance_rows import IntervalRows, motion_rows
+from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.settings import StepSettings
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
+
+if TYPE_CHECKING:
+    from ccm_opt.planning.swept_motion import Sweep
+
+
+@dataclass(frozen=True, eq=False)
+class ContactLimit(Limit):
+    """Keeps gaps open.
+
+    Attributes:
+        finder: of near pairs; its margin is kept where there is room, its reach says which pairs make rows.
+        certificate: of what lies between keyframes.
+        settings: of the step.
+        wanted: room beyond contact that the optimisation of a motion asks for where there is so much [m].
+        gates: in which links are asked for no more than the certificate asks; None where there are none.
+    """
+
+    finder: ContactFinder
+    certificate: Certificate
+    settings: StepSettings
+    wanted: float = 0.0
+    gates: GateLines | None = None
+
+    # ------------------------------------------------------------ the single step
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """A row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
+        del turn
+        finder = self.finder
+        settings = self.settings
+        contacts = finder.find(pose.points)
+        rows = contact_rows(contacts, jacobians)
+        # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay, and the push mends it softly. Where
+        # margins are narrow the row asks for some of it: a gap that only may not shrink is taken by the second order.
+        beyond = contacts.gap - contacts.margin
+        lower = np.where(beyond >= 0.0, -settings.closing_share * beyond, -settings.firm_share * beyond)
+        # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
+        allowed = allowed_shortfall(contacts, settings.keep_share)
+
+        def keeps(trial: Pose) -> bool:
+            # Distances have no sign: a thin link that has jumped across a wall shows a positive gap on the other side,
+            # so crossings are tested apart.
+            after = finder.find(trial.points)
+            return keeps_clear(after, allowed, settings.keep_share) and not finder.crosses(trial.points)
+
+        push = self._push(space, contacts, rows)
+        return LimitRows(rows, lower, np.full(len(rows), UNBOUNDED), pulls=(push,), keeps=keeps)
+
+    def _push(self, space: LinkSpace, contacts: Contacts, rows: FloatArray) -> Term:
+        """Ask contacts inside their margin to be mended."""
+        wanted = contacts.margin - contacts.gap
+        near = wanted > 0.0
+        # In nominal links, so that the weight suits an arm of any size.
+        unit = space.nominal_length
+        return Term(rows[near] / unit, self.settings.mending_share * wanted[near] / unit, self.settings.push_weight)
+
+    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        """Whether the pose on the goal keeps clear, or no less than the one near it."""
+        del space
+        allowed = allowed_shortfall(self.finder.find(near.points), self.settings.keep_share)
+        after = self.finder.find(final.points)
+        return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(final.points)
+
+    # ------------------------------------------------------------ whole motions
+    def interval_rows(self, sweep: "Sweep") -> tuple[IntervalRows, ...]:
+        """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
+        workspace = self.certificate.workspace
+        finder = self.finder
+        link_margins = finder.settings.link_margins
+        most = self._most_in_gates(sweep)
+        asked = (link_margins, self.wanted, most)
+        return (motion_rows(sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, *asked),)
+
+    def _most_in_gates(self, sweep: "Sweep") -> FloatArray | None:
+        """Most gap that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no gates.
+
+        An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
+        """
+        if self.gates is None:
+            return None
+        arm = sweep.space.arm
+        inside = self.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radius)
+        return np.where(inside[:-1] | inside[1:], self.certificate.spare, np.inf)
+
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals in which something may touch."""
+        return self.certificate.failures(headings, depth)
+
+
+def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
+    """Whether every gap is at least its share of the margin, less what was allowed [m]."""
+    floor = keep_share * contacts.margin - allowed
+    return bool(np.all(contacts.gap >= np.minimum(floor, keep_share * contacts.margin)))
+
+
+def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
+    """How far below its share of the margin the worst gap already is; a step may not make it worse [m]."""
+    return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
+
+
+def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
+    """Derivative of every gap by the coordinates, shape (m, p).
+
+    Args:
+        contacts: near pairs of a pose.
+        jacobians: of its joints, shape (links + 1, 2, p) [m per unit].
+    """
+    relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
+    # gap = n·(x_first − x_second): a wall stands still, a second link moves and subtracts its own part.
+    with_itself = contacts.second != WALL
+    relative[with_itself] -= _point_jacobian(jacobians, contacts.second[with_itself], contacts.second_at[with_itself])
+    rows: FloatArray = np.einsum("md,mdp->mp", contacts.normal, relative)
+    return rows
+
+
+def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
+    """Derivative of points on links, linear between the joints, shape (m, 2, p)."""
+    share = at[:, None, None]
+    mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
+    return mixed
+
+
+_SOLVER_ACCURACY = 1e-6
+"""By which the step's QP may miss a row [rad]."""
+
+
+@dataclass(frozen=True)
+class JointLimit(Limit):
+    """Bounds the bends.
+
+    Bends are linear in the coordinates and, between keyframes, in the path parameter: rows are exact, and a motion
+    whose keyframes keep the limits keeps them throughout.
+
+    Attributes:
+        settings: of the step.
+    """
+
+    settings: StepSettings
+
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """Rows of the bends that the step could bring to their bound."""
+        del jacobians
+        bends = space.bends(pose.headings)
+        limits = self.settings.limit_share * space.bend_limits
+        tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
+        # A bend that is beyond its share already must not grow; clipping at 0 keeps δ = 0 feasible.
+        upper = np.maximum(limits - bends, 0.0)[tight]
+        lower = np.minimum(-limits - bends, 0.0)[tight]
+        allowed = np.maximum(self._accepted(space), np.abs(bends)) + _SOLVER_ACCURACY
+
+        def keeps(trial: Pose) -> bool:
+            return bool(np.all(np.abs(space.bends(trial.headings)) <= allowed))
+
+        return LimitRows(space.bend_rows[tight], lower, upper, keeps=keeps)
+
+    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        """Whether the pose on the goal is within the limits."""
+        del near
+        return bool(np.all(np.abs(space.bends(final.headings)) <= self._accepted(space)))
+
+    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Rows of the bends near their bound at keyframes after the first."""
+        del u
+        space = sweep.space
+        bends = space.bends(sweep.headings)
+        limits = np.broadcast_to(self.settings.limit_share * space.bend_limits, bends.shape)
+
+        # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` judges all bends
+        # afterwards.
+        near = np.abs(bends) + self.settings.near_joint_limit > limits
+        # The first keyframe is the start and cannot move.
+        near[0] = False
+        keyframe, joint = np.nonzero(near)
+        lower = np.minimum((-limits - bends)[near], 0.0)
+        upper = np.maximum((limits - bends)[near], 0.0)
+        return (KeyframeRows(keyframe, space.bend_rows[joint], lower, upper),)
+
+    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+        """Whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
+        del u
+        space = sweep.space
+        allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.headings)))
+        return not np.any(np.abs(space.bends(sweep.headings)) > np.minimum(allowed, space.bend_limits))
+
+    def _accepted(self, space: LinkSpace) -> FloatArray:
+        """Bends that are accepted after a step: half-way between what planning uses and the limit."""
+        accepted: FloatArray = 0.5 * (1.0 + self.settings.limit_share) * space.bend_limits
+        return accepted
+
+
+def overbent(
+    limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Slopes of bends too near their limit by the link headings, shape (k, links), and their way back [rad].
+
+    Args:
+        limits: to which bends are brought back, shape (links,) [rad].
+        bends: shape (links,) [rad].
+        held: side to which each bend was too large before, or 0; such bends are kept at the limit, so that Newton's
+            method does not go to and fro. What is too large now is added. Shape (links,).
+        tolerance: by which a bend may be beyond [rad].
+    """
+    # An active set that only grows: a bend let go as soon as it is back would be pushed out again by the next step.
+    beyond = np.abs(bends) > limits + tolerance
+    held[beyond] = np.sign(bends[beyond])
+    over = np.flatnonzero(held)
+    # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
+    slopes = np.diff(np.eye(len(bends)), axis=0, prepend=0.0)[over]
+    return slopes, held[over] * limits[over] - bends[over]
+
+
+@dataclass(frozen=True)
+class TurnLimit(Limit):
+    """Bounds the turn of every link in a step; headings are linear in the coordinates, so the rows are exact."""
+
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """One row a link: −turn ≤ Δφ ≤ turn."""
+        del pose, jacobians
+        matrix = space.matrix
+        bound = np.full(len(matrix), turn)
+        return LimitRows(matrix, -bound, bound)
+
+
+def assembled_limits(
+    finder: ContactFinder,
+    certificate: Certificate,
+    settings: StepSettings,
+    user_limits: tuple[Limit, ...] = (),
+    wanted_gap: float = 0.0,
+    rails: tuple[FloatArray, ...] = (),
+    gates: GateLines | None = None,
+    guide_tubes: tuple[Limit, ...] = (),
+) -> tuple[Limit, ...]:
+    """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
+
+    Args:
+        finder: of contacts, with the margin to keep.
+        certificate: of contact between keyframes.
+        settings: of the step.
+        user_limits: what the user asks for; usually none.
+        wanted_gap: room that the optimisation of a motion asks for where there is so much [m].
+        rails: middle lines of narrow gates, each of shape (k, 2) [m].
+        gates: the lines across them; None where there are none.
+        guide_tubes: what holds a part of the arm straight; nothing where the base is fixed. Last, for what a user's
+            equations move has to be straight again.
+    """
+    drawn: tuple[Limit, ...] = ()
+    if gates is not None:
+        drawn = (GateRails(rails, gates, settings.rails.play * finder.margin, settings.rails),)
+    return (
+        ContactLimit(finder, certificate, settings, wanted_gap, gates),
+        TurnLimit(),
+        JointLimit(settings),
+        *drawn,
+        *user_limits,
+        *guide_tubes,
+    )

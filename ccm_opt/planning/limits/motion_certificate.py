@@ -1,0 +1,63 @@
+"""The certificate of a motion: every limit's own proof of what lies between keyframes, put together."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.limit import Limit
+from ccm_opt.robot.arm import Arm
+
+
+class IntervalCertificate(Protocol):
+    """Certifies piecewise-linear motions of an arm interval by interval."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        ...
+
+    @property
+    def spare(self) -> float:
+        """Gap beyond contact that is asked for [m]."""
+        ...
+
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Sorted intervals of a motion, link headings of shape (K, links) [rad], that are not certified."""
+        ...
+
+
+@dataclass(frozen=True)
+class MotionCertificate:
+    """Certifies motions under several limits.
+
+    Attributes:
+        arm: the arm.
+        spare: gap beyond contact that is asked for [m].
+        limits: all that have to hold between keyframes.
+    """
+
+    arm: Arm
+    spare: float
+    limits: tuple[Limit, ...]
+
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals that cannot be certified.
+
+        Args:
+            headings: link headings at the keyframes, shape (K, links) [rad].
+            depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
+
+        Returns:
+            Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is certified.
+        """
+        return failed_intervals(self.limits, headings, depth)
+
+
+def failed_intervals(limits: tuple[Limit, ...], headings: FloatArray, depth: int | None = None) -> IntArray:
+    """Intervals in which some limit cannot be certified, sorted; arguments as for ``MotionCertificate.failures``."""
+    failing = np.zeros(0, dtype=np.intp)
+    for limit in limits:
+        failing = np.union1d(failing, limit.failures(headings, depth))
+    return failing

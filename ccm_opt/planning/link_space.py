@@ -1,0 +1,343 @@
+"""Link headings in the coordinates of the curve: φ = A v + φ₀, the space in which motions are planned.
+
+The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so
+v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear in v; row j of A is the mean over
+link j of ∂θ/∂v, so A v is the mean heading of the curve on each link. The offset φ₀ = φ_start − A v_start keeps the
+start exact whatever mapping made it. A whole-arm goal adds one more coordinate that blends the goal's offset in.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment import piece_coefficients
+
+SEGMENTS = 5
+KNOTS = 4 * SEGMENTS + 1
+NOMINAL_LINKS = 24.0
+"""Nominal links to the length of an arm where passages are wide: the unit of length of all weights in planning."""
+_FIT_WEIGHT = 1e-6
+"""Weight on curvature differences, which break ties of the fit."""
+_METRIC_SHARE = 1e-6
+"""Share of its diagonal that is added to the metric, so that it is definite."""
+_METRIC_RIDGE = 1e-9
+"""What is added to it in every direction."""
+
+
+@dataclass(frozen=True)
+class LinkSpace:
+    """An affine map from curve coordinates to link headings.
+
+    Attributes:
+        arm: the arm whose links they are.
+        matrix: A, shape (links, p).
+        offset: φ₀, shape (links,) [rad].
+        nominal_links: how many of them there are to the arm's length.
+        clamped: whether the first link keeps its heading; θ(0) then follows from the curvature.
+    """
+
+    arm: Arm
+    matrix: FloatArray
+    offset: FloatArray
+    nominal_links: float = NOMINAL_LINKS
+    clamped: bool = False
+
+    @property
+    def nominal_length(self) -> float:
+        """Length of a nominal link, in which guides measure advances, leashes and folds [m]."""
+        return self.arm.length / self.nominal_links
+
+    @property
+    def nominal_per_link(self) -> float:
+        """Nominal links to a link; the weight of a term that is summed over all links."""
+        return self.nominal_links / self.arm.links
+
+    @classmethod
+    def through(
+        cls, arm: Arm, headings: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
+    ) -> tuple["LinkSpace", FloatArray]:
+        """The space that holds given link headings exactly, and their coordinates there.
+
+        Args:
+            arm: the arm.
+            headings: link headings of the start, shape (links,) [rad].
+            nominal_links: to the arm's length.
+            clamped: keep the heading of the first link in all of the space.
+
+        Returns:
+            The space and v_start, shape (p,).
+        """
+        matrix = mean_heading_matrix(arm.links, arm.length)
+        if clamped:
+            # With row 0 subtracted the first heading is φ₀ for every v; θ(0) loses its effect, and the fit leaves it at
+            # 0.
+            matrix = matrix - matrix[0]
+        start = fit_coordinates(matrix, headings - (headings[0] if clamped else 0.0), arm.length)
+        return cls(arm, matrix, headings - matrix @ start, nominal_links, clamped), start
+
+    def blended_to(self, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
+        """The space with one more coordinate w, so that w = 1 holds other given link headings exactly too.
+
+        Returns:
+            The larger space and the coordinates of ``headings`` in it, shape (p + 1,).
+        """
+        base = self.offset[0] if self.clamped else 0.0
+        goal = fit_coordinates(self.matrix, headings - base, self.arm.length)
+        # What the curve cannot show of the goal; w from 0 to 1 trades the offset of the start for it.
+        column = headings - self.matrix @ goal - self.offset
+        return replace(self, matrix=np.column_stack((self.matrix, column))), np.append(goal, 1.0)
+
+    def headings(self, v: FloatArray) -> FloatArray:
+        """Link headings of coordinates, shape (..., p) to (..., links) [rad]."""
+        return v @ self.matrix.T + self.offset
+
+    def positions(self, v: FloatArray) -> FloatArray:
+        """Joint and tip positions, shape (links + 1, 2) [m]."""
+        return self.arm.points(self.headings(v))
+
+    def jacobians(self, headings: FloatArray) -> FloatArray:
+        """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
+        l = self.arm.link_length
+        links = self.arm.links
+        turning = headings[..., :links]
+        jacobians = np.zeros((*headings.shape[:-1], links + 1, 2, self.dimension))
+        # P_j = base + l Σ_{i<j} (cos φ_i, sin φ_i) and ∂φ/∂v = A, so ∂P_j/∂v = l Σ_{i<j} (−sin φ_i, cos φ_i) A_i.
+        np.cumsum((-l * np.sin(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 0, :])
+        np.cumsum((l * np.cos(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 1, :])
+        if len(self.matrix) > links:
+            # What carries the base carries all joints alike; it is counted in link lengths.
+            jacobians += np.multiply.outer(l * self.arm.feed_direction, self.matrix[links:].sum(axis=0))
+        return jacobians
+
+    def bends(self, headings: FloatArray) -> FloatArray:
+        """Joint bends of link headings, shape (..., links) [rad]."""
+        return self.arm.bends(headings[..., : self.arm.links])
+
+    def drives(self, headings: FloatArray) -> FloatArray:
+        """What the drives have to move: joint bends [rad] and then what carries the base [link lengths], (..., c)."""
+        return np.concatenate((self.bends(headings), headings[..., self.arm.links :]), axis=-1)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates p."""
+        return int(self.matrix.shape[1])
+
+    @cached_property
+    def bend_rows(self) -> FloatArray:
+        """Derivative of the joint bends by v, shape (links, p)."""
+        return np.diff(self.matrix[: self.arm.links], axis=0, prepend=0.0)
+
+    @cached_property
+    def drive_rows(self) -> FloatArray:
+        """Derivative of what the drives move by v, shape (c, p)."""
+        return np.vstack((self.bend_rows, self.matrix[self.arm.links :]))
+
+    @property
+    def tip_heading_row(self) -> FloatArray:
+        """Derivative of the last link's heading by v, shape (1, p)."""
+        return self.matrix[self.arm.links - 1 : self.arm.links]
+
+    @cached_property
+    def curvature_rows(self) -> FloatArray:
+        """Derivative by v of the curve's curvature at its knots, times a unit of length, shape (KNOTS, p) [1/m]."""
+        rows = np.zeros((KNOTS, self.dimension))
+        rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
+        return rows
+
+    @cached_property
+    def of_shape(self) -> BoolArray:
+        """Which coordinates shape the arm; the others blend a goal in. Shape (p,), boolean."""
+        return np.arange(self.dimension) <= KNOTS
+
+    @cached_property
+    def bend_limits(self) -> FloatArray:
+        """Bound on the absolute bend of each joint, shape (links,) [rad]."""
+        return self.arm.bend_limits
+
+    @cached_property
+    def metric(self) -> FloatArray:
+        """Squared turns of the links by the coordinates, AᵀA, a little regularised, shape (p, p)."""
+        metric = self.matrix.T @ self.matrix
+        metric += _METRIC_SHARE * np.diag(np.diag(metric)) + _METRIC_RIDGE * np.eye(len(metric))
+        return metric
+
+    @cached_property
+    def inverse_metric(self) -> FloatArray:
+        """Inverse of the metric, shape (p, p)."""
+        return np.asarray(np.linalg.inv(self.metric), dtype=np.float64)
+
+    def spread(self, v: FloatArray, rows: FloatArray) -> FloatArray:
+        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change some rows, shape (p, k).
+
+        Args:
+            v: coordinates from which they change, shape (p,).
+            rows: R, shape (k, p).
+        """
+        del v
+        return np.asarray(np.linalg.solve(self.metric, rows.T))
+
+    def sag(self, turns: FloatArray) -> FloatArray:
+        """How far a joint may leave its chord while links turn evenly: ⅛ Σ_{i<j} l Δφ_i² of joint j [m].
+
+        Args:
+            turns: Δφ of the links, shape (..., links) [rad].
+
+        Returns:
+            Of every joint and the tip, shape (..., links + 1).
+        """
+        squares = self.arm.link_length * turns[..., : self.arm.links] ** 2 / 8.0
+        return np.concatenate((np.zeros((*squares.shape[:-1], 1)), np.cumsum(squares, axis=-1)), axis=-1)
+
+    def sag_slopes(self, turns: FloatArray) -> FloatArray:
+        """Derivative of the sag by the change of v over the turn, shape (..., links + 1, p) [m per unit]."""
+        # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
+        links = self.arm.links
+        steps = (0.25 * self.arm.link_length * turns[..., :links])[..., None] * self.matrix[:links]
+        slopes = np.zeros((*turns.shape[:-1], links + 1, self.dimension))
+        np.cumsum(steps, axis=-2, out=slopes[..., 1:, :])
+        return slopes
+
+    def position_curvature(self, headings: FloatArray, forces: FloatArray) -> FloatArray:
+        """Second derivatives of −Σ f_j · x_j by the link headings, in which they are diagonal, shape (..., links).
+
+        Args:
+            headings: shape (..., links) [rad].
+            forces: f on the joint at the base of each link, shape (..., ≥ links, 2); one on the tip balances them.
+        """
+        l = self.arm.link_length
+        links = self.arm.links
+        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
+        # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it.
+        carried = np.cumsum(forces[..., :links, :], axis=-2)
+        turning = headings[..., :links]
+        curvature: FloatArray = -l * (np.cos(turning) * carried[..., 0] + np.sin(turning) * carried[..., 1])
+        return self._with_base(curvature)
+
+    def sag_curvature(self, weights: FloatArray) -> FloatArray:
+        """Second derivatives of −Σ w_j sag_j by the turns of the links, in which they are diagonal, shape (..., links).
+
+        Args:
+            weights: w of every joint and the tip, of sum 0, shape (..., links + 1).
+        """
+        links = self.arm.links
+        # As above: the weights sum to 0, and those beyond link i are minus those up to it.
+        curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
+        return self._with_base(curvature)
+
+    def _with_base(self, of_links: FloatArray) -> FloatArray:
+        """Values of the links with zeros for what carries the base, which does so without any curvature; (..., c)."""
+        axes = len(self.matrix) - self.arm.links
+        return np.concatenate((of_links, np.zeros((*of_links.shape[:-1], axes))), axis=-1) if axes else of_links
+
+    @cached_property
+    def mount_end(self) -> tuple[int, float]:
+        """Link on which the arm's mount ends, and where on it in [0, 1]."""
+        return self.arm.mount_end
+
+    @cached_property
+    def self_pairs(self) -> tuple[IntArray, IntArray]:
+        """Links i < j of the arm whose axes must keep two radii apart, each of shape (pairs,)."""
+        return self.arm.self_pairs
+
+    def curve(self, v: FloatArray) -> Configuration:
+        """The continuous curve behind coordinates."""
+        curvature = v[1 : KNOTS + 1]
+        values = [curvature[4 * k : 4 * k + 5] for k in range(SEGMENTS)]
+        heading = v[0]
+        if self.clamped:
+            # A clamped space has subtracted row 0, (1, a), from A; the curve gets the heading θ(0) = φ₀ − a · C that
+            # puts its first mean heading back.
+            heading = self.offset[0] - mean_heading_matrix(self.arm.links, self.arm.length)[0, 1:] @ curvature
+        return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
+
+
+def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
+    """Coordinates whose mean headings come nearest to given ones; curvature differences break ties.
+
+    Args:
+        matrix: A, shape (links, p).
+        headings: shape (links,), or (links, k) for many poses [rad].
+        length: of the arm [m].
+
+    Returns:
+        Shape (p,), or (p, k).
+    """
+    p = matrix.shape[1]
+    # Few links leave many curves with the same mean headings; the smoothest of them is taken. Coordinates that blend a
+    # goal in are held at 0.
+    scale = length / KNOTS
+    roughness = np.zeros((KNOTS - 1, p))
+    roughness[:, 1 : KNOTS + 1] = scale * (np.eye(KNOTS)[1:] - np.eye(KNOTS)[:-1])
+    pinned = np.zeros((max(0, p - KNOTS - 1), p))
+    pinned[:, KNOTS + 1 :] = np.eye(p - KNOTS - 1)
+
+    weight = np.sqrt(_FIT_WEIGHT)
+    system = np.vstack((matrix, weight * roughness, pinned))
+    target = np.concatenate((headings, np.zeros((len(system) - len(headings), *headings.shape[1:]))))
+    coordinates: FloatArray = np.linalg.lstsq(system, target, rcond=None)[0]
+    return coordinates
+
+
+@lru_cache(maxsize=1)
+def turns_before_segments() -> FloatArray:
+    """By how much a curve of length 1 turns up to each segment, for every knot value, shape (SEGMENTS, KNOTS)."""
+    width = 1.0 / (4 * SEGMENTS)
+    turns: FloatArray = _heading_basis(np.arange(SEGMENTS) / SEGMENTS, width, _curvature_basis(width))[:, 1:]
+    return turns
+
+
+@lru_cache(maxsize=32)
+def _unit_matrix(links: int) -> FloatArray:
+    """Mean-heading matrix for a curve of length 1."""
+    width = 1.0 / (4 * SEGMENTS)
+    coefficients = _curvature_basis(width)
+
+    # Cut at the ends of links and at knots, so that the heading is a single quartic on every part; rounding merges an
+    # end of a link with a knot at the same place.
+    edges = np.unique(np.round(np.concatenate((np.arange(links + 1) / links, np.arange(KNOTS) * width)), 14))
+    nodes, weights = np.polynomial.legendre.leggauss(3)  # exact for the quartic
+    half = 0.5 * np.diff(edges)[:, None]
+    s = (edges[:-1, None] + half * (nodes + 1.0)).ravel()
+    theta = _heading_basis(s, width, coefficients).reshape(len(half), 3, -1)
+    integrals = np.einsum("k,ikp->ip", weights, theta) * half
+
+    # The middle of a part says to which link it belongs; the mean is the integral over 1 / links.
+    link = np.minimum((0.5 * (edges[:-1] + edges[1:]) * links).astype(int), links - 1)
+    matrix = np.zeros((links, KNOTS + 1))
+    np.add.at(matrix, link, integrals * links)
+    return matrix
+
+
+def mean_heading_matrix(links: int, length: float) -> FloatArray:
+    """Row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1); exact quadrature of the quartic heading."""
+    matrix = _unit_matrix(links).copy()
+    # Curvature values count per metre: on a curve of length L they turn it L times as far as on one of length 1.
+    matrix[:, 1:] *= length
+    return matrix
+
+
+def _curvature_basis(width: float) -> FloatArray:
+    """Power coefficients of every curvature piece for every knot value, shape (20 pieces, 4 powers, KNOTS)."""
+    local = piece_coefficients(np.full(4, width), np.eye(5))
+    basis = np.zeros((4 * SEGMENTS, 4, KNOTS))
+    # Neighbouring segments share a knot, hence five knots a segment and four pieces.
+    for k in range(SEGMENTS):
+        basis[4 * k : 4 * k + 4, :, 4 * k : 4 * k + 5] = local
+    return basis
+
+
+def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> FloatArray:
+    """∂θ(s)/∂v for arc lengths on the unit curve, shape (len(s), KNOTS + 1)."""
+    # θ(s) = θ(0) + ∫ κ ds, and the power t^q of a piece integrates to t^{q+1} / (q + 1).
+    powers = 1.0 / np.arange(1, 5)
+    turns = np.einsum("iqp,q,q->ip", coefficients, powers, width ** np.arange(1, 5))
+    before = np.concatenate((np.zeros((1, KNOTS)), np.cumsum(turns, axis=0)))
+
+    piece = np.minimum((s / width).astype(int), 4 * SEGMENTS - 1)
+    t = s - piece * width
+    inside = np.einsum("sqp,q,sq->sp", coefficients[piece], powers, t[:, None] ** np.arange(1, 5))
+    return np.column_stack((np.ones(len(s)), before[piece] + inside))

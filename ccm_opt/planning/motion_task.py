@@ -1,0 +1,302 @@
+"""What the search for a motion is given, and what it finds."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import count
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.limits.gate_rails import GateLines
+from ccm_opt.planning.limits.limit import Limit
+from ccm_opt.planning.limits.limit_stack import assembled_limits
+from ccm_opt.planning.limits.motion_certificate import MotionCertificate
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.settings import MotionSettings
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.planning.tip_paths import TipPath
+from ccm_opt.problem import OptimiserName, Weights
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.certificate import Certificate, allowed_contact
+from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.workspace import Workspace
+
+EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
+"""Offers better poses at the goal than one in which a motion ends."""
+
+
+@dataclass(frozen=True)
+class JointSlowness:
+    """What joints can do less than the average joint, as factors.
+
+    Attributes:
+        speed: mean of all speed limits over a joint's own, shape (links,).
+        acceleration: the same of the acceleration limits, shape (links,).
+    """
+
+    speed: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def from_limits(cls, speeds: FloatArray, accelerations: FloatArray) -> "JointSlowness":
+        """From the limits of the joints, each of shape (links,)."""
+        return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
+
+    def resampled(self, links: int) -> "JointSlowness":
+        """The same along an arm with another number of links."""
+        middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
+        wanted = (np.arange(links) + 0.5) / links
+        return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
+
+
+@dataclass(frozen=True)
+class MotionTask:
+    """What the search needs to know.
+
+    Attributes:
+        arm: the arm.
+        workspace: the room.
+        start: link headings at the start, shape (links,) [rad].
+        goal: where the tip has to be.
+        goal_headings: of a whole-arm goal, shape (links,) [rad], or None.
+        guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad]; made when first
+            asked for.
+        tip_paths: classes of tip motions, most promising first.
+        deadline: when to stop.
+        clamped: whether the first link must keep its heading.
+        further_guesses: makes more such poses, when the first do not help.
+        optimiser: how the motion that is found is optimised.
+        seed: of the random numbers.
+        weights: what counts how much when the motion is optimised.
+        slowness: of the joints; None when all are alike.
+        user_limits: what the user asks of the motion; usually nothing.
+        end_poses: link headings of better poses at the goal than one in which a motion of an arm ends, the best first,
+            all of shape (links,) [rad].
+        wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
+        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        guide_tubes: limits of what carries the base; none where it is fixed.
+        settings: numbers of every stage of the search.
+    """
+
+    arm: Arm
+    workspace: Workspace
+    start: FloatArray
+    goal: GoalPose
+    goal_headings: FloatArray | None
+    guesses: Iterable[FloatArray]
+    tip_paths: tuple[TipPath, ...]
+    deadline: Deadline
+    clamped: bool = False
+    further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
+    optimiser: OptimiserName = "sequential-convex"
+    seed: int = 0
+    weights: Weights = field(default_factory=Weights)
+    slowness: JointSlowness | None = None
+    user_limits: tuple[Limit, ...] = ()
+    end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
+    wanted_gap: float = 0.0
+    refuse: Callable[[], None] = field(default=lambda: None)
+    guide_tubes: tuple[Limit, ...] = ()
+    settings: MotionSettings = field(default_factory=MotionSettings)
+
+    @cached_property
+    def contact_certificate(self) -> Certificate:
+        """The certificate of contact that motions must pass: a little more than contact, but no more than ends have.
+
+        Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
+        """
+        settings = self.settings.search
+        ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
+        gaps = [self._end_finder.find(self.arm.points(end)).gap.min(initial=np.inf) for end in ends]
+        contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
+        most = settings.spare * self.arm.length
+        # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
+        # interval would always fail. Nor for more than a gate leaves beside the arm.
+        spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
+        in_gates = min((self.gap_about(path.gate_places) for path in self.tip_paths), default=np.inf)
+        spare = min(spare, max(settings.spare_in_gates * in_gates, 0.0))
+        return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
+
+    def at_full_limits(self) -> "MotionTask":
+        """The same, but that steps use nearly all of the joint limits."""
+        step = self.settings.step
+        return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
+
+    def bends_all_it_may(self, headings: FloatArray) -> bool:
+        """Whether a pose, link headings (links,) [rad], bends a joint as far as planning does, or farther."""
+        share = self.settings.step.limit_share
+        hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
+        return bool(np.any(np.abs(self.arm.bends(headings)) > (share - hair) * self.arm.bend_limits))
+
+    def gap_about(self, places: FloatArray) -> float:
+        """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""
+        if len(places) == 0:
+            return np.inf
+        _, nearest = self.workspace.nearest(shapely.MultiPoint(places))
+        return nearest - self.arm.radius - self.workspace.clearance
+
+    @cached_property
+    def certificate(self) -> MotionCertificate:
+        """The certificate of all limits that motions must pass."""
+        return MotionCertificate(self.arm, self.contact_certificate.spare, self.limits(self._end_finder))
+
+    @cached_property
+    def _end_finder(self) -> ContactFinder:
+        """Of gaps at the ends of the motion."""
+        settings = self.settings.search
+        return self.finder(0.0, settings.end_reach * settings.spare * self.arm.length)
+
+    def finder(self, margin: float, reach: float) -> ContactFinder:
+        """A finder of contacts with a planning margin and a reach [m]."""
+        walls = self.workspace.flat_walls
+        return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
+
+    def planning_finder(self, margin: float, nominal_length: float) -> ContactFinder:
+        """The finder for steps that keep a planning margin [m], in a space of nominal links of some length [m]."""
+        settings = self.settings.search
+        return self.finder(margin, max(settings.reach * nominal_length, settings.reach_margins * margin))
+
+    def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
+        """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
+        certificate = self.contact_certificate
+        return assembled_limits(
+            finder,
+            certificate,
+            self.settings.step,
+            self.user_limits,
+            wanted_gap,
+            self._rails,
+            self.gates,
+            self.guide_tubes,
+        )
+
+    @cached_property
+    def _rails(self) -> tuple[FloatArray, ...]:
+        """Middle lines of the narrow gates on the tip's paths, each of shape (k, 2) [m]."""
+        return tuple(rail for path in self.tip_paths for rail in path.rails)
+
+    @cached_property
+    def gates(self) -> GateLines | None:
+        """The lines across these gates; None where there are none."""
+        rails = self._rails
+        return GateLines.from_rails(rails, self.workspace, self.settings.step.rails) if rails else None
+
+    def certificate_with(self, spare: float) -> MotionCertificate:
+        """The certificate of all limits, with more gap beyond contact than motions must have [m]."""
+        contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
+        limits = assembled_limits(
+            self._end_finder, contact, self.settings.step, self.user_limits, guide_tubes=self.guide_tubes
+        )
+        return MotionCertificate(self.arm, contact.spare, limits)
+
+    def least_gap(self, headings: FloatArray) -> float:
+        """Least gap beyond contact of the poses of a motion, shape (K, links) [m], as far as the wanted gap sees."""
+        finder = self.finder(0.0, self.wanted_gap)
+        gaps = (finder.find(self.arm.points(pose)).gap.min(initial=finder.reach) for pose in headings)
+        return float(min(gaps))
+
+    def within_joint_limits(self, headings: FloatArray) -> bool:
+        """Whether all bends of poses, shape (K, links) [rad], are within the joints' limits."""
+        return bool(np.all(np.abs(self.arm.bends(headings[..., : self.arm.links])) <= self.arm.bend_limits))
+
+    def ending_at(self, coordinates: FloatArray, headings: FloatArray) -> "MotionTask":
+        """The same task for motions that end in one pose: its coordinates, shape (p,), and link headings [rad]."""
+        return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_headings=headings)
+
+    @property
+    def among_many_walls(self) -> bool:
+        """Whether so many walls are near that poses at the goal are dear to find, and room is small."""
+        return len(self.workspace.walls) > self.settings.search.many_walls
+
+    @property
+    def parametric(self) -> bool:
+        """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
+        return any(limit.parametric for limit in self.user_limits)
+
+    @property
+    def limited_goal(self) -> GoalPose:
+        """The goal with the limits that hold there."""
+        limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
+        return replace(self.goal, limits=limits, settings=self.settings.goal)
+
+
+class CachedItems:
+    """Items that are costly to make: each is made when first asked for, and kept.
+
+    Args:
+        items: makes them.
+    """
+
+    def __init__(self, items: Iterable[FloatArray]) -> None:
+        self._items = iter(items)
+        self._known: list[FloatArray] = []
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        """All items from the first."""
+        return self()
+
+    def __call__(self) -> Iterator[FloatArray]:
+        """All items from the first."""
+        for k in count():
+            if k == len(self._known):
+                item = next(self._items, None)
+                if item is None:
+                    return
+                self._known.append(item)
+            yield self._known[k]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A certified piecewise-linear motion on the links.
+
+    Attributes:
+        space: the link space it was planned in.
+        coordinates: at the keyframes, shape (K, p).
+        headings: link headings at the keyframes, shape (K, links) [rad].
+        candidate: name of the candidate that led to it.
+        u: path parameter at the keyframes, shape (K,), or None where nothing depends on it.
+        end_pose: link headings of the offered pose at the goal that it ends in, of the arm it was planned for; None
+            where it ends elsewhere.
+    """
+
+    space: LinkSpace
+    coordinates: FloatArray
+    headings: FloatArray
+    candidate: str
+    u: FloatArray | None = None
+    end_pose: FloatArray | None = None
+
+
+def coarsened(task: MotionTask, links: int) -> MotionTask:
+    """The same task for an arm of the same length with fewer links."""
+    many = task.arm.links
+    arm = replace(
+        task.arm,
+        links=links,
+        link_length=task.arm.length / links,
+        masses=np.full(links, task.arm.masses.mean()),
+        inertia_axial=np.full(links, task.arm.inertia_axial.mean()),
+        inertia_transverse=np.full(links, task.arm.inertia_transverse.mean()),
+    )
+
+    def resampled(headings: FloatArray) -> FloatArray:
+        # Each new heading is the mean of the old ones over its stretch of the arm: differences of their running
+        # integral.
+        covered = np.concatenate(([0.0], np.cumsum(headings)))
+        edges = np.interp(np.linspace(0.0, many, links + 1), np.arange(many + 1), covered)
+        return np.diff(edges) * links / many
+
+    return replace(
+        task,
+        arm=arm,
+        start=resampled(task.start),
+        goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
+        guesses=CachedItems(resampled(guess) for guess in task.guesses),
+        further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
+        slowness=None if task.slowness is None else task.slowness.resampled(links),
+    )

@@ -1,0 +1,375 @@
+"""Optimises a found motion: shorter first, then with more clearance.
+
+A row keeps both ends of a link, over a whole interval, behind one half-plane. The farther the link goes in the
+interval, the more room that costs beside what there is; between near keyframes there is more to be had.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import arc_lengths, path_length
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.interior_point import interior_point
+from ccm_opt.planning.optimisation.objective import decimated, even_parameters, resampled, subdivided
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
+from ccm_opt.planning.pose import pose_in
+from ccm_opt.planning.settings import OptimisationSettings
+from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
+from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.problem import Weights
+
+OPTIMISATION = OptimisationSettings()
+"""The settings unless others are given."""
+NO_BREAKS = np.zeros(0)
+"""No path parameters."""
+
+
+def optimise(motion: Motion, task: MotionTask, margin: float | None = None, rounds: int | None = None) -> Motion:
+    """Shorten a certified motion in its homotopy class.
+
+    Args:
+        motion: piecewise linear in its link space, certified; its keyframes meet all equations.
+        task: arm, room, goal, limits and deadline.
+        margin: gap that rows ask for beyond contact, as a share of the arm's length; that of the settings when None.
+        rounds: most steps; those of the settings when None.
+
+    Returns:
+        The last certified motion: with a shorter joint path (or whatever the task's weights ask for) and few
+        keyframes, with the same start; the given one when nothing shorter was found.
+    """
+    if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
+        return motion
+    whole = motion_program(motion, task, margin)
+    if any(limit.moves_keyframes for limit in task.user_limits):
+        return _optimised_on_limits(motion, task, whole, rounds)
+    optimised = _optimised(motion, task, whole, rounds)
+    # With default weights the objective is close to the length but not the same; with others a longer path may be
+    # what was asked for.
+    plain = task.weights == Weights() and task.wanted_gap == 0.0
+    return optimised if not plain or travel(optimised) < travel(motion) else motion
+
+
+def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: int | None) -> Motion:
+    """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
+    settings = task.settings.optimisation
+    taken = None if rounds is None else settings.moved_rounds * rounds // settings.rounds
+    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
+    for intervals in settings.moved_intervals:
+        keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
+        program = replace(whole, u=u)
+        start = program.restored(keyframes)
+        # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
+        if start is keyframes or _certified(program, start):
+            # What is left is the best there is under the limits, even where the found motion was shorter.
+            return _with_keyframes(motion, sequential_convex(program, start, taken), u)
+    return motion
+
+
+def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: int | None) -> Motion:
+    """The motion optimised at few keyframes.
+
+    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
+    it is thinned again, if it can be.
+    """
+    settings = task.settings.optimisation
+    left = settings.rounds if rounds is None else rounds
+    keyframes, u = _few_keyframes(motion, task, whole, 0.0)
+    while left > 0:
+        program = replace(whole, u=u)
+        if task.optimiser == "interior-point":
+            return _with_keyframes(motion, interior_point(program, keyframes), motion.u)
+        many = len(keyframes) - 1 > settings.many * settings.intervals
+        taken = min(left, settings.first_rounds) if many else left
+        before = keyframes
+        length = travel(motion)
+        motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
+        left -= settings.counted_rounds if many else taken
+        if not many:
+            continue
+        stuck = np.array_equal(motion.coordinates, before)
+        # A motion that keeps room already is not thinned into the walls again.
+        keyframes, u = _few_keyframes(motion, task, whole, settings.kept_share * task.least_gap(motion.headings))
+        if len(keyframes) - 1 <= settings.many * settings.intervals:
+            continue
+        # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
+        # become few stays as it is, or is cut finer where nothing moves.
+        slow = travel(motion) > (1.0 - settings.worth_many) * length
+        if slow and len(before) > (settings.most_intervals if stuck else 0):
+            break
+        keyframes, u = finer(motion, settings.finer if stuck else 1.0)
+    return motion
+
+
+def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
+    """The coordinates of the same motion at as many times the intervals, as even as may be, and their parameters."""
+    turns = np.linalg.norm(np.diff(motion.space.drives(motion.headings), axis=0), axis=1)
+    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    keyframes = subdivided(labelled, turns, int(np.ceil(times * len(turns))))
+    return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
+
+
+def _few_keyframes(
+    motion: Motion, task: MotionTask, whole: MotionProgram, spare: float
+) -> tuple[FloatArray, FloatArray]:
+    """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
+    settings = task.settings.optimisation
+    if settings.intervals <= len(motion.coordinates) - 1 <= settings.many * settings.intervals:
+        return motion.coordinates, path_parameters(motion)
+    if task.gates is not None:
+        return _few_in_gates(motion, whole)
+    return thinned(motion, task.certificate_with(spare), settings)
+
+
+def _few_in_gates(motion: Motion, whole: MotionProgram) -> tuple[FloatArray, FloatArray]:
+    """Few keyframes that lie in the middle of gates, certified, and their path parameters; those of the motion if none.
+
+    Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
+    """
+    settings = whole.settings.optimisation
+    space = motion.space
+    u = path_parameters(motion)
+
+    def restored(coordinates: FloatArray) -> FloatArray:
+        for limit in whole.limits:
+            coordinates = limit.restored_keyframes(space, coordinates, u)
+        return coordinates
+
+    def failures(coordinates: FloatArray) -> IntArray:
+        return whole.failures(space.headings(coordinates))
+
+    for intervals in settings.gate_intervals:
+        few = resampled(motion.coordinates, u, intervals, failures, restored, settings.gate_halvings)
+        if few is not None and len(few[1]) < len(u):
+            return few
+    return motion.coordinates, u
+
+
+def keeps_limits(motion: Motion, task: MotionTask) -> bool:
+    """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
+    if not any(limit.moves_keyframes for limit in task.user_limits):
+        return True  # every motion that is made here is certified
+    program = replace(motion_program(motion, task), u=path_parameters(motion))
+    return _certified(program, motion.coordinates)
+
+
+def _breaks(task: MotionTask) -> FloatArray:
+    """Path parameters that keyframes have to be at, increasing."""
+    return np.array(sorted({u for limit in task.user_limits for u in limit.breaks}))
+
+
+def _certified(program: MotionProgram, coordinates: FloatArray) -> bool:
+    """Whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
+    sweep = Sweep(program.space, coordinates)
+    return program.holds(sweep, sweep) and len(program.failures(sweep.headings)) == 0
+
+
+def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | None) -> Motion:
+    """A motion with other keyframes in the same link space."""
+    return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates), u=u)
+
+
+def thinned(
+    motion: Motion,
+    certificate: IntervalCertificate,
+    settings: OptimisationSettings = OPTIMISATION,
+    intervals: int | None = None,
+    breaks: FloatArray = NO_BREAKS,
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
+
+    Args:
+        motion: certified; where it knows its path parameter, the keyframes are at even steps of that.
+        certificate: of the legs.
+        settings: of the legs.
+        intervals: least number of intervals; that of the settings when None.
+        breaks: path parameters that keyframes have to be at, where the motion knows its own.
+    """
+    space = motion.space
+    intervals = settings.intervals if intervals is None else intervals
+    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+
+    # Such a motion was tracked under limits that depend on u: its keyframes may not be shifted against u.
+    if motion.u is not None:
+        u = even_parameters(intervals, breaks)
+        return np.column_stack([np.interp(u, motion.u, column) for column in motion.coordinates.T]), u
+
+    # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
+    judged = partial(certificate.failures, depth=settings.leg_depth)
+    few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), settings.first_stride)
+
+    turns = np.diff(space.drives(space.headings(few[:, :-1])), axis=0)
+    keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
+    return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
+
+
+def path_parameters(motion: Motion) -> FloatArray:
+    """Path parameter of every keyframe: its own, or its share of the motion's length in joint space, shape (K,)."""
+    if motion.u is not None:
+        return motion.u
+    arcs = arc_lengths(motion.space.drives(motion.headings))
+    shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
+    return shares
+
+
+def travel(motion: Motion) -> float:
+    """Length of the joint path, Σ |Δq| [rad, link lengths]."""
+    return path_length(motion.space.drives(motion.headings))
+
+
+def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> MotionProgram:
+    """The program of a motion, its keyframes still to be chosen; arguments as for ``optimise``."""
+    settings = task.settings.optimisation
+    margin = settings.margin if margin is None else margin
+    length = task.arm.length
+    # Few, long links would otherwise reach for every wall of the room.
+    link = min(task.arm.link_length, settings.largest_link * length)
+    end = pose_in(motion.space, motion.coordinates[-1])
+    return MotionProgram(
+        motion.space,
+        # Of a goal that is a set the motion keeps the member to which it was found.
+        task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
+        task.goal_headings is not None,
+        # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
+        task.limits(task.finder(margin * length, settings.reach * link + task.wanted_gap), task.wanted_gap),
+        np.zeros(0),
+        settings.active * link + task.wanted_gap,
+        task.deadline,
+        normalised(task.weights),
+        task.slowness,
+        task.wanted_gap,
+        task.gates is not None,
+        task.settings,
+    )
+
+
+def normalised(weights: Weights) -> Weights:
+    """The same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
+    largest = max(weights.path_length, weights.smoothness, weights.duration)
+    scale = largest if largest > 0.0 else 1.0
+    return Weights(**{name: value / scale for name, value in asdict(weights).items()})
+
+
+def room_of(motion: Motion, task: MotionTask) -> float:
+    """Least gap of the smooth path that will be laid along a motion, as far as the wanted gap sees [m]."""
+    return _room(motion.headings, task)
+
+
+def lacks_room(motion: Motion, task: MotionTask) -> bool:
+    """Whether a motion keeps less than the wanted gap, or than its ends leave of that, where more can be looked for."""
+    # Keyframes that limits have moved stand where the path parameter has them.
+    looked_for = task.wanted_gap > 0.0 and task.optimiser == "sequential-convex" and motion.u is None
+    # In the middle of a gate with hardly any play there is all the room that there can be.
+    looked_for = looked_for and task.gates is None
+    return looked_for and len(motion.coordinates) > DEGREE and room_of(motion, task) < _enough_room(motion, task)
+
+
+def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
+    """The motion with more room, where it lacks some and more keyframes give it more.
+
+    Args:
+        motion: certified and optimised.
+        task: it was optimised for.
+        margin: that rows of the optimisation ask for, see ``optimise``.
+
+    Returns:
+        Certified, with the same ends.
+    """
+    settings = task.settings.optimisation
+    if not lacks_room(motion, task) or task.deadline.passed():
+        return motion
+    wanted = _enough_room(motion, task)
+    most = room_of(motion, task)
+    roomier = _with_finer_keyframes(motion, settings)
+    program = _program_to_end(roomier, task, margin)
+    for _ in range(settings.room_passes):
+        growth = RoomGrowth(task, wanted)
+        coordinates = sequential_convex(program, roomier.coordinates, settings.room_rounds, growth.ended)
+        roomier = replace(roomier, coordinates=coordinates, headings=motion.space.headings(coordinates))
+        room = room_of(roomier, task)
+        worthwhile = room >= settings.room_worth * most
+        if room > most:
+            motion = roomier
+            most = room
+        dear = len(roomier.coordinates) > settings.most_intervals
+        if most >= wanted or not worthwhile or dear or task.deadline.passed():
+            break
+    return motion
+
+
+@dataclass
+class RoomGrowth:
+    """Watches the room of motions from step to step.
+
+    Attributes:
+        task: they are for.
+        wanted: room that is enough [m].
+        most: the most so far [m].
+        idle: steps since it grew.
+    """
+
+    task: MotionTask
+    wanted: float
+    most: float = 0.0
+    idle: int = 0
+
+    def ended(self, sweep: Sweep) -> bool:
+        """Whether a motion has enough room, or none has had more for long."""
+        settings = self.task.settings.optimisation
+        room = _room(sweep.headings, self.task)
+        grows = room > settings.room_growth * self.most
+        self.idle = 0 if grows else self.idle + 1
+        self.most = max(self.most, room)
+        return room >= self.wanted or self.idle >= settings.room_patience
+
+
+def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
+    """A motion that cannot have all the room that is wanted, made shorter with nearly the room that it has.
+
+    What an interval lacks is so dear that steps serve nothing else; with no more asked than there is, they shorten
+    the motion again.
+
+    Args:
+        motion: certified, in a bottleneck.
+        task: it was optimised for.
+        margin: that rows of the optimisation ask for, see ``optimise``.
+
+    Returns:
+        Certified, with the same ends.
+    """
+    settings = task.settings.optimisation
+    room = room_of(motion, task)
+    if motion.u is not None or room <= 0.0 or task.deadline.passed():
+        return motion
+    kept = replace(task, wanted_gap=room)
+    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.coordinates, settings.room_rounds)
+    shorter = replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
+    return shorter if room_of(shorter, task) >= settings.enough_room * room else motion
+
+
+def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram:
+    """The program of a motion that keeps its keyframes' number and its last pose."""
+    to_end = task.ending_at(motion.coordinates[-1], motion.headings[-1])
+    return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
+
+
+def _with_finer_keyframes(motion: Motion, settings: OptimisationSettings) -> Motion:
+    """The same motion with as many times the intervals, as even as may be; not beyond what is affordable."""
+    now = len(motion.coordinates) - 1
+    coordinates, _ = finer(motion, min(settings.finer, max(1.0, settings.finest / now)))
+    return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
+
+
+def _enough_room(motion: Motion, task: MotionTask) -> float:
+    """Nearly the wanted gap, or what the ends leave of it [m]."""
+    most = min(task.wanted_gap, task.least_gap(motion.headings[[0, -1]]))
+    return task.settings.optimisation.enough_room * most
+
+
+def _room(headings: FloatArray, task: MotionTask) -> float:
+    """Least gap of the spline near keyframes, shape (K, links) [m]."""
+    samples = places_along(len(headings), task.settings.optimisation.room_samples)
+    return task.least_gap(clamped_spline(headings)(samples))

@@ -1,0 +1,317 @@
+"""Problems in units of their own arm, so that planning finds the same at every scale, and its results in metres again.
+
+Steps, solvers and tolerances of planning are made for an arm of about a metre. So every problem is planned with its
+arm's length as the unit of length; masses and times stay. Then an arm of a millimetre and one of a kilometre, in rooms
+that are alike, are one and the same problem, but for the rounding of the division; rounding every length to a grid far
+finer than any tolerance takes that away too, so that the plans are alike to the last bit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import words_for_unit
+from ccm_opt.errors import Diagnosis, Finding, NoPlanFound
+from ccm_opt.planning.legs import Planner
+from ccm_opt.problem import (
+    CurvePose,
+    Goal,
+    JointPose,
+    Limits,
+    PlannerOptions,
+    Problem,
+    SimulationOptions,
+    Start,
+    Stop,
+    TipGoal,
+    Tolerances,
+    VerificationOptions,
+)
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.solution import GoalPoseRecord, JointPath, JointTrajectory
+
+GRID = 2.0**36
+"""Lengths are rounded to this part of a unit: 15 picometres on an arm of a metre, far below any tolerance. Derived: as
+coarse as that allows, so that hardly any length lies so near the middle between two places of the grid that the
+rounding of the division decides."""
+LENGTHS = frozenset(
+    (
+        *("allowed", "arc", "arm_length", "distance", "gap", "outside"),
+        *("place", "remaining", "route_length", "violation", "way_length"),
+    )
+)
+"""Figures behind a reason that are lengths."""
+LENGTH_KEYS = frozenset(("arm.radius", "workspace.clearance", "arm.link_length", "arm.feed.range"))
+"""Keys of the problem file that a finding may bound and that are lengths."""
+
+
+@dataclass(frozen=True)
+class OwnUnits:
+    """Units in which a problem's arm is one unit long.
+
+    Attributes:
+        metres: to a unit of length.
+    """
+
+    metres: float
+
+    def scaled(self, problem: Problem) -> Problem:
+        """The problem in these units; bends, times and masses are as they were."""
+        tolerances = self._tolerances(problem.tolerances)
+        return replace(
+            problem,
+            workspace=self._workspace(problem.workspace),
+            arm=self._arm(problem.arm),
+            limits=self._limits(problem.limits),
+            start=self._pose(problem.start),
+            goal=self._goal(problem.goal),
+            tolerances=tolerances,
+            stops=tuple(
+                Stop(self._goal(stop.goal), self._tolerances(stop.tolerances), stop.pause) for stop in problem.stops
+            ),
+            planner=self._options(problem.planner),
+            simulation=self._simulation(problem.simulation),
+            verification=VerificationOptions(_rounded_length(problem.contact_tolerance / self.metres)),
+        )
+
+    def path_in_metres(self, path: JointPath, arm: Arm) -> JointPath:
+        """A path that was planned in these units, for the arm as it is in metres."""
+        spline = path.spline
+        return replace(
+            path,
+            spline=type(spline)(spline.t, self._coordinates(spline.c, arm), spline.k),
+            keyframes=self._coordinates(path.keyframes, arm),
+            curves=tuple(self._in_metres(curve) for curve in path.curves),
+            leaders=tuple(self.metres * leader for leader in path.leaders),
+            spare=self.metres * path.spare,
+            goal_pose=self.record_in_metres(path.goal_pose) if isinstance(path.goal_pose, GoalPoseRecord) else None,
+        )
+
+    def path_in_units(self, path: JointPath, arm: Arm) -> JointPath:
+        """A path in metres in these units, as far as timing looks at it: its spline, its keyframes and its spare."""
+        per_unit = np.ones(path.keyframes.shape[-1])
+        per_unit[arm.links :] = self.metres
+        spline = path.spline
+        return replace(
+            path,
+            spline=type(spline)(spline.t, _rounded(spline.c / per_unit), spline.k),
+            keyframes=_rounded(path.keyframes / per_unit),
+            spare=float(_rounded(path.spare / self.metres)),
+        )
+
+    def trajectory_in_metres(self, trajectory: JointTrajectory, arm: Arm) -> JointTrajectory:
+        """A motion that was timed in these units, for the arm as it is in metres."""
+        units = np.ones(trajectory.positions.shape[-1])
+        units[arm.links :] = self.metres
+        return replace(
+            trajectory,
+            positions=self._coordinates(trajectory.positions, arm),
+            velocities=units * trajectory.velocities,
+            accelerations=units * trajectory.accelerations,
+        )
+
+    def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:
+        """Why there is no plan, the figures in metres; the words are in metres already."""
+        return replace(
+            diagnosis,
+            evidence={key: self._figure(key, value) for key, value in diagnosis.evidence.items()},
+            findings=self.findings_in_metres(diagnosis.findings),
+        )
+
+    def findings_in_metres(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+        """What stands in the way, the figures in metres."""
+        return tuple(self._finding(finding) for finding in findings)
+
+    def record_in_metres(self, record: GoalPoseRecord) -> GoalPoseRecord:
+        """What the goal-pose program said, in metres."""
+        return replace(
+            record,
+            curve=self._in_metres(record.curve),
+            gap=self.metres * record.gap,
+            wanted_gap=self.metres * record.wanted_gap,
+        )
+
+    def _length(self, length: float) -> float:
+        """A length in units, on the grid."""
+        return float(np.round(length / self.metres * GRID) / GRID) if np.isfinite(length) else length
+
+    def _lengths(self, lengths: FloatArray) -> FloatArray:
+        return np.asarray(np.round(np.asarray(lengths) / self.metres * GRID) / GRID)
+
+    def _workspace(self, workspace: Workspace) -> Workspace:
+        cores = shapely.transform(np.array([each.core for each in workspace.obstacles], dtype=object), self._lengths)
+        obstacles = (
+            Obstacle(each.name, core, self._length(each.rounding))
+            for each, core in zip(workspace.obstacles, cores, strict=True)
+        )
+        boundary = shapely.transform(workspace.boundary, self._lengths)
+        return replace(
+            workspace, boundary=boundary, obstacles=tuple(obstacles), clearance=self._length(workspace.clearance)
+        )
+
+    def _arm(self, arm: Arm) -> Arm:
+        area = self.metres**2
+        feed = arm.feed
+        if feed is not None:
+            feed = replace(feed, low=self._length(feed.low), high=self._length(feed.high), hole=self._length(feed.hole))
+        return replace(
+            arm,
+            link_length=float(_rounded(arm.link_length / self.metres)),
+            radius=self._length(arm.radius),
+            base=self._lengths(arm.base),
+            mount_length=self._length(arm.mount_length),
+            inertia_axial=_rounded(arm.inertia_axial / area),
+            inertia_transverse=_rounded(arm.inertia_transverse / area),
+            feed=feed,
+            rotor_inertia=_rounded(arm.rotor_inertia / area),
+            friction=_rounded(arm.friction / area),
+            stray=float(_rounded(arm.stray * self.metres)),
+        )
+
+    def _limits(self, limits: Limits) -> Limits:
+        def divided(value: float | None) -> float | None:
+            return None if value is None else float(_rounded(value / self.metres))
+
+        points = (
+            replace(
+                point,
+                at=None if point.at is None else min(self._length(point.at), 1.0),
+                velocity=float(_rounded(point.velocity / self.metres)),
+                acceleration=float(_rounded(point.acceleration / self.metres)),
+            )
+            for point in limits.points
+        )
+        return replace(
+            limits,
+            torque=None if limits.torque is None else _rounded(limits.torque / self.metres**2),
+            feed_velocity=divided(limits.feed_velocity),
+            feed_acceleration=divided(limits.feed_acceleration),
+            feed_force=divided(limits.feed_force),
+            feed_jerk=divided(limits.feed_jerk),
+            points=tuple(points),
+        )
+
+    def _pose(self, pose: Start) -> Start:
+        if isinstance(pose, JointPose):
+            return replace(pose, feed=self._length(pose.feed))
+        return CurvePose(self._in_units(pose.configuration), self._length(pose.feed))
+
+    def _goal(self, goal: Goal) -> Goal:
+        return replace(goal, position=self._lengths(goal.position)) if isinstance(goal, TipGoal) else self._pose(goal)
+
+    def _tolerances(self, tolerances: Tolerances) -> Tolerances:
+        return replace(tolerances, position=self._length(tolerances.position))
+
+    def _options(self, options: PlannerOptions) -> PlannerOptions:
+        wanted = options.wanted_gap
+        return replace(options, wanted_gap=None if wanted is None else self._length(wanted))
+
+    def _simulation(self, simulation: SimulationOptions) -> SimulationOptions:
+        """Of no matter to planners but for gravity, which decides what torques hold the arm."""
+        return replace(simulation, gravity=_rounded(simulation.gravity / self.metres))
+
+    def _in_units(self, curve: Configuration) -> Configuration:
+        large = _stretched(curve, 1.0 / self.metres)
+        segments = (
+            replace(
+                segment,
+                length=float(_rounded(segment.length)),
+                heading=float(_rounded(segment.heading)),
+                curvature=_rounded(segment.curvature),
+                moments=(float(_rounded(segment.moments[0])), float(_rounded(segment.moments[1]))),
+            )
+            for segment in large.segments
+        )
+        return replace(large, base=self._lengths(curve.base), segments=tuple(segments))
+
+    def _in_metres(self, curve: Configuration) -> Configuration:
+        return _stretched(curve, self.metres)
+
+    def _coordinates(self, values: FloatArray, arm: Arm) -> FloatArray:
+        """Values of the coordinates, shape (m, c) [rad, units], as [rad, m]."""
+        units = np.ones(values.shape[-1])
+        units[arm.links :] = self.metres
+        # Ends of the axis stay what they are: the rounding to the grid may have moved them by a hair.
+        inside: FloatArray = values * units
+        for column, axis in enumerate(arm.base_axes, start=arm.links):
+            inside[..., column] = np.clip(inside[..., column], axis.low, axis.high)
+        return inside
+
+    def _finding(self, finding: Finding) -> Finding:
+        length = finding.unit == "m"
+        measured, allowed = (
+            self.metres * value if length and value is not None else value
+            for value in (finding.measured, finding.allowed)
+        )
+        return replace(
+            finding,
+            place=None if finding.place is None else tuple(self.metres * x for x in finding.place),
+            measured=measured,
+            allowed=allowed,
+            way=tuple(tuple(self.metres * x for x in place) for place in finding.way),
+            bounds={key: self.metres * x if key in LENGTH_KEYS else x for key, x in finding.bounds.items()},
+        )
+
+    def _figure(self, key: str, value: object) -> object:
+        """A figure behind a reason: by its name it is a length, a place, or something else."""
+        if isinstance(value, Mapping):
+            return {name: self._figure(name, each) for name, each in value.items()}
+        if isinstance(value, list | tuple):
+            return type(value)(self._figure(key, each) for each in value)
+        if key in LENGTHS and isinstance(value, float):
+            return self.metres * value
+        return value / self.metres if key == "curvature_limit" and isinstance(value, float) else value
+
+
+def _rounded_length(length: float) -> float:
+    return float(_rounded(length))
+
+
+def _rounded(values: FloatArray | float) -> FloatArray:
+    """Values to as many binary digits as lengths near one unit have on the grid."""
+    mantissa, exponent = np.frexp(values)
+    return np.asarray(np.ldexp(np.round(mantissa * GRID) / GRID, exponent))
+
+
+def _stretched(curve: Configuration, factor: float) -> Configuration:
+    """A curve so many times as large."""
+    segments = tuple(
+        replace(
+            segment,
+            length=factor * segment.length,
+            curvature=segment.curvature / factor,
+            moments=(segment.moments[0] / factor**3, segment.moments[1] / factor**3),
+        )
+        for segment in curve.segments
+    )
+    return replace(curve, base=factor * curve.base, segments=segments)
+
+
+@dataclass(frozen=True)
+class OwnUnitsPlanner:
+    """A planner that is given every problem in units of its arm; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        planner: plans in these units.
+    """
+
+    planner: Planner
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan as the planner does.
+
+        Raises:
+            NoPlanFound: what the planner said, in metres.
+        """
+        units = OwnUnits(problem.arm.length)
+        try:
+            with words_for_unit(units.metres):
+                path = self.planner.plan(units.scaled(problem))
+        except NoPlanFound as failure:
+            raise type(failure)(units.diagnosis_in_metres(failure.diagnosis)) from failure
+        return units.path_in_metres(path, problem.arm)

@@ -1,0 +1,186 @@
+"""Candidates that slide out of a narrow passage.
+
+In a gate with hardly any play an arm can only slide along itself. The way out is the easier one: a bow that is once
+begun grows, while a tip that is led in from afar brings the links behind it to the gate askew.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.length_words import long_length, short_length
+from ccm_opt.core.polyline import arc_lengths, points_at
+from ccm_opt.planning.continuation import Guide, GuideCandidate
+from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
+from ccm_opt.planning.hairpin import heading_window
+from ccm_opt.planning.link_space import KNOTS, LinkSpace
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.settings import SlidingSettings
+from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.tip_paths import TipPath
+
+
+@dataclass
+class SlidingOut:
+    """Draws every joint that is in the gates or beyond them back along the arm as it lay; the rest bends evenly.
+
+    Attributes:
+        space: the link space.
+        lying: joints and tip where the arm lay at first, shape (links + 1, 2) [m].
+        mouth: arc length on that line, from the base, at which the arm is out of the gates [m].
+        side: +1 to bow out to the left of the arm, -1 to its right.
+        settings: weights and advances.
+        back: how far the arm has been drawn back [m].
+    """
+
+    space: LinkSpace
+    lying: FloatArray
+    mouth: float
+    side: int
+    settings: SlidingSettings
+    back: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._arcs = arc_lengths(self.lying)
+
+    @property
+    def length(self) -> float:
+        """How far the arm is drawn back in all [m]."""
+        return float(self._arcs[-1]) - self.mouth
+
+    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+        """The strand in the gates back along itself, and curvature small and even."""
+        settings = self.settings
+        unit = self.space.nominal_length
+        links = self.space.arm.links
+        per_link = self.space.nominal_per_link
+        joints, errors = self._strand(pose)
+        distance = np.linalg.norm(errors, axis=1)
+        longest = settings.longest_error * unit
+        errors = errors * np.minimum(1.0, longest / np.maximum(distance, longest))[:, None]
+
+        curvature = np.zeros((KNOTS, self.space.dimension))
+        curvature[:, 1 : KNOTS + 1] = unit * np.eye(KNOTS)
+        even = np.diff(curvature, axis=0)
+        wanted = -curvature @ pose.v
+        if self.back < settings.bowing * unit:
+            # A straight arm that is pushed along itself may buckle to either side, or into many waves.
+            behind = np.linspace(0.0, self._arcs[-1], KNOTS) < self.mouth - self.back
+            wanted = wanted + self.side * settings.bow * behind
+        return [
+            Term(
+                jacobians[joints].reshape(2 * len(joints), -1) / unit,
+                errors.ravel() / unit,
+                settings.strand_weight * per_link,
+            ),
+            Term(curvature, wanted, settings.bending),
+            Term(even, -even @ pose.v, settings.evenness),
+            Term(self.space.matrix, np.zeros(links), settings.turn_weight * per_link),
+        ]
+
+    def progress(self, pose: Pose) -> bool:
+        """Draw back farther if the strand keeps up."""
+        if self.back >= self.length or not self._keeps_up(pose):
+            return False
+        self.back = min(self.length, self.back + self.settings.advance * self.space.nominal_length)
+        return True
+
+    def finished(self, pose: Pose) -> bool:
+        """Whether the tip is out of the gates."""
+        return self.back >= self.length and self._keeps_up(pose)
+
+    def describe(self, pose: Pose) -> str:
+        """How far the arm has been drawn back."""
+        lag = short_length(self._lag(pose))
+        drawn = f"{long_length(self.back)} of {long_length(self.length)}"
+        return f"a joint stayed {lag} behind when the arm was drawn back by {drawn}"
+
+    def _keeps_up(self, pose: Pose) -> bool:
+        return self._lag(pose) < self.settings.leash * self.space.nominal_length
+
+    def _lag(self, pose: Pose) -> float:
+        """How far a joint of the strand is from its place at most [m]."""
+        return float(np.linalg.norm(self._strand(pose)[1], axis=1).max())
+
+    def _strand(self, pose: Pose) -> tuple[IntArray, FloatArray]:
+        """Joints that are in the gates or beyond, the tip always one of them, and the ways to their places [m]."""
+        places = self._arcs - self.back
+        joints = np.flatnonzero(places >= self.mouth)
+        if len(joints) == 0:
+            joints = np.array([self.space.arm.links])
+        return joints, points_at(self.lying, self._arcs, places[joints]) - pose.points[joints]
+
+
+WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
+"""Makes the guide that leads on from a pose, along a path of the tip, when another guide has ended there."""
+
+
+def slid_out(
+    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, paths: tuple[TipPath, ...]
+) -> Iterator[GuideCandidate]:
+    """The arm slid out of the gates in which it lies, to either side; none where it lies in no gate.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        whole_arm: coordinates of a goal for the whole arm, or None.
+        paths: of the tip.
+    """
+    settings = stepper.settings.guides.sliding
+    mouths = [(path, mouth_of_gates(stepper, start, path)) for path in paths]
+    for onward in ways_on(stepper, whole_arm):
+        # What goes straight on from the gates does not ask along which path.
+        tried: set[tuple[float, int]] = set()
+        for path, mouth in mouths:
+            if mouth is None:
+                continue
+            for side in (path.side, -path.side):
+                straight_on = whole_arm is not None and len(onward) == 1
+                if straight_on and (round(mouth, 6), side) in tried:
+                    continue
+                tried.add((round(mouth, 6), side))
+                make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
+                name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
+                resume = tuple(partial(each, path) for each in onward)
+                yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)
+
+
+def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
+    """Guides, one after the other, that lead an arm on to its goal when it has come out; the quickest way first."""
+    by_tip = partial(_by_tip, stepper)
+    if whole_arm is None:
+        return [(by_tip,)]
+    # Straight on, an arm that has come out may be swept back into the wall that it has come through.
+    straight = partial(_straight_on, stepper, whole_arm)
+    return [(straight,), (by_tip, straight)]
+
+
+def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
+    """Arc length from the base at which the arm enters the first gate that it lies in [m]; None if it lies in none."""
+    axis = shapely.LineString(start.points)
+    beside = stepper.settings.guides.sliding.beside * stepper.space.nominal_length
+    lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]
+    ends = [axis.project(shapely.Point(end)) for rail in lain_in for end in rail[[0, -1]]]
+    return min(ends, default=None)
+
+
+def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """From before the gates straight to a pose of the whole arm."""
+    del path
+    del guide
+    return Interpolation(stepper.space, pose.v, whole_arm, settings=stepper.settings.guides.interpolation)
+
+
+def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """From before the gates the tip along the rest of its path."""
+    del guide
+    line = shapely.LineString(path.taut)
+    rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]
+    taut = path.free_space.taut_path(np.vstack((pose.points[-1], rest)), shrink=path.shrink)
+    track = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
+    return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)

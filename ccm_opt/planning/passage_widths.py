@@ -1,0 +1,127 @@
+"""How wide the passages are that a tip path leads through: the walls' distance across it, on both sides together."""
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polygons import cross
+from ccm_opt.core.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.settings import DEFAULT_GUIDES
+from ccm_opt.scene.walls import Walls
+
+SPARE = 1.001
+"""Rounding: lines are drawn by so much longer when the edges that they cross are looked for."""
+
+
+def nominal_links_asked(task: MotionTask) -> float:
+    """Nominal links to the arm's length that the first tip path asks for: more than usual where passages are narrow.
+
+    A nominal link shorter than a link is of no use, so arms of few links are always planned with the usual ones.
+    """
+    if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
+        return NOMINAL_LINKS
+    settings = task.settings.guides.passages
+    walls = task.workspace.flat_walls
+    widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
+    narrowest = float(widths.min()) / task.arm.length
+    if narrowest * NOMINAL_LINKS >= settings.narrow:
+        return NOMINAL_LINKS
+    return min(settings.roomy / max(narrowest, 1e-9), float(task.arm.links))
+
+
+def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links: float) -> tuple[float, ...]:
+    """The planning margins, in nominal links, that leave the way to the goal open; a smaller one first when none does.
+
+    A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
+    """
+    settings = task.settings.guides.passages
+    gap = gap_beside_arm(task) * nominal_links / task.arm.length
+    if gap <= 0.0:
+        return margins
+    # A margin nearly as wide as the gap closes the passage: the step would never get through.
+    fitting = tuple(margin for margin in margins if margin <= settings.fitting_share * gap)
+    if fitting:
+        return fitting
+    return max(settings.least_margin, settings.margin_share * gap), margins[-1]
+
+
+def gap_beside_arm(task: MotionTask) -> float:
+    """Gap that the arm has on either side in the narrowest passage of the widest tip path, and the tip at its goal [m].
+
+    Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.
+    """
+    arm = task.arm
+    walls = task.workspace.flat_walls
+    samples = task.settings.guides.passages.samples
+    rooms = []
+    for path in task.tip_paths:
+        if path.length > 0.0:
+            half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())
+            # With a wider margin than it has at the goal the tip would never arrive.
+            rooms.append(
+                min(half_width, *(_room_about(task, places) for places in (path.gate_places, path.route[-1:])))
+            )
+    return max(rooms) - (arm.radius + task.workspace.clearance) if rooms else 0.0
+
+
+def _room_about(task: MotionTask, places: FloatArray) -> float:
+    """Distance from places (m, 2) to the nearest wall [m]; inf for no places."""
+    return task.gap_about(places) + task.arm.radius + task.workspace.clearance
+
+
+def passage_widths(
+    walls: Walls, path: FloatArray, widest: float, samples: int = DEFAULT_GUIDES.passages.samples
+) -> FloatArray:
+    """Width of the passage at places evenly spread along a path, shape (samples,) [m].
+
+    Across the path, to the first wall on the left and on the right; a side without a wall counts ``widest``.
+
+    Args:
+        walls: the walls.
+        path: shape (k, 2) [m].
+        widest: what is not looked beyond [m].
+        samples: number of places.
+    """
+    places, tangent = evenly_along(path, samples)
+    # Along the normal to the first edge on either side; where there is none, as wide as is asked about.
+    across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
+    place, along = _crossings(walls, places, across, widest)
+    left = np.full(samples, widest)
+    right = np.full(samples, widest)
+    np.minimum.at(left, place, np.where(along >= 0.0, along, widest))
+    np.minimum.at(right, place, np.where(along <= 0.0, -along, widest))
+    widths: FloatArray = np.minimum(left + right, widest)
+    return widths
+
+
+def evenly_along(path: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
+    """Places evenly spread along a path (k, 2) between its ends, and the path's directions there, each (samples, 2)."""
+    path = without_repeats(path, 0.0)
+    arcs = arc_lengths(path)
+    at = np.linspace(0.0, arcs[-1], samples + 2)[1:-1]
+    leg = legs_at(arcs, at)
+    tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
+    return path[leg] + (at - arcs[leg])[:, None] * tangent, tangent
+
+
+def _crossings(walls: Walls, places: FloatArray, directions: FloatArray, widest: float) -> tuple[IntArray, FloatArray]:
+    """Where lines through places (m, 2) meet edges: place of each crossing and its signed distance, each of shape (k,).
+
+    Distances [m] are less the rounding of the wall; crossings farther than ``widest`` [m] may be left out.
+    """
+    # Every edge that is crossed so near, and few others.
+    reach = SPARE * (widest + float(walls.rounding.max(initial=0.0)))
+    lines = np.stack((places - reach * directions, places + reach * directions), axis=1)
+    place, edge = walls.edge_lines.query(shapely.linestrings(lines))
+    a = walls.edges[edge, 0] - places[place]
+    b = walls.edges[edge, 1] - places[place]
+    side_a = cross(directions[place], a)
+    side_b = cross(directions[place], b)
+    hit = side_a * side_b <= 0.0  # the ends lie on different sides of the line
+    apart = side_a - side_b
+    share = side_a / np.where(np.abs(apart) > 0.0, apart, 1.0)
+    along = np.einsum("kd,kd->k", a + share[:, None] * (b - a), directions[place])
+    nearer = np.sign(along) * np.maximum(np.abs(along) - walls.rounding[walls.edge_wall[edge]], 0.0)
+    return place[hit], nearer[hit]

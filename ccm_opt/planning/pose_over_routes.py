@@ -1,0 +1,213 @@
+"""Goal poses over several routes."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import long_length
+from ccm_opt.errors import ConfigurationNotFound, ProblemError
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import attempt, attempts
+from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
+from ccm_opt.planning.draws import GoalDraws, TargetDraws
+from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
+from ccm_opt.planning.goal_members import GoalMember, goal_members
+from ccm_opt.planning.goal_pose import GoalPoseSearch, for_arm
+from ccm_opt.planning.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
+from ccm_opt.planning.planner_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.corridor import Route
+from ccm_opt.scene.free_space import FreeSpace
+
+
+def brought_poses(
+    problem: Problem,
+    arm: Arm,
+    ends: Ends,
+    members: tuple[GoalMember, ...],
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> Iterator[FloatArray]:
+    """Link headings of random poses with the tip on members of the goal that touch nothing for all that samples show.
+
+    Args:
+        problem: with the walls, and a seed.
+        arm: that is to get there.
+        ends: with the goal.
+        members: of the goal, that have a route.
+        settings: numbers.
+
+    Yields:
+        Poses of shape (links,) [rad]; of members in turn.
+    """
+    connect = settings.motion.connect
+    rng = np.random.default_rng(problem.planner.seed)
+    space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
+    share = settings.motion.step.limit_share
+    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share, connect)
+    check = SampledCheck.of(arm, problem.workspace, connect.sampling)
+    draws = [
+        GoalDraws(shapes, replace(ends.goal, position=each.position, heading=each.heading, room=(0.0, 0.0)), check,
+                  connect.goals).poses(rng)
+        for each in members
+    ]  # fmt: skip
+    for _ in range(settings.brought_rounds):
+        for drawn in draws:
+            yield from next(drawn)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTry:
+    """What came of one beginning.
+
+    Attributes:
+        start: where it began, in words.
+        search: that improved it.
+        poses: solutions of the NLP, each from the one before; none when there was nothing to begin with.
+        starts: link headings that each of them began with, of shape (links,) [rad].
+        reason: why there was nothing to begin with; empty when there was.
+    """
+
+    start: str
+    search: GoalPoseSearch
+    poses: tuple[ArmPose, ...] = ()
+    starts: tuple[FloatArray, ...] = ()
+    reason: str = ""
+
+    @property
+    def best(self) -> int | None:
+        """Which of the poses is the best feasible one; None when none is."""
+        feasible = [k for k, pose in enumerate(self.poses) if self.search.feasible(pose)]
+        return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
+
+    @property
+    def cost(self) -> float:
+        """That of the best pose; infinite without one."""
+        return float("inf") if self.best is None else self.poses[self.best].answer.cost
+
+
+def pose_search(
+    problem: Problem, terms: UserTerms | None = None, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+) -> GoalPoseSearch:
+    """The goal-pose NLP for a problem whose goal is for the tip.
+
+    Raises:
+        UnreachableGoal: the start or the goal touches something, or the start breaks a joint limit.
+    """
+    ends = resolve_ends(problem, settings.motion.ends)
+    arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
+    return GoalPoseSearch(for_arm(problem, arm), ends, ends.start, terms, settings.goal_pose)
+
+
+def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Iterator[PoseTry]:
+    """A try from a configuration of the curve along every route, shortest first.
+
+    Args:
+        search: for the problem.
+        settings: of routes and configurations.
+
+    Raises:
+        UnreachableGoal: there is no route that the arm is long enough for.
+    """
+    problem = search.problem
+    ends = search.ends
+    room = route_room(problem, ends, settings)
+    for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
+        start = f"route {number}, {long_length(route.length)}"
+        try:
+            beginnings = _along(problem, ends, room, route, settings)
+        except ConfigurationNotFound as error:
+            yield PoseTry(start, search, reason=error.diagnosis.reason)
+            continue
+        for letter, headings in zip("abcdefgh", beginnings, strict=False):
+            yield tried_from(search, f"{start}, {letter}" if len(beginnings) > 1 else start, headings)
+
+
+def drawn_tries(search: GoalPoseSearch, tries: Sequence[PoseTry]) -> Iterator[PoseTry]:
+    """Tries from poses of other classes that are drawn at random about what costs least without walls.
+
+    Args:
+        search: for the problem.
+        tries: made so far; the best of them says below which cost a pose is worth drawing.
+    """
+    best = min(tries, key=lambda each: each.cost, default=None)
+    near = search.ends.start
+    if best is not None and best.best is not None:
+        near = best.poses[best.best].headings
+    elif best is not None and best.starts:
+        near = best.starts[0]
+    for number, candidate in enumerate(search.candidates(near), start=1):
+        yield tried_from(search, f"drawn pose {number}", candidate.pose.headings)
+
+
+def brought_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Iterator[PoseTry]:
+    """Tries from random poses that are brought onto the goal, until one serves; for where nothing else does.
+
+    Args:
+        search: for the problem.
+        settings: how many.
+    """
+    problem = search.problem
+    members = goal_members(problem.arm, search.ends.goal, route_room(problem, search.ends, settings), settings.members)
+    poses = brought_poses(problem, problem.arm, search.ends, members, settings)
+    for number, headings in enumerate(islice(poses, settings.brought), start=1):
+        found = tried_from(search, f"pose brought onto the goal {number}", headings)
+        yield found
+        if found.best is not None:
+            return
+
+
+def tried_from(search: GoalPoseSearch, start: str, headings: FloatArray) -> PoseTry:
+    """The poses to which a beginning is improved."""
+    poses = search.improved(headings)
+    begun = (headings, *(pose.headings for pose in poses[:-1]))
+    return PoseTry(start, search, poses, begun)
+
+
+def _along(
+    problem: Problem, ends: Ends, room: FreeSpace, route: Route, settings: CurvePlannerSettings
+) -> list[FloatArray]:
+    """Link headings of different configurations of the curve along a route, at least one.
+
+    Raises:
+        ConfigurationNotFound: with all of its bend, too, the curve finds no way through the corridor.
+    """
+    for share in (settings.curvature_share, settings.full_curvature_share):
+        task = configuration_task(problem, ends, room, route, share, settings)
+        found, failures = _configurations(problem, task, settings)
+        if found:
+            return found
+    raise ConfigurationNotFound(beyond_reach(task) or diagnose(task, failures))
+
+
+def _configurations(
+    problem: Problem, task: ConfigurationTask, settings: CurvePlannerSettings
+) -> tuple[list[FloatArray], list[FailedAttempt]]:
+    """Different configurations through one corridor as link headings, and the attempts that failed."""
+    found: list[FloatArray] = []
+    failures: list[FailedAttempt] = []
+    if beyond_reach(task) is not None:
+        return found, failures
+    for regions, profile, bulge in islice(attempts(task), settings.further_attempts):
+        outcome = attempt(task, regions, profile, bulge)
+        if isinstance(outcome, FailedAttempt):
+            failures.append(outcome)
+            continue
+        try:
+            headings = map_curve(problem.arm, outcome, problem.planner.mapping)
+        except ProblemError:
+            continue  # the links cannot follow this curve
+        # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
+        if all(np.max(np.abs(headings - other)) > settings.different for other in found):
+            found.append(headings)
+        if len(found) == settings.beginnings:
+            break
+    return found, failures

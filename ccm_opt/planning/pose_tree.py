@@ -1,0 +1,276 @@
+"""Trees of poses and how they grow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.errors import UnreachableGoal
+from ccm_opt.planning.continuation import Guide
+from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
+from ccm_opt.planning.hairpin import pulled_over
+from ccm_opt.planning.link_space import fit_coordinates
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.settings import DEFAULT_TREES, ExtensionSettings
+from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.tip_paths import TipPath, taut_round_base
+from ccm_opt.scene.free_space import FreeSpace
+
+
+@dataclass
+class PoseTree:
+    """Poses of the whole arm and how they are reached; several roots are allowed.
+
+    Attributes:
+        length: of the arm [m].
+        heading_weight: of a radian of heading against the length of the arm in the distance of two poses.
+        poses: of the nodes.
+        parents: number of each node's parent, -1 for a root.
+        edges: poses from the parent, without it, to the node.
+        uses: how often each node was drawn.
+    """
+
+    length: float
+    heading_weight: float = DEFAULT_TREES.heading_weight
+    poses: list[Pose] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    edges: list[list[Pose]] = field(default_factory=list)
+    uses: list[int] = field(default_factory=list)
+    # The same in arrays with room to spare, so that distances to all nodes are one expression.
+    _points: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    _headings: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def add_root(self, pose: Pose) -> int:
+        """Add a pose that no other leads to; its number."""
+        return self.add(-1, [pose])
+
+    def add(self, parent: int, edge: list[Pose]) -> int:
+        """Add the last pose of an edge; its number.
+
+        Args:
+            parent: number of the node the edge begins at.
+            edge: poses after the parent's.
+        """
+        count = len(self)
+        pose = edge[-1]
+        if count == len(self._points):
+            self._double_capacity(pose)
+        self._points[count] = pose.points
+        self._headings[count] = pose.headings
+        self.poses.append(pose)
+        self.parents.append(parent)
+        self.edges.append(edge)
+        self.uses.append(0)
+        return count
+
+    def distances(self, pose: Pose) -> FloatArray:
+        """Distance of every node to a pose: of the joints in arm lengths and of the headings; shape (nodes,).
+
+        The headings tell poses apart that look the same but are wound round the base differently.
+        """
+        count = len(self)
+        apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.length
+        turn = np.sqrt(np.mean((self._headings[:count] - pose.headings) ** 2, axis=1))
+        distances: FloatArray = apart + self.heading_weight * turn
+        return distances
+
+    def nearest(self, pose: Pose) -> int:
+        """Number of the node nearest to a pose."""
+        return int(np.argmin(self.distances(pose)))
+
+    def tip_distances(self, place: FloatArray) -> FloatArray:
+        """Distance of every node's tip to a place (2,), shape (nodes,) [m]."""
+        distances: FloatArray = np.linalg.norm(self._points[: len(self), -1] - place, axis=1)
+        return distances
+
+    def least_used(self, choice: IntArray) -> int:
+        """Of some nodes the one that was drawn least often, and count that it is drawn now."""
+        node = min((int(k) for k in choice), key=lambda k: self.uses[k])
+        self.uses[node] += 1
+        return node
+
+    def poses_to(self, node: int) -> list[Pose]:
+        """All poses from the root to a node."""
+        edges = []
+        while node >= 0:
+            edges.append(self.edges[node])
+            node = self.parents[node]
+        return [pose for edge in reversed(edges) for pose in edge]
+
+    def _double_capacity(self, like: Pose) -> None:
+        """Make room for twice as many nodes, so that adding one seldom copies all."""
+        count = len(self)
+        capacity = max(64, 2 * count)
+        points = np.zeros((capacity, *like.points.shape))
+        headings = np.zeros((capacity, *like.headings.shape))
+        if count:
+            points[:count] = self._points[:count]
+            headings[:count] = self._headings[:count]
+        self._points = points
+        self._headings = headings
+
+
+@dataclass(frozen=True)
+class Extension:
+    """Where to begin and what to follow.
+
+    Attributes:
+        node: number of the node to begin at.
+        guide: to follow from there.
+    """
+
+    node: int
+    guide: Guide
+
+
+@dataclass(frozen=True)
+class ExtensionSampler:
+    """Draws extensions of one tree.
+
+    Attributes:
+        stepper: of the link space.
+        free_space: of the tip, punctured at the base.
+        routes: from the base to where the tip should get to, each of shape (k, 2) [m].
+        shrink: distance kept from corners where there is room [m].
+        rng: source of every random choice.
+    """
+
+    stepper: Stepper
+    free_space: FreeSpace
+    routes: tuple[FloatArray, ...]
+    shrink: float
+    rng: np.random.Generator
+
+    @property
+    def settings(self) -> ExtensionSettings:
+        """How often what is drawn, and how far it reaches."""
+        return self.stepper.settings.tree.extensions
+
+    def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
+        """An extension of a tree; the other tree attracts."""
+        settings = self.settings
+        kinds: list[tuple[float, Callable[[], Extension]]] = [
+            (settings.to_shape, partial(self.to_shape, tree)),
+            (settings.to_bump, partial(self.to_bump, tree)),
+            (settings.to_place, partial(self.to_place, tree)),
+            (settings.along_route, partial(self.along_route, tree, other)),
+            (settings.folded, partial(self.folded, tree, other)),
+        ]
+        if len(other):  # there may be no pose at the goal yet
+            kinds.append((settings.to_other, partial(self.to_other, tree, other)))
+        weights = np.array([weight for weight, _ in kinds])
+        chosen = int(self.rng.choice(len(kinds), p=weights / weights.sum()))
+        _, draw = kinds[chosen]
+        return draw()
+
+    def to_shape(self, tree: PoseTree) -> Extension:
+        """The whole arm towards a smooth random shape, from the nearest node."""
+        arm = self.stepper.space.arm
+        settings = self.settings
+        knots = self.rng.normal(0.0, settings.shape_curvature / arm.links, settings.shape_knots)
+        bends = np.interp(self._middles(), np.linspace(0.0, 1.0, settings.shape_knots), knots)
+        # The base turns anywhere, but winds no more than half a turn more than some node.
+        bends[0] = tree.poses[self._any(tree)].headings[0] + self.rng.uniform(-np.pi, np.pi)
+        shape = self._pose(np.cumsum(bends))
+        return self._towards(tree, tree.nearest(shape), shape)
+
+    def to_bump(self, tree: PoseTree) -> Extension:
+        """Part of the arm of a random node bent aside: its headings changed near a random link."""
+        settings = self.settings
+        node = self._any(tree)
+        width = self.rng.uniform(*settings.bump_widths)
+        at = self.rng.uniform(0.0, 1.0)
+        turn = self.rng.normal(0.0, settings.bump_turn)
+        bump = turn * np.exp(-(((self._middles() - at) / width) ** 2))
+        return self._towards(tree, node, self._pose(tree.poses[node].headings + bump))
+
+    def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
+        """The whole arm towards a random pose of the other tree, from the nearest node."""
+        target = other.poses[self._any(other)]
+        return self._towards(tree, tree.nearest(target), target)
+
+    def to_place(self, tree: PoseTree) -> Extension:
+        """The tip towards a random free place, from a node whose tip is near it."""
+        place = self._free_place()
+        choice = self.rng.integers(len(tree), size=self.settings.tip_choice)
+        # The nearest of all would be drawn again and again where it is stuck.
+        node = int(choice[np.argmin(tree.tip_distances(place)[choice])])
+        tip = tree.poses[node].points[-1]
+        return self._tip_led(tree, node, lambda: self.free_space.taut_path(np.stack((tip, place)), self.shrink))
+
+    def along_route(self, tree: PoseTree, other: PoseTree) -> Extension:
+        """The tip of a random node back along its arm and out along a random route."""
+        node = self._any(tree)
+        side = int(self.rng.choice((-1, 1)))
+        route = self._any_route(other)
+        points = tree.poses[node].points
+        return self._tip_led(tree, node, lambda: taut_round_base(self.free_space, points, route, side, self.shrink))
+
+    def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
+        """The arm of a random node pulled over to a random route as a rope; a shape when the route is too long."""
+        node = self._any(tree)
+        side = int(self.rng.choice((-1, 1)))
+        pose = tree.poses[node]
+        route = self._any_route(other)
+        try:
+            taut = taut_round_base(self.free_space, pose.points, route, side, self.shrink)
+            path = TipPath(side, route, taut, 0.0, self.free_space, self.shrink)
+            length = float(self.rng.choice(self.stepper.settings.guides.hairpin.lengths))
+            candidate = next(pulled_over(self.stepper, pose, None, path, (length,)), None)
+        except UnreachableGoal:
+            candidate = None
+        if candidate is None:
+            return self.to_shape(tree)
+        return Extension(node, candidate.make_guide())
+
+    def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
+        """The tip of a node along a path; a shape when there is no such path."""
+        pose = tree.poses[node]
+        space = self.stepper.space
+        guides = self.stepper.settings.guides
+        try:
+            points = path_of_tip()
+        except UnreachableGoal:
+            return self.to_shape(tree)
+        track = TipTrack.along(points, guides.heading_window * space.nominal_length, float(pose.headings[-1]))
+        return Extension(node, TipLed(space, track, settings=guides.tip_led))
+
+    def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
+        """The whole arm of a node straight towards a pose."""
+        settings = self.stepper.settings.guides.interpolation
+        return Extension(node, Interpolation(self.stepper.space, tree.poses[node].v, target.v, settings=settings))
+
+    def _pose(self, headings: FloatArray) -> Pose:
+        """The pose of the link space that comes nearest to link headings."""
+        space = self.stepper.space
+        return self.stepper.pose(fit_coordinates(space.matrix, headings - space.offset, space.arm.length))
+
+    def _middles(self) -> FloatArray:
+        """Middles of the links, as shares of the arm's length, shape (links,)."""
+        links = self.stepper.space.arm.links
+        return (np.arange(links) + 0.5) / links
+
+    def _any(self, tree: PoseTree) -> int:
+        """A random node, rather one that has seldom been drawn."""
+        return tree.least_used(self.rng.integers(len(tree), size=self.settings.node_choice))
+
+    def _any_route(self, other: PoseTree) -> FloatArray:
+        """One of the routes, or the shape of a random pose of the other tree."""
+        if len(other) and self.rng.random() < self.settings.shapes_as_routes:
+            return other.poses[self._any(other)].points
+        return self.routes[int(self.rng.integers(len(self.routes)))]
+
+    def _free_place(self) -> FloatArray:
+        """A free place within reach, shape (2,) [m]."""
+        arm = self.stepper.space.arm
+        while True:  # the tip of the start is free, so places about it are too
+            places = arm.base + self.rng.uniform(-arm.length, arm.length, (self.settings.places_drawn, 2))
+            near = places[np.linalg.norm(places - arm.base, axis=1) < arm.length]
+            free: FloatArray = near[self.free_space.contains(near)]
+            if len(free):
+                return np.asarray(free[0])

@@ -1,0 +1,284 @@
+"""Candidates that draw the arm back first.
+
+An arm that lies in a narrow place can leave it only as it came: along itself. Its base is fixed, so what comes out must
+go somewhere: a fold opens at the base, where there is room, and travels towards the tip. Links that the fold has passed
+lie where they are wanted, those ahead of it slide back along the old shape. Run backwards in time this is the hairpin
+that would lead the arm in, from the pose that is wanted; so its reference and its terms are the hairpin's.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import long_length, short_length
+from ccm_opt.core.polyline import path_length, whole_turns
+from ccm_opt.planning.continuation import Guide, GuideCandidate
+from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
+from ccm_opt.planning.hairpin import Hairpin, fold_about_to_travel, leaving_joint
+from ccm_opt.planning.passage_widths import evenly_along, passage_widths
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.settings import DEFAULT_GUIDES, WithdrawalSettings
+from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
+
+
+@dataclass
+class Withdrawal:
+    """Leads a fold from where the arm leaves its new shape to the tip.
+
+    Attributes:
+        fold: the hairpin of the way in: its old shape is the one wanted here, its track leads from that shape's tip
+            back beside it and out to where the tip is when the withdrawal begins.
+        turns: whole turns of the base by which the way back winds the pose that is wanted [rad].
+        free_from: arc length on the track before which the arm fills no passage [m]: drawn back so far, the tip can go
+            on as it likes.
+        settings: advances, leashes and weights.
+    """
+
+    fold: Hairpin
+    turns: float = 0.0
+    free_from: float = 0.0
+    settings: WithdrawalSettings = DEFAULT_GUIDES.withdrawal
+
+    def afresh(self) -> "Withdrawal":
+        """The same with its fold where that is now, to be followed on its own."""
+        return replace(self, fold=replace(self.fold))
+
+    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+        """What draws the arm on from a pose."""
+        settings = self.settings
+        space = self.fold.space
+        links = space.arm.links
+        per_link = space.nominal_per_link
+        turns = space.matrix
+        unit = space.nominal_length
+        joints = jacobians[1:].reshape(2 * links, -1) / unit
+
+        error = self._errors(pose)
+        distance = np.linalg.norm(error, axis=1)
+        longest = settings.longest_error * unit
+        error *= (longest / np.maximum(distance, longest))[:, None]
+        drawn = settings.strand_weight * np.repeat(per_link * self._on_strand(), 2)
+        return [
+            Term(joints, error.ravel() / unit, drawn),
+            Term(turns, self.fold.reference() - pose.headings, settings.heading_weight * per_link),
+            Term(turns, np.zeros(links), settings.turn_weight * per_link),
+            Term(joints, np.zeros(2 * links), settings.motion_weight * per_link),
+        ]
+
+    def _errors(self, pose: Pose) -> FloatArray:
+        """From every joint but the base to its place on the track, shape (links, 2) [m]."""
+        arm = self.fold.space.arm
+        behind_tip = arm.length - arm.link_length * np.arange(1, arm.links + 1, dtype=np.float64)
+        return self.fold.track.points_at(self.fold.tip_arc - behind_tip) - pose.points[1:]
+
+    def _on_strand(self) -> FloatArray:
+        """How much each joint belongs to the strand that is drawn back: wholly beyond the fold, shape (links,)."""
+        arm = self.fold.space.arm
+        arcs = arm.link_length * np.arange(1, arm.links + 1)
+        beyond = (arcs - self.fold.fold_at - self.fold.fold_length) / self.fold.nominal_length
+        return np.clip(beyond, 0.0, 1.0)
+
+    def progress(self, pose: Pose) -> bool:
+        """Let the fold travel a little towards the tip if that keeps up."""
+        if self._lag(pose) > self.settings.leash * self.fold.nominal_length:
+            return False
+        self.fold.fold_at += self.settings.advance * self.fold.nominal_length
+        return True
+
+    def _lag(self, pose: Pose) -> float:
+        """How far the strand is from its track, at the end the tip [m]."""
+        weight = self._on_strand()
+        weight[-1] = 1.0
+        return float(np.linalg.norm(self._errors(pose), axis=1) @ weight / weight.sum())
+
+    def finished(self, pose: Pose) -> bool:
+        """Whether the arm has been drawn back as far as it must, or the fold has reached the tip."""
+        del pose  # how the fold opens there is left to what leads the tip on
+        at_tip = self.fold.fold_at + self.fold.fold_length >= self.fold.space.arm.length
+        return at_tip or self.fold.tip_arc < self.free_from
+
+    def describe(self, pose: Pose) -> str:
+        """How far the fold has come."""
+        return (
+            f"drawing back, the fold stopped {long_length(self.fold.fold_at)} from where it opened, "
+            f"the arm {short_length(self._lag(pose))} behind"
+        )
+
+    def onward(self) -> FloatArray:
+        """What remains of the tip's way: along the new shape to its tip, shape (k, 2) [m]."""
+        track = self.fold.track
+        return np.asarray(track.points[track.arcs < self.fold.tip_arc][::-1])
+
+
+WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
+"""A way of the tip back to the start, and the joint at which the arm leaves the pose at the goal, with the route."""
+
+
+def drawn_back(
+    stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
+) -> Iterator[GuideCandidate]:
+    """The arm drawn back along itself and laid on another shape, for both sides and several lengths of the fold.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        wanted: coordinates of a pose at the goal.
+        path: any of the tip's, for its free space.
+        lengths: of the fold, in nominal links.
+        whole_arm: whether the motion has to end in that very pose, and not only with its tip.
+    """
+    end = stepper.pose(wanted)
+    led = partial(_led_out, stepper, path)
+    laid = partial(_laid_out, stepper, end)
+    ways = ways_back(stepper, start, end, path)
+    for length in lengths:
+        for name, guide in withdrawals(stepper, start, end, ways, length):
+            if whole_arm and guide.turns != 0.0:
+                # The arm would come to lie where it should, but for whole turns of its base.
+                continue
+            yield GuideCandidate(name, guide.afresh, (laid,) if whole_arm else (laid, led))
+            if guide.free_from > 0.0:
+                wholly = replace(guide, free_from=0.0)
+                yield GuideCandidate(f"{name}, wholly", wholly.afresh, (laid,) if whole_arm else (led,))
+
+
+def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[WayBack]:
+    """The ways of the tip from a pose at the goal back to the start, and where the arm leaves that pose on each.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        end: the pose at the goal.
+        path: any of the tip's, for its free space.
+    """
+    ways = tip_paths_in(path.free_space, end.points, (start.points,), path.shrink)
+    left = [(way, leaving_joint(stepper, end, way)) for way in ways]
+    return [(way, leave) for way, leave in left if leave is not None]
+
+
+def withdrawals(
+    stepper: Stepper, start: Pose, end: Pose, ways: list[WayBack], length: float
+) -> list[tuple[str, Withdrawal]]:
+    """The named ways back to a pose at the goal, on either side, that with the least turn of the base first.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        end: the pose at the goal.
+        ways: of the tip, from ``ways_back``.
+        length: of the fold, in nominal links.
+    """
+    found = []
+    for way, leave in ways:
+        guide = withdrawal(stepper, start, end, (way, leave), length)
+        if guide is not None:
+            side = "left" if way.side > 0 else "right"
+            found.append((f"drawn back by a fold of {length:.2g}, {side} of the goal pose", guide))
+    return sorted(found, key=lambda named: abs(named[1].fold.old[0] - start.headings[0]))
+
+
+def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
+    """Whether the tip's way leads back through a gate beside the arm that is too narrow for it, or far beside the arm.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        path: of the tip.
+    """
+    widths = widths_beside_arm(stepper, start, path.taut)
+    gate = 4.0 * stepper.space.arm.radius + 2.0 * stepper.finder.margin
+    least = stepper.settings.guides.withdrawal.least_way * stepper.space.nominal_length
+    folded = widths < width_of_fold(stepper)
+    return bool(widths.min(initial=np.inf) < gate or np.mean(folded) * path.length > least)
+
+
+def width_of_fold(stepper: Stepper) -> float:
+    """Width of a passage in which a fold has room [m]."""
+    hairpin = stepper.settings.guides.hairpin
+    return 2.0 * stepper.space.arm.radius + hairpin.lengths[0] / hairpin.passage_share * stepper.space.nominal_length
+
+
+def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
+    """Width of the passage at places evenly along a way of the tip where the arm lies in it, else inf, (samples,) [m].
+
+    Args:
+        stepper: of the link space.
+        start: the pose that counts.
+        way: of the tip, shape (k, 2) [m].
+    """
+    guides = stepper.settings.guides
+    unit = stepper.space.nominal_length
+    samples = guides.passages.samples
+    if path_length(way) <= 0.0:
+        return np.full(samples, np.inf)
+    places, _ = evenly_along(way, samples)
+    widths = passage_widths(stepper.finder.walls, way, stepper.space.arm.length, samples)
+    axis = shapely.LineString(start.points)
+    apart = shapely.distance(shapely.points(places), axis)
+    # Near the base the way back and the way on lie beside the same links.
+    beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > guides.withdrawal.near_base * unit
+    beside = beyond_base & (apart < np.minimum(widths, guides.withdrawal.beside * unit))
+    return np.where(beside, widths, np.inf)
+
+
+def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
+    """The way in from a pose at the goal, about to be run backwards; None where the base could not turn so far.
+
+    Args:
+        stepper: of the link space.
+        start: where the withdrawal begins.
+        end: the pose at the goal.
+        way_back: of the tip from there to the start, and where the arm leaves the pose.
+        length: of the fold, in nominal links.
+    """
+    arm = stepper.space.arm
+    way, (joint, route) = way_back
+    near_base = stepper.settings.guides.withdrawal.near_base * stepper.space.nominal_length
+    if joint * arm.link_length <= near_base:
+        # An arm with length to spare curls round its base; from the base itself the way on knows nothing of that.
+        joint = 0
+        route = way.from_joint(end.points, 0)
+    fold = fold_about_to_travel(stepper, end, way, joint, route, length)
+    fold.run_through()
+    # Headings count full turns, paths do not: the way in has to end as the arm is wound now.
+    turns = whole_turns(float(np.median(start.headings - fold.reference())))
+    wound = end.headings + turns
+    if abs(arm.bends(wound)[0]) > arm.base_limit:
+        return None
+    fold = fold_about_to_travel(stepper, Pose(end.v, wound, end.points), way, joint, route, length)
+    fold.run_through()
+    settings = stepper.settings.guides.withdrawal
+    return Withdrawal(fold, turns, _free_from(stepper, start, fold.track), settings)
+
+
+def _free_from(stepper: Stepper, start: Pose, track: TipTrack) -> float:
+    """Arc length on a track from a goal pose's tip to the start's before which a fold has room beside the arm [m]."""
+    confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < width_of_fold(stepper))
+    samples = stepper.settings.guides.passages.samples
+    return track.length * float(confined[0]) / samples if len(confined) else 0.0
+
+
+def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """The tip drawn along what remains of its way to the goal."""
+    if not isinstance(guide, Withdrawal):
+        raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
+    remaining = np.vstack((pose.points[-1], guide.onward()))
+    taut = path.free_space.taut_path(remaining, shrink=path.shrink)
+    window = stepper.settings.guides.heading_window * stepper.space.nominal_length
+    return TipLed(
+        stepper.space, TipTrack.along(taut, window, float(pose.headings[-1])), settings=stepper.settings.guides.tip_led
+    )
+
+
+def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
+    """The whole arm drawn straight to the pose at the goal, wound as the withdrawal leads to it."""
+    wound = end.v.copy()
+    if isinstance(guide, Withdrawal):
+        wound[0] += guide.turns
+    return Interpolation(stepper.space, pose.v, wound, settings=stepper.settings.guides.interpolation)

@@ -1,0 +1,222 @@
+"""Checks of sampled poses against a raster of blocked places and against walls.
+
+What it lets pass is not proved; that is left to the certificate.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.native import NativeCall
+from ccm_opt.planning.settings import SamplingSettings
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.contact_finder import closest_on_segments, segments_cross
+from ccm_opt.scene.workspace import Obstacle, Workspace
+
+_TO_CORNER = float(np.sqrt(0.5))
+"""From the middle of a square of side 1 to its corner."""
+
+
+@dataclass(frozen=True)
+class BlockedRaster:
+    """Cells of a square, blocked where all of the cell is nearer to a wall than the axis may be.
+
+    A free cell says little; a blocked one refutes a pose.
+
+    Attributes:
+        corner: lower left corner of the square, shape (2,) [m].
+        cell: side of a cell [m].
+        blocked: by row (y) and column (x); a frame of one cell all round stands for what lies beyond, all blocked.
+    """
+
+    corner: FloatArray
+    cell: float
+    blocked: BoolArray
+
+    @classmethod
+    def around(cls, workspace: Workspace, middle: FloatArray, half: float, gap: float, cells: int) -> "BlockedRaster":
+        """The raster of a square.
+
+        Args:
+            workspace: its walls.
+            middle: of the square, shape (2,) [m].
+            half: half of its side [m].
+            gap: distance that an axis has to keep from walls [m].
+            cells: along a side.
+        """
+        cell = 2.0 * half / cells
+        corner = middle - half
+        # What is blocked at the middle of a cell by more than its half diagonal is blocked in all of it.
+        sure = gap - _TO_CORNER * cell
+        square = shapely.box(*corner, *(corner + 2.0 * half))
+        near = [wall for wall in workspace.obstacles if shapely.dwithin(wall.core, square, wall.rounding + gap)]
+        bodies = [_grown(wall, sure) for wall in near]
+        room = shapely.buffer(workspace.boundary, -sure)
+
+        covered = _covered(bodies, corner, cell, cells)
+        outside = ~_covered([room], corner, cell, cells)
+        blocked = np.ones((cells + 2, cells + 2), dtype=bool)
+        blocked[1:-1, 1:-1] = covered | outside
+        return cls(corner, cell, blocked)
+
+    def at(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> BoolArray:
+        """Whether places of the square are blocked, by their coordinates, both of one shape [m]."""
+        side = self.blocked.shape[0]
+        scale = 1.0 / self.cell
+        column = (x * scale + (1.0 - self.corner[0] * scale)).astype(np.int32)
+        row = (y * scale + (1.0 - self.corner[1] * scale)).astype(np.int32)
+        found: BoolArray = self.blocked.ravel().take(row * side + column, mode="clip")
+        return found
+
+
+def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
+    """A wall grown; GEOS inscribes the arcs, so that what is covered is surely too near."""
+    grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
+    return grown
+
+
+def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, cells: int) -> BoolArray:
+    """Whether the middle of every cell lies in some polygon, shape (cells, cells).
+
+    Along every row of middles each edge that crosses it adds its sign from the crossing on; where polygons overlap the
+    sum is larger than one.
+    """
+    change = np.zeros((cells, cells + 1), dtype=np.int32)
+    start, end = _edges(shapes)
+    # In units of cells, with the middles of rows and columns at whole numbers.
+    start = (start - corner) / cell - 0.5
+    end = (end - corner) / cell - 0.5
+
+    # Half-open in y, so that a row through a vertex meets just one of its two edges.
+    first = np.clip(np.ceil(np.minimum(start[:, 1], end[:, 1])), 0, cells).astype(np.intp)
+    beyond = np.clip(np.ceil(np.maximum(start[:, 1], end[:, 1])), 0, cells).astype(np.intp)
+    count = beyond - first
+    edge = np.repeat(np.arange(len(start)), count)
+    row = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count) + first[edge]
+
+    along = (row - start[edge, 1]) / (end[edge, 1] - start[edge, 1])
+    crossing = start[edge, 0] + along * (end[edge, 0] - start[edge, 0])
+    column = np.clip(np.ceil(crossing), 0, cells).astype(np.intp)
+    # Outer rings run counter-clockwise: from left to right a polygon is entered where its edge runs down.
+    sign = np.where(end[edge, 1] < start[edge, 1], 1, -1)
+    np.add.at(change, (row, column), sign)
+    return np.asarray(np.cumsum(change[:, :-1], axis=1, dtype=np.int32) > 0)
+
+
+def _edges(shapes: list[shapely.Geometry]) -> tuple[FloatArray, FloatArray]:
+    """Ends of all edges of the polygons among shapes, outer rings counter-clockwise and holes clockwise."""
+    parts = shapely.get_parts(np.array(shapes, dtype=object))
+    # What has no area covers nothing for sure.
+    polygons = [part for part in parts if isinstance(part, shapely.Polygon) and not part.is_empty]
+    rings = shapely.get_rings(shapely.orient_polygons(np.array(polygons, dtype=object)))
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    return points[:-1][same], points[1:][same]
+
+
+_BEYOND_REACH = 1.001
+"""Half of the raster's side in arm lengths: rounding takes no place out of it."""
+
+
+@dataclass(frozen=True)
+class SampledCheck:
+    """Looks at poses of one arm in one room.
+
+    Attributes:
+        arm: the arm.
+        raster: of places where its axis is too near to a wall.
+        reach: how far each place that is looked up lies along each link, shape (links, places) [m].
+        spacing: how far the tip moves between two poses that are looked at [m].
+        settings: numbers.
+        parts: of a link between places that are looked up.
+    """
+
+    arm: Arm
+    raster: BlockedRaster
+    reach: npt.NDArray[np.float32]
+    spacing: float
+    settings: SamplingSettings
+    parts: int
+
+    @classmethod
+    def of(cls, arm: Arm, workspace: Workspace, settings: SamplingSettings) -> "SampledCheck":
+        """The check of an arm in a room."""
+        gap = arm.radius + workspace.clearance
+        raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, settings.cells)
+        least = settings.least_spacing * arm.length
+        parts = int(np.ceil(arm.link_length / max(settings.point_spacing * gap, least)))
+        places = _places(arm, parts)
+        # A place at arc length s takes the whole of every link before it and part of its own.
+        before = arm.link_length * np.arange(arm.links)[:, None]
+        reach = np.clip(places - before, 0.0, arm.link_length).astype(np.float32)
+        spacing = max(settings.pose_spacing * gap, least)
+        return cls(arm, raster, reach, spacing, settings, parts)
+
+    def refuted(self, headings: FloatArray) -> BoolArray:
+        """Which poses touch something for sure, link headings (m, links) [rad], result (m,)."""
+        cosines = np.cos(headings).astype(np.float32)
+        sines = np.sin(headings).astype(np.float32)
+        x = cosines @ self.reach + np.float32(self.arm.base[0])
+        y = sines @ self.reach + np.float32(self.arm.base[1])
+        refuted = np.asarray(self.raster.at(x, y).any(axis=1))
+        if self.arm.self_collision:
+            left = np.flatnonzero(~refuted)
+            refuted[left] = self._on_itself(headings[left])
+        return refuted
+
+    def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far straight motions come before a pose that is refuted, as shares of the whole.
+
+        Args:
+            start: link headings, shape (m, links) [rad]; poses that are not looked at again.
+            end: likewise.
+
+        Returns:
+            Shape (m,); the last pose looked at that is not refuted, 1 for the end.
+        """
+        arm = self.arm
+        raster = self.raster
+        link, at = arm.mount_end
+        if start.shape[1:] != (arm.links,) or end.shape != start.shape:
+            raise ValueError(f"motions have the shapes {start.shape} and {end.shape}; expected (m, {arm.links})")
+        shares = np.empty(len(start))
+        NativeCall(
+            "free_shares",
+            links=arm.links, mount_link=link, mount_at=at, parts=self.parts, stride=self.settings.stride,
+            first_self_pair=arm.first_self_pair if arm.self_collision else 0,
+            link_length=arm.link_length, radius=arm.radius, base_x=arm.base[0], base_y=arm.base[1],
+            side=raster.blocked.shape[0], cell=raster.cell, corner_x=raster.corner[0], corner_y=raster.corner[1],
+            blocked=np.ascontiguousarray(raster.blocked, dtype=np.bool_), spacing=self.spacing,
+            work=np.empty(8 * arm.links + 2), motions=len(start), start=start, end=end, share=shares,
+        )()  # fmt: skip
+        return shares
+
+    def _on_itself(self, headings: FloatArray) -> BoolArray:
+        """Which poses have distant links that meet, shape (m, links) to (m,)."""
+        arm = self.arm
+        points = arm.joint_positions(headings)
+        first, second = arm.self_pairs
+        middles = 0.5 * (points[:, :-1] + points[:, 1:])
+        apart = middles[:, first] - middles[:, second]
+        close = arm.link_length + 2.0 * arm.radius
+        pose, pair = np.nonzero(np.einsum("mpd,mpd->mp", apart, apart) < close**2)
+
+        i = first[pair]
+        j = second[pair]
+        ends = (points[pose, i], points[pose, i + 1], points[pose, j], points[pose, j + 1])
+        _, _, gap = closest_on_segments(*ends)
+        meeting = (np.hypot(gap[:, 0], gap[:, 1]) < 2.0 * arm.radius) | segments_cross(*ends)
+        refuted = np.zeros(len(headings), dtype=bool)
+        refuted[pose[meeting]] = True
+        return refuted
+
+
+def _places(arm: Arm, parts: int) -> FloatArray:
+    """Arc lengths of the places that are looked up, beyond the mount, so many a link, shape (places,) [m]."""
+    along = arm.link_length / parts * np.arange(arm.links * parts + 1)
+    link, share = arm.mount_end
+    mount = (link + share) * arm.link_length
+    return np.append(mount, along[along > mount])

@@ -1,0 +1,226 @@
+"""The search for a motion, on more and more links.
+
+Arms of many links are planned with few links in the same coordinates and lifted; when that fails, or the arm has few
+links, they are planned on their own links.
+"""
+
+from itertools import chain
+from math import ceil
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.ending import optimised_to_end_pose
+from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
+from ccm_opt.planning.link_space import LinkSpace, mean_heading_matrix
+from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
+from ccm_opt.planning.optimisation.optimise import optimise
+from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
+from ccm_opt.planning.pose import Term, pose_in
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.shortcuts import straightened
+from ccm_opt.planning.step import Stepper, polish
+from ccm_opt.planning.strategies import STRATEGIES, SearchStrategy
+
+
+def lift(motion: Motion, task: MotionTask) -> Motion | None:
+    """The motion on the task's own links, certified; None when repair does not mend it.
+
+    The coordinates v stay; A and the offset are built anew, so that the task's start is met exactly; the last
+    keyframe is polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
+    """
+    space = _lifted_space(motion, task)
+    coordinates = motion.coordinates.copy()
+    # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
+    if task.goal_headings is None:
+        goal = task.limited_goal
+        coordinates[-1] = polish(space, goal, coordinates[-1])
+        if not goal.on_goal(pose_in(space, coordinates[-1])):
+            return None
+
+    certificate = task.certificate
+    stepper = _repair_stepper(space, task)
+    failing = certificate.failures(space.headings(coordinates))
+    if _lies_across(stepper, coordinates, failing):
+        return None
+    for _ in range(task.settings.lifting.repairs):
+        if len(failing) == 0:
+            break
+        # An interval has no position of its own: both its keyframes are moved.
+        at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
+        coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
+        failing = certificate.failures(space.headings(coordinates))
+
+    # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
+    headings = space.headings(coordinates)
+    if len(failing) or not task.within_joint_limits(headings):
+        return None
+    return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
+
+
+def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
+    """Columns (m, k) over the links of one arm, over those of another; shape (links, k)."""
+    resampled = [_resampled(column, links) for column in columns.T]
+    return np.column_stack(resampled) if resampled else np.zeros((links, 0))
+
+
+def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
+    """Link space of the task's arm in which the motion's first coordinates give the task's start.
+
+    A motion with a blended end has one coordinate more, w: 1 at the end that is given for the whole arm (the goal, or
+    for a motion planned backwards the start) and 0 at the other.
+    """
+    matrix = mean_heading_matrix(task.arm.links, task.arm.length)
+    p = matrix.shape[1]
+    first = motion.coordinates[0]
+    last = motion.coordinates[-1]
+    at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
+
+    if task.goal_headings is not None:
+        # A motion that was bent to its own end for more room has still more coordinates: their columns are taken over.
+        extra = _resampled_columns(motion.space.matrix[:, p + 1 :], task.arm.links)
+        before = at_start - extra @ first[p + 1 :]
+        behind = task.goal_headings - matrix @ last[:p] - extra @ last[p + 1 :]
+        planned_backwards = first[p] > last[p]
+        offset = behind if planned_backwards else before
+        blended = before if planned_backwards else behind
+        return LinkSpace(task.arm, np.column_stack((matrix, blended - offset, extra)), offset)
+
+    if len(first) > p and first[-1] == 0.0:
+        # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
+        extra = _resampled_columns(motion.space.matrix[:, p:], task.arm.links)
+        return LinkSpace(task.arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
+
+    if len(first) > p:
+        offset = _resampled(motion.space.offset, task.arm.links)
+        return LinkSpace(task.arm, np.column_stack((matrix, at_start - offset)), offset)
+
+    return LinkSpace(task.arm, matrix, at_start)
+
+
+def _resampled(offset: FloatArray, links: int) -> FloatArray:
+    """An offset of link headings at another number of links, shape (links,) [rad]."""
+    # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
+    middles = (np.arange(len(offset)) + 0.5) / len(offset)
+    wanted = (np.arange(links) + 0.5) / links
+    return np.interp(wanted, middles, offset)
+
+
+def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
+    """The stepper of repairs, which keeps a smaller margin than the search does."""
+    length = task.arm.length
+    lifting = task.settings.lifting
+    finder = task.finder(lifting.margin * length, lifting.reach * length)
+    return Stepper(space, finder, task.limits(finder), task.settings)
+
+
+def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:
+    """Whether the arm lies across a wall, or itself, at the beginning of an interval: it would be pushed on through."""
+    poses = (stepper.pose(coordinates[k]) for k in failing)
+    return any(stepper.finder.crosses(pose.points) for pose in poses)
+
+
+def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
+    """Coordinates with some inner keyframes moved by a step that asks for nothing but the planning margin."""
+    space = stepper.space
+    last = len(coordinates) - 1
+    mended = coordinates.copy()
+    for k in keyframes:
+        if k in {0, last}:
+            continue  # the ends are given
+        pose = stepper.pose(coordinates[k])
+        stay = [
+            Term(space.matrix, np.zeros(space.arm.links), space.nominal_per_link),
+            Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), stepper.settings.lifting.coordinate_weight),
+        ]
+        mended[k] = stepper.step(pose, space.jacobians(pose.headings), stay).v
+    return mended
+
+
+def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRATEGIES) -> Motion:
+    """Find a certified motion from the start to the goal.
+
+    Args:
+        task: arm, room, ends and limits.
+        strategies: tried in turn, those that apply.
+
+    Raises:
+        MotionNotFound: every candidate failed; the diagnosis lists why.
+        TimeLimitReached: the deadline passed first.
+        UnreachableGoal: it is proved that there is none.
+    """
+    ends = [task.start] if task.goal_headings is None else [task.start, task.goal_headings]
+    if any(task.bends_all_it_may(end) for end in ends):
+        task = task.at_full_limits()
+    failures: list[Failure] = []
+    in_vain: list[StrategyInVain] = []
+    nominal_links = nominal_links_asked(task)
+    coarse = _coarse_task(task, nominal_links)
+    asked = False
+    for strategy in strategies:
+        if not strategy.applies(task):
+            continue
+        if strategy.costly and not asked:
+            task.refuse()
+            asked = True
+        before = len(failures)
+        if coarse is not None:
+            # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
+            found = strategy.find(coarse, failures, nominal_links)
+            motion = _taken_over(found, coarse, task, nominal_links, failures) if found is not None else None
+            if motion is not None:
+                return motion
+        if coarse is None or not strategy.leads_others:
+            motion = strategy.find(task, failures, nominal_links)
+            if motion is not None:
+                return optimised_to_end_pose(straightened(motion, task), task)
+        in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
+    raise nothing_found(task, failures, in_vain)
+
+
+def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:
+    """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
+    settings = task.settings.search
+    # Narrow passages need short links.
+    links = max(settings.design_links, 2 * ceil(0.5 * nominal_links))
+    resamples = all(limit.resamples for limit in task.user_limits)
+    if task.arm.links <= settings.many_links * links or not resamples or task.clamped:
+        return None
+    # What lies in the middle of a gate with few links lies beside it with many.
+    if task.gates is not None:
+        return None
+    return coarsened(task, links)
+
+
+def _taken_over(
+    found: Motion, coarse: MotionTask, task: MotionTask, nominal_links: float, failures: list[Failure]
+) -> Motion | None:
+    """The coarse motion on the task's links, optimised: lifted, or else found again; None where neither can be."""
+    lifted = _lifted(found, coarse, task)
+    if lifted is not None:
+        return lifted
+    again = _found_again(found, task, nominal_links, failures)
+    return optimised_to_end_pose(straightened(again, task), task) if again is not None else None
+
+
+def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
+    """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
+    # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
+    # still cannot be lifted, the motion as it was found has more room.
+    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, task.settings.search.lift_margin)
+    lifted = lift(optimised, task)
+    if lifted is not None or optimised is found:
+        return lifted
+    lifted = lift(found, task)
+    return optimise(lifted, task) if lifted is not None else None
+
+
+def _found_again(found: Motion, task: MotionTask, nominal_links: float, failures: list[Failure]) -> Motion | None:
+    """The motion of the candidate that arrived with few links, tried with the task's own; None where it does not.
+
+    In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
+    back through a wall; but what leads the one mostly leads the other.
+    """
+    margin = fitting_margins(task, task.settings.search.margins, nominal_links)[0]
+    run = SearchRun.from_task(task, margin, nominal_links)
+    return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)

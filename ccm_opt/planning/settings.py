@@ -1,0 +1,1165 @@
+"""Numbers of planning in the plane: step, guides, search, samplers, optimisation.
+
+Lengths are in nominal links, which do not depend on how many links an arm really has: weights and advances that suit
+one arm then suit another of the same shape. A weight "per nominal link" is shared out among the links of one.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ccm_opt.scene.contact_finder import CertificateSettings, ContactSettings
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """Numbers of the sampled check that rejects most motions before any is certified.
+
+    Attributes:
+        cells: of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some
+            hundredths of a second, and a cell is a thousandth of the reach.
+        point_spacing: distance of the places that are looked up on the links, in distances that the axis has to keep.
+            Derived: between places so near a corner can come no nearer than 94 % of that distance.
+        pose_spacing: how far the tip moves between two poses that are looked at, in the same unit. Taste: what is
+            missed between them the certificate sees.
+        least_spacing: least value of both spacings, as a share of the arm's length. Taste: for thin arms.
+        stride: every so many poses are looked at first. Taste: most motions that touch do so in a wide stretch.
+    """
+
+    cells: int = 2000
+    point_spacing: float = 0.7
+    pose_spacing: float = 0.75
+    least_spacing: float = 0.005
+    stride: int = 8
+
+
+@dataclass(frozen=True)
+class GoalDrawSettings:
+    """Numbers of the poses at a goal for the tip that the tree at the goal begins with.
+
+    Attributes:
+        draws: random poses that Newton's method brings onto the goal, each time. Taste.
+        steps: of Newton's method. Measured: what has not arrived by then seldom does.
+        turn: most that a link turns in one of its steps [rad]. Taste.
+        arrived: tip's distance [arm lengths] or turn [rad] that counts as arrived. Derived: well inside what the polish
+            takes on.
+        apart: root mean square of the turns of all links by which two poses at the goal differ at least [rad]. Taste.
+    """
+
+    draws: int = 64
+    steps: int = 15
+    turn: float = 0.5
+    arrived: float = 1e-6
+    apart: float = 0.1
+
+
+@dataclass(frozen=True)
+class ShortcutSettings:
+    """Numbers of replacing stretches of a way by straight motions.
+
+    Attributes:
+        rounds: in each of which one stretch may be replaced. Taste.
+        tries: stretches that are tried in each round. Taste.
+        saved: least share of the way that a shortcut saves. Taste.
+    """
+
+    rounds: int = 12
+    tries: int = 16
+    saved: float = 0.01
+
+
+@dataclass(frozen=True)
+class ConnectSettings:
+    """Numbers of RRT-Connect.
+
+    Attributes:
+        few_links: arms with at most so many links are planned in all of their bends. Taste: beyond, shapes drawn at
+            random in the bends crumple, and smooth ones are drawn.
+        batch: targets that are drawn at once, at least and at most; the batch doubles from round to round. Taste: a
+            plain scene is solved by a few extensions, a hard one by tens of thousands, which NumPy does together.
+        range: longest extension of arms of few links, the mean turn of the links [rad]. Measured: on scenes of 4 to 8
+            links half as much takes half as long again.
+        smooth_range: the same for arms of more links. Measured on four hard scenes of 24 links among 30 polygons: 0.4
+            solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds nothing in two of them by
+            60 000.
+        least: shortest extension that makes a node [rad]. Taste.
+        bumped: share of targets that are poses of the tree with a part of the arm turned aside. Taste.
+        attracted: share of targets that are poses of the other tree. Taste.
+        winding: how far the base turns beyond its directions at the ends at most [rad]. Taste: a whole turn leaves both
+            ways round.
+        knots: curvature of a smooth target is linear between so many knots at most. Measured on the hardest of these
+            scenes: 12 finds a way in 6 of 6 searches of 60 000 extensions, 9 in 5, at 6 they are half as long again.
+        turning: most that a smooth target turns along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5
+            takes 5 s, for an arm that curls up gets out from behind them.
+        bump_widths: least and greatest width of a turn aside, as shares of the arm's length. Taste.
+        bump: standard deviation of a turn aside [rad]. Taste.
+        goal_rounds: rounds between two searches for more poses at the goal. Taste.
+        most_goals: poses at the goal that the tree may begin with. Taste.
+        few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
+            Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
+        whole_arm_budgets: the same for other arms with a goal for the whole arm, but for arms so thin that poses lie
+            nearer to each other than these are wide. Taste: a quarter of a second.
+        middle_budgets: the same once more after the candidates with the widest margin. Taste: three seconds.
+        late_budgets: the same for all, before the trees of poses. Taste: some seconds.
+        most_links: arms with more links are not planned so. Taste: a pose costs by the links.
+        shortcuts: of shortening what is found, before it is optimised.
+        turn: most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation.
+        sampling: of the sampled check.
+        goals: of poses at a goal for the tip.
+    """
+
+    few_links: int = 10
+    batch: tuple[int, int] = (4, 32)
+    range: float = 1.5
+    smooth_range: float = 0.4
+    least: float = 0.01
+    bumped: float = 0.2
+    attracted: float = 0.1
+    winding: float = 2.0 * np.pi
+    knots: int = 12
+    turning: float = 25.0
+    bump_widths: tuple[float, float] = (0.05, 0.3)
+    bump: float = 0.8
+    goal_rounds: int = 10
+    most_goals: int = 40
+    few_budgets: tuple[int, ...] = (5000, 10000, 20000)
+    whole_arm_budgets: tuple[int, ...] = (8000,)
+    middle_budgets: tuple[int, ...] = (60000, 60000)
+    late_budgets: tuple[int, ...] = (60000, 60000)
+    most_links: int = 48
+    shortcuts: ShortcutSettings = field(default_factory=ShortcutSettings)
+    turn: float = 0.15
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    goals: GoalDrawSettings = field(default_factory=GoalDrawSettings)
+
+
+@dataclass(frozen=True)
+class EndSettings:
+    """Numbers of the ends of a motion.
+
+    Attributes:
+        tolerance_share: share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste.
+        precise_place: position tolerances up to this share of the arm's length say how exactly a place is to be met;
+            wider ones make the goal a set. Taste.
+        precise_turn: the same for heading tolerances [rad]. Taste: 2°, twice what is allowed by default.
+        room_used: share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing.
+            Taste.
+        aim_share: share of the position tolerance by which planning may aim beside a goal that the tip cannot take.
+            Taste.
+        stretch: share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at.
+            Taste: there the tip cannot move along the arm.
+        room_share: share of that tolerance that is left as room beside a wall that is too near to the goal. Taste.
+        flush: a mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands
+            flush on it. Taste.
+        upright: sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves
+            the wall. Taste.
+        reach: gaps that are looked at, as a share of the arm's length. Taste.
+    """
+
+    tolerance_share: float = 0.5
+    precise_place: float = 5e-3
+    precise_turn: float = 0.03490658503988659
+    room_used: float = 0.95
+    aim_share: float = 0.9
+    stretch: float = 2e-3
+    room_share: float = 0.05
+    flush: float = 1e-5
+    upright: float = 0.1
+    reach: float = 0.02
+
+
+DEFAULT_ENDS = EndSettings()
+"""The numbers that are used unless others are given."""
+
+
+@dataclass(frozen=True)
+class InterpolationSettings:
+    """Numbers of the straight interpolation of coordinates.
+
+    Attributes:
+        advance: turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own
+            limit, so that the arm can keep up.
+        leash: largest turn that any link may lag behind before the target waits [rad]. Taste.
+        arrived: largest turn between a link and the end at which the interpolation has arrived [rad]. Taste; what is
+            left is settled or followed once more.
+        coordinate_weight: of the coordinates themselves, which ties down what no link heading shows. Taste.
+        coordinate_step: largest change of a coordinate that is asked for in one step [rad] or [1/m]. Taste.
+    """
+
+    advance: float = 0.1
+    leash: float = 0.4
+    arrived: float = 0.1
+    coordinate_weight: float = 1e-4
+    coordinate_step: float = 1.0
+
+
+@dataclass(frozen=True)
+class TipLedSettings:
+    """Numbers of tip-led continuation, against a weight of 1 for the tip's error in nominal links.
+
+    Attributes:
+        advance: travel of the target in one step, in nominal links. Taste.
+        leash: how far the tip may lag before the target waits, in nominal links. Taste.
+        longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
+        following_weight: of a link's heading when it lies on the track, per nominal link. Taste.
+        largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
+        turn_weight: of every link's turn, per nominal link: the arm moves as little as it can. Taste.
+        motion_weight: of every joint's motion, per nominal link. Taste.
+    """
+
+    advance: float = 0.4
+    leash: float = 1.5
+    longest_error: float = 1.0
+    following_weight: float = 0.1
+    largest_turn: float = 0.3
+    turn_weight: float = 0.01
+    motion_weight: float = 0.01
+
+
+@dataclass(frozen=True)
+class HairpinSettings:
+    """Numbers of the travelling hairpin, against a weight of 1 for the tip's error in nominal links.
+
+    What is measured was chosen on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved all
+    fifteen at the first attempt, and 150 of 150 from perturbed starts; ``tests/benchmarks/bench_ompl.py`` runs them.
+
+    Attributes:
+        lengths: of the hairpin that are tried, in nominal links. Measured: what suits a passage lies between the least
+            and the greatest.
+        passage_share: length of the hairpin that fits a passage, as a share of its width. Measured.
+        passage_quantile: of the widths along a path that counts as the passage's; the least alone may be a corner that
+            is only touched. Taste.
+        same_length: hairpins whose lengths differ by less are the same, in nominal links. Taste.
+        advance: travel of the fold in one step, in nominal links. Measured.
+        leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured.
+        longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
+        heading_weight: of every link's heading against the reference, per nominal link. Measured.
+        turn_weight: of every link's turn, per nominal link. Measured.
+        motion_weight: of every joint's motion, per nominal link. Taste.
+        still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
+        longest_shape: the taut path from the base may be this share of the arm's length; it cuts no corner, so the
+            arm itself may fit where the path seems a little too long. Taste.
+        places: of the fold among which is the one where it would have led the tip to the end of its track. Taste.
+    """
+
+    lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
+    passage_share: float = 1.18
+    passage_quantile: float = 0.25
+    same_length: float = 0.5
+    advance: float = 0.3
+    leash: float = 2.5
+    longest_error: float = 1.5
+    heading_weight: float = 0.3
+    turn_weight: float = 0.002
+    motion_weight: float = 0.02
+    still_weight: float = 4.0
+    longest_shape: float = 1.1
+    places: int = 400
+
+
+@dataclass(frozen=True)
+class WithdrawalSettings:
+    """Numbers of drawing an arm back along itself.
+
+    Attributes:
+        least_way: of the tip back through passages in which the arm lies and a fold has no room, for drawing back to be
+            tried first, in nominal links. Taste.
+        beside: a place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste.
+        near_base: links nearer to the base along the arm than this do not count, in nominal links. Taste.
+        advance: travel of the fold in one step, in nominal links. Taste.
+        leash: how far the strand may lag before the fold waits, in nominal links. Taste.
+        longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
+        strand_weight: of the joints of the strand that is drawn back, per nominal link. Taste.
+        heading_weight: of every link's heading against the reference, per nominal link. Taste.
+        turn_weight: of every link's turn, per nominal link. Taste.
+        motion_weight: of every joint's motion, per nominal link. Taste.
+    """
+
+    least_way: float = 2.0
+    beside: float = 2.5
+    near_base: float = 3.0
+    advance: float = 0.15
+    leash: float = 0.3
+    longest_error: float = 1.0
+    strand_weight: float = 1.0
+    heading_weight: float = 0.3
+    turn_weight: float = 0.002
+    motion_weight: float = 0.02
+
+
+@dataclass(frozen=True)
+class SlidingSettings:
+    """Numbers of sliding out of narrow gates.
+
+    Attributes:
+        advance: by which the arm is drawn back in one step, in nominal links. Taste.
+        leash: how far a joint may lag before the arm is drawn on, in nominal links. Taste.
+        longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
+        strand_weight: of the joints that are drawn back, per nominal link, against their distance in nominal links.
+            Taste.
+        bending: weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in
+            one bow and does not crumple.
+        evenness: weight of its differences from knot to knot. Taste.
+        turn_weight: of every link's turn, per nominal link. Taste.
+        bowing: way over which the arm is bent to a side at first, in nominal links. Taste.
+        bow: curvature to which it is then drawn, in nominal links. Taste.
+        beside: a gate lies about the arm if its middle is nearer to it than this, in nominal links. Taste.
+    """
+
+    advance: float = 0.2
+    leash: float = 0.6
+    longest_error: float = 1.0
+    strand_weight: float = 1.0
+    bending: float = 0.03
+    evenness: float = 0.03
+    turn_weight: float = 0.002
+    bowing: float = 3.0
+    bow: float = 0.1
+    beside: float = 0.5
+
+
+@dataclass(frozen=True)
+class PassageWidthSettings:
+    """Numbers of how passages are measured, and what follows from their width.
+
+    Attributes:
+        samples: places along a path at which its passage is measured. Taste.
+        narrow: passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in
+            a passage is about a third of its width high, and should not be shorter than a nominal link.
+        roomy: width that such passages then have, in nominal links. Taste.
+        fitting_share: share of the gap beside the arm that a planning margin may be. Taste: with all of it taken, a
+            step could move nowhere.
+        margin_share: where no planning margin fits, this share of the gap that there is serves as one. Taste.
+        least_margin: least planning margin, in nominal links. Taste.
+    """
+
+    samples: int = 96
+    narrow: float = 2.5
+    roomy: float = 3.2
+    fitting_share: float = 0.8
+    margin_share: float = 0.5
+    least_margin: float = 0.001
+
+
+@dataclass(frozen=True)
+class GuideSettings:
+    """Numbers of the guides and of the candidates made of them.
+
+    Attributes:
+        heading_window: length over which a track's heading is smoothed, in nominal links. Measured, as the hairpin's
+            numbers are.
+        corner: turn that makes a corner of a path [rad]. Taste.
+        few_corners: a route with more corners bends the arm so that straight interpolation seldom works. Taste.
+        interpolation: of the straight interpolation of coordinates.
+        tip_led: of tip-led continuation.
+        hairpin: of the travelling hairpin.
+        withdrawal: of drawing back.
+        sliding: of sliding out of narrow gates.
+        passages: of how passages are measured.
+    """
+
+    heading_window: float = 2.0
+    corner: float = 0.02
+    few_corners: int = 2
+    interpolation: InterpolationSettings = field(default_factory=InterpolationSettings)
+    tip_led: TipLedSettings = field(default_factory=TipLedSettings)
+    hairpin: HairpinSettings = field(default_factory=HairpinSettings)
+    withdrawal: WithdrawalSettings = field(default_factory=WithdrawalSettings)
+    sliding: SlidingSettings = field(default_factory=SlidingSettings)
+    passages: PassageWidthSettings = field(default_factory=PassageWidthSettings)
+
+
+DEFAULT_GUIDES = GuideSettings()
+"""What guides take when they are not given other settings."""
+
+
+@dataclass(frozen=True)
+class LiftingSettings:
+    """Numbers of the repair of a lifted motion.
+
+    Attributes:
+        repairs: rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; what six do
+            not mend is planned on the task's own links.
+        margin: planning margin of a repair, as a share of the arm's length. Taste.
+        reach: contacts nearer than this make rows of a repair, as a share of the arm's length. Taste.
+        coordinate_weight: of the coordinates themselves against link headings, which ties down what no link heading
+            shows. Taste.
+    """
+
+    repairs: int = 6
+    margin: float = 1.5e-3
+    reach: float = 0.02
+    coordinate_weight: float = 1e-4
+
+
+@dataclass(frozen=True)
+class LimitArcSettings:
+    """Numbers of the arcs that reach a goal with their joints at their limits.
+
+    Attributes:
+        ample: share of the joints' limits with which guides get to a goal if an arc does. Measured: at 0.98, what steps
+            use unless an end asks for more, guides do not reach in 13 s goals for which an arc needs 0.96 of them.
+        places: joints at which the side to which an arc bends may change. Taste.
+        most_turn: arcs that turn by more than this begin bent less, so that they do not coil up [rad]. Taste.
+        heading_length: distance of the tip, in arm lengths, that counts as much as a radian of its heading when the
+            arcs that come nearest to the goal are chosen. Taste.
+        tried: arcs that Newton's method begins from. Taste.
+        kept: poses at the goal that motions are looked for to. Taste.
+        alike: poses of which no joint differs by more than this share of its limit are one. Taste.
+        steps: of Newton's method. Taste.
+        turn: most that a joint turns in one of them [rad]. Taste.
+        releases: joints beyond their limits are held, and the step taken anew, up to so often. Taste.
+        ridge: added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings.
+        arrived: error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the
+            optimisation asks of a motion's end.
+    """
+
+    ample: float = 0.9
+    places: int = 24
+    most_turn: float = 7.0
+    heading_length: float = 0.25
+    tried: int = 16
+    kept: int = 4
+    alike: float = 0.3
+    steps: int = 30
+    turn: float = 0.3
+    releases: int = 8
+    ridge: float = 1e-13
+    arrived: float = 1e-11
+
+
+@dataclass(frozen=True)
+class ObjectiveSettings:
+    """Weights inside the objective; what the user weighs stands in the problem.
+
+    Attributes:
+        heading: weight of the turns of the links beside the turns of the joints. Taste.
+        unevenness: weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste.
+        shape: weight of the curve's curvature and of its differences, in nominal links. Taste.
+        shape_change: share of that weight on changes of the curvature from keyframe to keyframe. Taste.
+        second_heading: weight of the turns of the links in ``∫|q''|²``. Taste.
+        ridge: weight on changes of all coordinates, so that the metric is definite. Taste.
+        blend: weight on changes of the coordinate that blends a whole-arm goal in. Taste.
+        wall_distance: walls farther than this beyond the planning margin cost nothing where clearance is weighed, as
+            a share of the arm's length. Taste.
+    """
+
+    heading: float = 1e-3
+    unevenness: float = 4e-3
+    shape: float = 1e-3
+    shape_change: float = 0.1
+    second_heading: float = 0.1
+    ridge: float = 1e-8
+    blend: float = 1e-3
+    wall_distance: float = 0.03
+
+
+@dataclass(frozen=True)
+class BottleneckSettings:
+    """How much more the busiest joints count, once a motion is nearly optimal.
+
+    Attributes:
+        share: of the weight of the path's length that goes to the joints by how busy they are. Measured: with 0.9 and a
+            power of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer.
+        power: of a joint's largest turn from keyframe to keyframe over the root mean square of all joints'. Measured:
+            with 1 the same motions last 1 % longer in the median.
+        least: that ratio counts as at least this much. Taste.
+        least_keyframes: a motion of fewer keyframes has no second differences to speak of. Derived.
+    """
+
+    share: float = 0.9
+    power: float = 0.5
+    least: float = 0.2
+    least_keyframes: int = 4
+
+
+@dataclass(frozen=True)
+class InteriorPointSettings:
+    """Numbers of the reference, one nonlinear program.
+
+    Attributes:
+        solutions: of the nonlinear program, the sweep regions renewed between them. Taste.
+        wider: rows this many times farther away than those of a sequential step are taken in. Taste.
+        iterations: of IPOPT. Taste.
+        tolerance: of IPOPT. Taste.
+        shortenings: shares of the way to the solution that are tried until one is certified. Taste.
+    """
+
+    solutions: int = 2
+    wider: float = 2.0
+    iterations: int = 200
+    tolerance: float = 1e-5
+    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
+
+
+@dataclass(frozen=True)
+class OptimisationSettings:
+    """Numbers of the optimisation of a motion.
+
+    Attributes:
+        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured:
+            twice as many shortened motions by 5 % at most.
+        moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
+            motion through them is certified. Taste.
+        gate_intervals: the same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for
+            about sixty.
+        gate_halvings: times that legs which fail there may be halved. Taste.
+        leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
+        first_stride: keyframes that a leg of the thinned motion skips at first. Taste.
+        margin: gap that rows ask for beyond contact, as a share of the arm's length. Taste.
+        reach: walls and links farther apart than this many links make no rows. Taste.
+        largest_link: share of the arm's length that counts as a link at most. Taste.
+        active: rows nearer to their bound than this many such links enter the QP. Taste.
+        active_at_many: share of that at many keyframes. Measured: among 300 and 1000 polygons the same motions in three
+            quarters of the time.
+        sectors: directions that count as different when rows are thinned. Taste.
+        groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
+        worth_many: share of the way by which steps at many keyframes have to shorten it for more of them. Taste.
+        most_intervals: intervals of a motion beyond which none that lets nothing move is cut finer. Taste.
+        rounds: most steps that are taken. Taste.
+        first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
+        counted_rounds: as how many of the rounds these count. Measured: with 5, six crooked motions among clutter
+            lasted 2 % longer in the median.
+        many: keyframes that are many, as a multiple of the intervals wanted. Taste.
+        kept_share: share of its gap that a motion keeps when it is thinned. Taste.
+        lack: share of the wanted gap that an interval may lack without its slack becoming dearer. Taste.
+        lack_rise: rise of the price of slack where an interval lacks room, step by step. Taste.
+        highest_lack_price: to which it rises. Taste.
+        free_rounds: most steps before it is decided where the motion ends. Taste.
+        end_rounds: most steps after that. Taste.
+        bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
+            Taste.
+        enough_room: share of the wanted gap, or of what the ends leave of it, that is enough. Taste.
+        finer: as many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked
+            it, few gained much with as many as before, some with half as many more, most with this.
+        finest: intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step.
+        room_passes: times that steps at these keyframes are begun anew, with fresh prices. Taste.
+        room_rounds: most steps of each. Taste.
+        room_worth: as many times the room have to be gained for one more. Taste.
+        room_growth: as many times the most room so far count as growth. Taste.
+        room_patience: steps without growth after which a pass ends. Taste.
+        roomier: as many times the room of another motion decide between two before their lengths do. Taste.
+        room_samples: places beside each leg between keyframes at which the room of a smooth path is measured. Taste.
+        moved_rounds: the same where keyframes have to be moved onto limits. Taste.
+        tries: QPs of one round before it is given up. Taste.
+        worth: share of the objective that a round has to gain. Taste.
+        worth_afresh: share of the objective that has to be gained for prices and damping that let nothing move to be
+            put back to where they began. Taste.
+        patience: rounds in a row that may gain less. Taste.
+        price: first price of one nominal link of slack. Taste.
+        price_rise: its rise where the certificate fails. Taste.
+        first_damping: weight on the squared turns of the first step. Taste.
+        raised_damping: damping from which a refused step raises it. Taste.
+        refused_growth: growth of the damping after a refused step. Taste.
+        halved_growth: its growth after a step of half its length or more. Taste.
+        shortened_growth: its growth after a shorter step. Taste.
+        good_shrinkage: its fall after a good step. Taste.
+        least_damping: least damping. Taste.
+        shortenings: shares of a step that are tried until one is certified. Taste.
+        yieldings: times that keyframes about intervals which are not certified take less of a step in gates. Taste.
+        yielding: share of its part of the step that such a keyframe keeps each time. Taste.
+        yielding_reach: keyframes on either side that give way with it, less and less. Taste.
+        sufficient: share of the foreseen gain at which a step is taken. Taste.
+        good: share of the foreseen gain from which a step is good. Taste.
+        damping_ridge: damping of coordinates beside that of the turns. Taste.
+        slack_curvature: curvature of slack, so that the Hessian is definite. Taste.
+        qp_tolerance: of the QP's solution. Taste.
+        qp_gap: duality gap of the QP's solution; a tenth of it relative. Taste.
+        qp_iterations: of the QP. Taste.
+    """
+
+    intervals: int = 20
+    moved_intervals: tuple[int, ...] = (24, 48, 96)
+    gate_intervals: tuple[int, ...] = (40, 60, 90, 135)
+    gate_halvings: int = 3
+    leg_depth: int = 2
+    first_stride: int = 16
+    margin: float = 1e-3
+    reach: float = 2.5
+    largest_link: float = 1.0 / 36.0
+    active: float = 1.1
+    active_at_many: float = 0.5
+    sectors: int = 12
+    groups: int = 36
+    worth_many: float = 0.05
+    most_intervals: int = 60
+    rounds: int = 14
+    free_rounds: int = 9
+    first_rounds: int = 5
+    counted_rounds: int = 2
+    many: float = 1.5
+    kept_share: float = 0.8
+    lack: float = 0.03
+    lack_rise: float = 2.0
+    highest_lack_price: float = 500.0
+    end_rounds: int = 5
+    bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
+    enough_room: float = 0.95
+    finer: float = 2.2
+    finest: int = 80
+    room_passes: int = 2
+    room_rounds: int = 20
+    room_worth: float = 1.1
+    room_growth: float = 1.02
+    room_patience: int = 6
+    roomier: float = 1.1
+    room_samples: int = 5
+    moved_rounds: int = 24
+    tries: int = 5
+    worth: float = 3e-3
+    worth_afresh: float = 0.1
+    patience: int = 2
+    price: float = 30.0
+    price_rise: float = 4.0
+    first_damping: float = 0.3
+    raised_damping: float = 0.05
+    refused_growth: float = 6.0
+    halved_growth: float = 2.0
+    shortened_growth: float = 3.0
+    good_shrinkage: float = 3.0
+    least_damping: float = 1e-4
+    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
+    yieldings: int = 6
+    yielding: float = 0.4
+    yielding_reach: float = 4.0
+    sufficient: float = 0.1
+    good: float = 0.6
+    damping_ridge: float = 1e-3
+    slack_curvature: float = 1e-6
+    qp_tolerance: float = 1e-5
+    qp_gap: float = 1e-3
+    qp_iterations: int = 60
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Numbers of the search.
+
+    Attributes:
+        margins: planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the
+            narrow one gets through. Measured: with less than the narrow one, the first candidate failed in one scene.
+        tree_margins: margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a
+            narrow one gets through. Taste.
+        reach: contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less.
+        reach_margins: the same in planning margins, where that is more. Taste.
+        design_links: arms with more links are planned with this many, or as many as narrow passages ask for, and
+            lifted. Measured: of 38 motions found in clutter with this many, 34 held on finer arms as they were.
+        many_links: times that number of links from which lifting pays. Taste.
+        lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
+            Taste: about what an arm of 24 links leaves the curve by.
+        many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
+            looked for. Taste: among a thousand, such poses take seconds.
+        put_off: probability with which a seed other than 0 puts a candidate off until the others have been tried.
+            Taste.
+        spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
+        spare_at_ends: share of the gap at the ends that the certificate may ask for. Taste.
+        spare_in_gates: the same of the gap in narrow gates. Taste: half of what poses keep there by their margin.
+        end_reach: gaps at the ends that are looked at, in spares. Taste.
+    """
+
+    margins: tuple[float, ...] = (0.06, 0.024)
+    tree_margins: tuple[float, ...] = (0.12, 0.06, 0.024)
+    reach: float = 0.96
+    reach_margins: float = 4.0
+    design_links: int = 24
+    many_links: float = 1.5
+    lift_margin: float = 3e-3
+    many_walls: int = 150
+    put_off: float = 0.5
+    spare: float = 1e-4
+    spare_at_ends: float = 0.5
+    spare_in_gates: float = 0.1
+    end_reach: float = 4.0
+
+
+@dataclass(frozen=True)
+class SmoothPathSettings:
+    """Numbers of the C² path through joint space.
+
+    Attributes:
+        least_samples: least samples of a span between which the certificate takes the headings to be linear. Taste.
+        most_samples: most samples of a span. Taste.
+        spare_share: share of the certificate's spare gap that linear interpolation between samples may err by; a path
+            keeps the rest. Taste.
+        least_error: share of the arm's length that it may err by, whatever the certificate spares. Derived: a few
+            times the depth that still counts as contact.
+        refinements: rounds of halving legs where a span fails. Taste.
+        equation_samples: samples of a span at which limits are looked at that the path is laid through. Taste.
+        first_spans: spans of the first such path. Taste.
+        most_spans: spans at which it is given up. Taste.
+        rounds: rounds of halving its spans. Taste.
+        newton_steps: most steps of Newton's method that bring a knot onto the limits. Taste.
+        met: by how much a knot may miss them, in their units. Derived: four orders below what the verifier allows.
+        rank: singular values below this share of the largest count as none. Taste.
+        joint_share: share of a joint limit to which bends beyond that are brought back. Taste.
+        certified_samples: samples of a span between which the certificate takes the headings to be linear. Taste.
+        most_certified: samples of the whole path at most. Taste: the certificate's cost.
+    """
+
+    least_samples: int = 4
+    most_samples: int = 96
+    spare_share: float = 0.5
+    least_error: float = 2e-6
+    refinements: int = 5
+    equation_samples: int = 8
+    first_spans: int = 48
+    most_spans: int = 1200
+    rounds: int = 10
+    newton_steps: int = 12
+    met: float = 1e-10
+    rank: float = 1e-9
+    joint_share: float = 0.995
+    certified_samples: int = 12
+    most_certified: int = 6000
+
+
+@dataclass(frozen=True)
+class RailSettings:
+    """Numbers of the rails through narrow gates, and of the lines across them.
+
+    Attributes:
+        weight: on a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's
+            distance. Taste: with three times as much joints cannot give way to the goal.
+        play: that part, in planning margins. Taste.
+        beside: joints farther off than this are not on the rail, in nominal links. Taste.
+        places: of a gate's middle line at which it is measured where it is narrowest. Taste.
+        narrowest: by this share more than the least distance to walls still counts as narrowest. Taste: a hundredth
+            of a gate's width; lines before a rounded wall, where there is room aside, refuse motions that exist.
+        short: a stretch shorter than this many radii of the gate has one line, not one at either end. Taste.
+        same: lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate
+            differ by rounding.
+        across: a line is crossed where that is no farther from its middle, in nominal links. Taste.
+        catching_up: most that a step asks a crossing to move towards the middle, in nominal links. Taste.
+        newton_steps: most steps onto the middles. Taste.
+        exact: distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play.
+        largest_turn: a pose that needs larger turns of links to cross in the middle is left as it is [rad]. Taste.
+        ridge: share of the diagonal of the normal equations. Taste.
+    """
+
+    weight: float = 30.0
+    play: float = 0.5
+    beside: float = 0.5
+    places: int = 61
+    narrowest: float = 1e-3
+    short: float = 0.15
+    same: float = 2e-3
+    across: float = 0.25
+    catching_up: float = 0.02
+    newton_steps: int = 5
+    exact: float = 1e-6
+    largest_turn: float = 0.15
+    ridge: float = 1e-9
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Numbers of a single step.
+
+    Attributes:
+        limit_share: share of a joint limit that planning uses; what accepted poses and splines overshoot stays below
+            the limit. Taste.
+        full_limit_share: the same where the ends, or what keeps the arm off its goal, ask for more. Derived: what rows
+            and polishing may err by is a hundredth of a degree at most.
+        keep_share: share of the planning margin that every accepted pose keeps. Taste.
+        largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
+        closing_share: share of its gap beyond the margin by which a near pair may close in one step. Derived: two
+            links that move towards each other close it at most together.
+        mending_share: share of what a gap lacks to its margin that a step asks for. Taste.
+        firm_share: the same that rows ask for, where there is such a step; usually nothing. Taste.
+        narrow_firm_share: the same where margins are narrow. Taste.
+        push_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste.
+        near_joint_limit: bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little
+            more than a step turns a joint.
+        ridge: keeps the step's Hessian definite where no term reaches. Taste.
+        narrow_ridge: the same where margins are narrow. Measured: beside the heavy weights there the solver does not
+            tell a Hessian with the usual ridge definite, and takes 600 iterations where 10 do.
+        gate_ridge: the same in gates, with their equations. Measured on an arm of 48 links in two doors: with the
+            narrow ridge a step took 1165 iterations, with this one 2.
+        blend_ridge: the same on coordinates that blend a goal of the whole arm in. Measured on a chain in a horn, 12 to
+            96 links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
+            with this one 3 to 7.
+        iterations_a_row: most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need
+            more than 24 in all. Taste.
+        backtracks: halvings of a step before it is given up. Taste.
+        narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
+        rails: of what draws joints to the middle of narrow gates.
+    """
+
+    limit_share: float = 0.98
+    full_limit_share: float = 0.9995
+    keep_share: float = 0.4
+    largest_turn: float = 0.15
+    closing_share: float = 0.5
+    mending_share: float = 0.5
+    firm_share: float = 0.0
+    narrow_firm_share: float = 0.5
+    push_weight: float = 30.0
+    near_joint_limit: float = 0.25
+    ridge: float = 1e-9
+    narrow_ridge: float = 1e-6
+    gate_ridge: float = 1e-5
+    blend_ridge: float = 1e-6
+    iterations_a_row: int = 8
+    backtracks: int = 6
+    narrow_margin: float = 0.024
+    rails: RailSettings = field(default_factory=RailSettings)
+
+    def narrowed(self, margin: float) -> "StepSettings":
+        """The numbers for a planning margin, in nominal links: where it is small, so are the steps.
+
+        Linearised rows err by the square of the turn. What pushes the arm out of its margin has to grow as the margin
+        gets smaller, or the guide would hold it at the very edge, where no step is left.
+        """
+        share = margin / self.narrow_margin
+        if share >= 1.0:
+            return self
+        turn = self.largest_turn * float(np.sqrt(share))
+        return replace(
+            self,
+            largest_turn=turn,
+            push_weight=self.push_weight / share,
+            firm_share=self.narrow_firm_share,
+            ridge=self.narrow_ridge,
+        )
+
+
+@dataclass(frozen=True)
+class ContinuationSettings:
+    """Numbers of following a guide, and of settling on the goal where it ends.
+
+    Attributes:
+        bending: weight on the curve's curvature in every step, against a nominal link's distance. Taste: it decides
+            only what nothing else does.
+        jerk: weight on the differences of the curvature from knot to knot. Taste.
+        patience: steps without progress before a guide is given up. Taste.
+        pauses: poses nearer than this to the one before are dropped [rad], the first that leaves the motion
+            certified; a path that almost stands still in places cannot be timed well. Taste.
+        mends: times that poses are put between those in gates between which the motion is not certified. Taste.
+        settle_steps: most steps of settling on the goal. Taste.
+        settle_least: settling steps that are taken even if the arm hardly moves. Taste.
+        settle_moved: turn of a link below which the arm hardly moves [rad]. Taste.
+        settle_growth: growth of the goal's weight from step to step. Taste.
+        still_weight: weight on standing still while settling, for all links together. Taste.
+        polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
+        polish_turn: turn of the tip's heading from the goal's at which polishing is tried [rad]. Taste.
+    """
+
+    bending: float = 1e-4
+    jerk: float = 1e-4
+    patience: int = 60
+    pauses: tuple[float, ...] = (0.02, 1e-3)
+    mends: int = 3
+    settle_steps: int = 150
+    settle_least: int = 20
+    settle_moved: float = 1e-5
+    settle_growth: float = 0.2
+    still_weight: float = 0.5
+    polish_distance: float = 0.1
+    polish_turn: float = 0.1
+
+
+@dataclass(frozen=True)
+class GoalSettings:
+    """Numbers of drawing the tip onto the goal, and of putting it there exactly.
+
+    Attributes:
+        polish_tolerance: tip error [arm lengths] and heading error [rad] that the polish stops at. Derived: three
+            orders below what the verifier allows.
+        reached: times that tolerance which still counts as on the goal. Taste.
+        polish_steps: most steps of Newton's method. Taste: it converges in four or never.
+        heading_step: largest turn onto the goal's heading that a step asks for [rad]. Taste.
+        distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
+        inwards: share of the room about a goal's position, and about its heading, by which a tip outside is led in
+            beyond the edge. Taste.
+        heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
+        least_share: singular values below this share of the largest count as none where equations may depend on each
+            other. Taste.
+    """
+
+    polish_tolerance: float = 1e-9
+    reached: float = 10.0
+    polish_steps: int = 12
+    heading_step: float = 0.3
+    distance_step: float = 1.5
+    inwards: float = 0.1
+    heading_weight: float = 0.3
+    least_share: float = 1e-10
+
+    @property
+    def on_goal(self) -> float:
+        """Errors up to this count as none [arm lengths] and [rad]."""
+        return self.reached * self.polish_tolerance
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Numbers of tracking a reference motion under constraints that depend on the path parameter u.
+
+    Attributes:
+        first_advance: first step of u. Taste.
+        largest_advance: largest step of u. Taste.
+        least_advance: step of u below which tracking is given up. Taste.
+        growth: of the step of u after each that was met. Taste.
+        arrival: u where tracking ends and the arm settles on the goal. Taste.
+        steps: that may be needed to meet the constraints at a new u. Taste.
+        largest_turn: largest turn towards the reference that a step asks for [rad]. Taste.
+        pull_weight: weight of the reference, against a nominal link's distance. Taste.
+        still_weight: weight of standing still. Taste.
+    """
+
+    first_advance: float = 1.0 / 80.0
+    largest_advance: float = 1.0 / 40.0
+    least_advance: float = 1e-4
+    growth: float = 1.5
+    arrival: float = 0.98
+    steps: int = 24
+    largest_turn: float = 0.3
+    pull_weight: float = 0.1
+    still_weight: float = 0.02
+
+
+@dataclass(frozen=True)
+class StraighteningSettings:
+    """Numbers of cutting a found motion short.
+
+    Attributes:
+        many: motions that need no more intervals to be certified are optimised as they are. Taste.
+        turn: most that a link turns between two keyframes of the result [rad]. Derived: that of a step.
+        stream: tells its random numbers from those of others. Taste.
+        shortcuts: that are tried. Measured: among 1000 polygons 64 rounds of 32 take a third off a motion in 0.17 s,
+            these two fifths in 0.28 s, and twice as many rounds hardly more.
+    """
+
+    many: int = 40
+    turn: float = 0.15
+    stream: int = 7
+    shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(128, 64, 0.005))
+
+
+@dataclass(frozen=True)
+class TipWalkSettings:
+    """Numbers of walks of the tip.
+
+    The measured ones were chosen on nine walked fields of 1000 and 3000 polygons in which no straight attempt arrives,
+    seeds 100 to 107 of ``tests/benchmarks/bench_growth.py``.
+
+    Attributes:
+        margins: planning margins with which the tip is led straight on, and that walks draw from, in nominal links.
+            Measured: of fourteen fields of 1000 and 3000 polygons the first alone solves seven, the others two more.
+        run_in: straight run onto the goal along its heading, in nominal links; the longest that is free. Taste.
+        run_in_samples: places of the run that have to be free. Taste.
+        longest_way: beyond which there are no early walks, as a share of the arm's length. Measured: in fields of 1000
+            polygons with goals drawn at random, walks along 0.2 to 0.6 of the arm's length mostly arrive, and along
+            1.2 to 2.0, where the arm has to be laid anew from its base, never.
+        early_walks: before poses at the goal are looked for. Taste: half of what those take in vain, or less.
+        late_walks: before the trees. Taste: a few times as many.
+        from_start: how often a walk begins at the start, and not where another has come to. Measured: with a tenth
+            fewer fields are solved, and with none but these, too.
+        onto_goal: how often a walk is led on to the goal, and not only to a place drawn at random. Taste.
+        by_place: how often it is led there by way of such a place, which decides how it passes the walls. Taste.
+        about_goal: how often such places are drawn about the goal, and not about the tip. Taste.
+        nearest: distance of such places from there at least, as a share of the arm's length. Taste.
+        farthest: at most, likewise. Taste.
+        places_drawn: places drawn at once when a free one is looked for. Taste.
+        nearness: how much rather walks begin at poses whose tip is near the goal: distance from it at which they begin
+            1/e as often as at the goal, as a share of the arm's length. Taste.
+        rounding: distances that their paths keep from corners, as multiples of the usual one. Measured: with several
+            the mean time to a solution was 3.3 s instead of 4.1.
+    """
+
+    margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)
+    run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)
+    run_in_samples: int = 9
+    longest_way: float = 0.8
+    early_walks: int = 150
+    late_walks: int = 120
+    from_start: float = 0.35
+    onto_goal: float = 0.7
+    by_place: float = 0.85
+    about_goal: float = 0.7
+    nearest: float = 0.05
+    farthest: float = 0.3
+    places_drawn: int = 16
+    nearness: float = 0.17
+    rounding: tuple[float, ...] = (0.5, 1.0, 2.0)
+
+
+@dataclass(frozen=True)
+class ExtensionSettings:
+    """Numbers by which extensions are drawn at random.
+
+    Attributes:
+        to_shape: how often, against the other kinds, the whole arm is led to a random shape. Taste, as all of these:
+            scenes differ in what helps, so every kind has its turn.
+        to_bump: how often a part of the arm is bent aside.
+        to_place: how often the tip is led to a random place.
+        along_route: how often the tip is led back along the arm and out along a route.
+        folded: how often the arm is pulled over to a route as a rope.
+        to_other: how often the whole arm is led to a pose of the other tree.
+        shape_knots: curvature of a random shape is linear between so many knots. Taste.
+        shape_curvature: standard deviation of that curvature, times the arm's length. Taste.
+        bump_turn: standard deviation of a local change of heading [rad]. Taste.
+        bump_widths: least and greatest width of such a change, as shares of the arm's length. Taste.
+        shapes_as_routes: share of routes that are shapes of the other tree. Taste.
+        node_choice: of so many random nodes the least used is extended. Taste.
+        tip_choice: a place for the tip is given to the nearest of so many nodes, drawn at random. Taste.
+        places_drawn: places drawn at once when a free one is looked for. Taste.
+    """
+
+    to_shape: float = 0.25
+    to_bump: float = 0.15
+    to_place: float = 0.15
+    along_route: float = 0.1
+    folded: float = 0.15
+    to_other: float = 0.2
+    shape_knots: int = 6
+    shape_curvature: float = 3.0
+    bump_turn: float = 0.8
+    bump_widths: tuple[float, float] = (0.05, 0.3)
+    shapes_as_routes: float = 0.3
+    node_choice: int = 4
+    tip_choice: int = 6
+    places_drawn: int = 64
+
+
+@dataclass(frozen=True)
+class TreeSettings:
+    """Numbers of the trees of poses.
+
+    Attributes:
+        steps: of the longest extension. Taste.
+        patience: steps without progress before an extension ends. Taste.
+        connection_patience: the same for a connection of the trees; what it does not reach, an extension may. Taste.
+        dispersion: distance that nodes keep, as ``heading_weight`` measures it. Taste.
+        heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
+        node_interval: least number of steps between two nodes of one extension. Taste.
+        saturated: extensions in a row that add no node before the search is given up. Taste.
+        most_extensions: extensions in all before the search is given up, however much time is left, so that what is
+            found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
+        connections: nodes of the other tree that a new node is connected to, nearest first. Taste.
+        root_interval: extensions between two new poses at the goal. Taste.
+        settling_distance: a tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the
+            leash of tip-led continuation.
+        extensions: by which extensions are drawn.
+    """
+
+    steps: int = 250
+    patience: int = 12
+    connection_patience: int = 5
+    dispersion: float = 0.04
+    heading_weight: float = 0.1
+    node_interval: int = 10
+    saturated: int = 80
+    most_extensions: int = 400
+    connections: int = 1
+    root_interval: int = 40
+    settling_distance: float = 3.0
+    extensions: ExtensionSettings = field(default_factory=ExtensionSettings)
+
+
+DEFAULT_TREES = TreeSettings()
+"""What trees take when they are not given other settings."""
+
+
+@dataclass(frozen=True)
+class UserLimitSettings:
+    """Numbers of the user's constraints as limits.
+
+    A gap g has the user's unit; divided by the norm of its slope by the link headings it is the turn of the whole arm
+    that closes it, and that is what margins are measured in.
+
+    Attributes:
+        margin: margin of a gap, as a turn of the whole arm [rad]. Taste: a tenth of a degree.
+        keep_share: share of the margin that every accepted pose keeps. Taste, as for contacts.
+        met: an equation is met when nothing misses by more, in the user's unit. Derived: four orders below what the
+            verifier allows.
+        met_at_goal: by how much constraints may be missed at the goal and at keyframes, in the user's unit. Derived:
+            two orders below what the verifier allows.
+        allowed: by which a hard constraint may be missed, in the user's unit. Derived: what the verifier allows.
+        path_share: share of what is allowed by which the smooth path may miss a row between its knots. Taste.
+        pull_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste, as for
+            contacts.
+        urgency: scale of the rows of broken gaps, beside those inside their margin. Taste.
+        joint_share: share of a joint limit to which bends beyond that are brought back; what splines overshoot stays
+            below the limit. Taste.
+        newton_steps: most steps of Newton's method back onto equations. Taste: it converges in four or never.
+        rank: singular values below this share of the largest count as none, so that equations that follow from
+            others are left out. Taste.
+        far: gaps that the whole arm has to turn by more than this to close make no rows on keyframes [rad]. Taste.
+        keyframe_turn: a keyframe that needs a larger turn of a link to meet its equations does not meet them [rad].
+            Taste.
+        reserve: share of the kept margin that a gap keeps between keyframes, for what lies between samples. Taste.
+        knot_reserves: reserves to which a knot of the smooth path is moved that has less than half of that. Measured:
+            with 2 a path at the edge of a camera's view was refused, with 4 it is laid.
+        samples: samples of an interval between keyframes. Taste.
+        near_end: share of the intervals at either end at which a gap may be as narrow as at that end. Taste.
+    """
+
+    margin: float = 2e-3
+    keep_share: float = 0.4
+    met: float = 1e-10
+    met_at_goal: float = 1e-8
+    allowed: float = 1e-6
+    path_share: float = 0.2
+    pull_weight: float = 30.0
+    urgency: float = 10.0
+    joint_share: float = 0.995
+    newton_steps: int = 12
+    rank: float = 1e-9
+    far: float = 2.0
+    keyframe_turn: float = 0.5
+    reserve: float = 0.02
+    knot_reserves: float = 4.0
+    samples: int = 4
+    near_end: float = 0.1
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """Numbers of the search for a motion.
+
+    Attributes:
+        ends: of resolving start and goal.
+        contacts: of near pairs.
+        certificate: of the certificate of contact.
+        step: of a single step.
+        continuation: of following a guide and settling on the goal.
+        goal: of putting the tip onto the goal.
+        tracking: of tracking a reference motion.
+        user_limits: of the user's constraints.
+        search: of the search over all strategies.
+        guides: of the guides and candidates.
+        tip_walks: of leading the tip among many walls.
+        tree: of the trees of poses.
+        connect: of RRT-Connect.
+        limit_arcs: of poses at the goal with joints at their limits.
+        lifting: of taking a motion over to an arm of many links.
+        straightening: of cutting a long motion short before it is optimised.
+        optimisation: of the optimisation of a motion.
+        objective: weights inside its objective.
+        bottleneck: how much more the busiest joints count at last.
+        interior_point: of the optimisation as one nonlinear program.
+        smooth_path: of the path through joint space.
+    """
+
+    ends: EndSettings = field(default_factory=EndSettings)
+    contacts: ContactSettings = field(default_factory=ContactSettings)
+    certificate: CertificateSettings = field(default_factory=CertificateSettings)
+    step: StepSettings = field(default_factory=StepSettings)
+    continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
+    goal: GoalSettings = field(default_factory=GoalSettings)
+    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+    user_limits: UserLimitSettings = field(default_factory=UserLimitSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    guides: GuideSettings = field(default_factory=GuideSettings)
+    tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
+    tree: TreeSettings = field(default_factory=TreeSettings)
+    connect: ConnectSettings = field(default_factory=ConnectSettings)
+    limit_arcs: LimitArcSettings = field(default_factory=LimitArcSettings)
+    lifting: LiftingSettings = field(default_factory=LiftingSettings)
+    straightening: StraighteningSettings = field(default_factory=StraighteningSettings)
+    optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
+    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
+    bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)
+    interior_point: InteriorPointSettings = field(default_factory=InteriorPointSettings)
+    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)

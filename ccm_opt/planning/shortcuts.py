@@ -1,0 +1,112 @@
+"""Short cuts of a found motion.
+
+A motion that needs many keyframes to be certified is dear to optimise, step by step, and mostly long because a guide
+went to and fro. Random shortcuts, refuted by samples and certified, take half of it away at a small part of that cost.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.optimise import thinned
+from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.settings import ShortcutSettings
+
+
+@dataclass(frozen=True)
+class Shortcuts:
+    """Shortens ways that were found at random, many tries at once.
+
+    Attributes:
+        check: the cheap one.
+        unproved: the certificate: intervals of a motion, link headings of shape (K, links), that it refuses.
+        settings: numbers.
+    """
+
+    check: SampledCheck
+    unproved: Callable[[FloatArray], IntArray]
+    settings: ShortcutSettings
+
+    def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """A certified way made shorter, link headings of shape (K, links) [rad]; the ends stay."""
+        for _ in range(self.settings.rounds):
+            arcs = arc_lengths(way)
+            # The whole way first: in plain scenes it was there all the time.
+            at = np.sort(rng.uniform(0.0, arcs[-1], (self.settings.tries, 2)), axis=1)
+            at[0] = (0.0, arcs[-1])
+            way = self._cut_once(way, arcs, at)
+            if len(way) == 2:
+                break
+        return way
+
+    def _cut_once(self, way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
+        """The way with the shortcut that saves most among some that are free, from arc to arc, shape (m, 2) [rad]."""
+        start = _at(way, arcs, at[:, 0])
+        end = _at(way, arcs, at[:, 1])
+        saved = at[:, 1] - at[:, 0] - np.linalg.norm(end - start, axis=1)
+        worth = saved > self.settings.saved * arcs[-1]
+        free = np.zeros(len(at), dtype=bool)
+        free[worth] = self.check.free_shares(start[worth], end[worth]) >= 1.0
+        if not free.any():
+            return way
+        best = int(np.argmax(np.where(free, saved, -1.0)))
+        before = way[arcs < at[best, 0]]
+        after = way[arcs > at[best, 1]]
+        # The rest is part of what is certified already.
+        new = np.vstack((before[-1:], start[best], end[best], after[:1]))
+        if len(self.unproved(new)):
+            return way
+        return np.vstack((before, start[best], end[best], after))
+
+
+def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
+    """Poses of a way at some of its arc lengths, shape (m, links)."""
+    return np.column_stack([np.interp(at, arcs, column) for column in way.T])
+
+
+def dense(way: FloatArray, turn: float) -> FloatArray:
+    """A way with so many keyframes that no link turns by more between two of them, shape (K, links) [rad]."""
+    turns = np.abs(np.diff(way, axis=0)).max(axis=1)
+    counts = np.maximum(1, np.ceil(turns / turn)).astype(int)
+    pieces = [
+        start + np.arange(count)[:, None] / count * (end - start)
+        for start, end, count in zip(way[:-1], way[1:], counts, strict=True)
+    ]
+    return np.vstack((*pieces, way[-1:]))
+
+
+def straightened(motion: Motion, task: MotionTask) -> Motion:
+    """A certified motion made shorter where it needs many keyframes; the same motion where it does not.
+
+    Args:
+        motion: certified, in its link space.
+        task: it was found for.
+    """
+    settings = task.settings.straightening
+    # Users' limits do not judge straight motions, and few links do not say which curve they stand for.
+    fits = motion.u is None and not task.user_limits and task.arm.links > task.settings.connect.few_links
+    if not fits or task.optimiser == "none" or task.deadline.passed():
+        return motion
+    intervals = len(thinned(motion, task.certificate)[0]) - 1
+    if intervals <= settings.many:
+        return motion
+    check = SampledCheck.of(task.arm, task.workspace, task.settings.connect.sampling)
+    shortcuts = Shortcuts(check, task.certificate.failures, settings.shortcuts)
+    way = shortcuts.shortened(motion.headings, np.random.default_rng((task.seed, settings.stream)))
+    coordinates = _coordinates(motion.space, dense(way, settings.turn), motion)
+    headings = motion.space.headings(coordinates)
+    # The same way but for rounding.
+    if len(task.certificate.failures(headings)):
+        return motion
+    return replace(motion, coordinates=coordinates, headings=headings)
+
+
+def _coordinates(space: LinkSpace, way: FloatArray, motion: Motion) -> FloatArray:
+    """Coordinates of link headings of the space, shape (K, links) to (K, p); those of the motion's ends stay."""
+    inside = np.linalg.lstsq(space.matrix, (way[1:-1] - space.headings(np.zeros(space.dimension))).T, rcond=None)[0].T
+    return np.vstack((motion.coordinates[:1], inside, motion.coordinates[-1:]))

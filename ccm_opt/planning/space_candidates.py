@@ -1,0 +1,316 @@
+"""Candidates of the search in space."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise, product
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.followable_search import FollowableWays, WayEnd
+from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
+from ccm_opt.planning.space_settings import FollowableWaySettings
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.robot.space_arm import SpaceArm
+
+
+@dataclass(frozen=True)
+class BendAllowance:
+    """What is counted on where an arm that follows its tip bends.
+
+    Attributes:
+        radius: of the tightest bend [m].
+        beside: how far a link reaches out of it between its joints, beyond what a nominal link does [m].
+    """
+
+    radius: float
+    beside: float
+
+
+def bend_allowances(arm: SpaceArm, unit: float, settings: FollowableWaySettings) -> list[BendAllowance]:
+    """What is counted on for an arm in bends, in turn.
+
+    Args:
+        arm: the arm.
+        unit: length u of its nominal links [m].
+        settings: of ways that it can follow.
+    """
+    # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
+    half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
+    through_joints = 0.5 * arm.link_length / float(np.sin(half))
+    radii: list[float] = []
+    for share in settings.limit_shares:
+        radius = max(settings.tightest * unit, share * through_joints)
+        if all(radius < settings.apart * other or other < settings.apart * radius for other in radii):
+            radii.append(radius)
+    found = []
+    for radius in radii:
+        height = max(arm.link_length**2 - unit**2, 0.0) / (8.0 * radius)
+        found += [BendAllowance(radius, beside) for beside in dict.fromkeys((height, 0.0))]
+    return found
+
+
+@dataclass(frozen=True)
+class TipWay:
+    """One way of the tip.
+
+    Attributes:
+        name: in words, for the record.
+        corners: shape (m, 3) [m].
+        margin: share of the margin that steps along it keep.
+        followed: weight with which all joints are drawn onto it behind the tip; 0 where they are not.
+    """
+
+    name: str
+    corners: FloatArray
+    margin: float = 1.0
+    followed: float = 0.0
+
+
+@dataclass
+class SpaceTipWays:
+    """Makes the ways for a task one by one; the grids are made when they are first needed.
+
+    Args:
+        task: what is asked; its goal is one for the tip.
+        start: tip where the motion begins, shape (3,) [m].
+        goal: place of the tip at the end, shape (3,) [m].
+        direction: of the last link there, shape (3,), or None.
+        heading: where the last link points when the motion begins, shape (3,).
+        fed: how much farther the base can be fed [m]; None where it is fixed.
+    """
+
+    task: SpaceTask
+    start: FloatArray
+    goal: FloatArray
+    direction: FloatArray | None
+    heading: FloatArray
+    fed: float | None = None
+    _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
+    _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
+    _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
+    _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
+    _seen: list[FloatArray] = field(default_factory=list)  # ways through them
+
+    def first(self) -> Iterator[TipWay]:
+        """The ways that are tried first: the straight one, and for a fed arm such as it can follow behind its tip."""
+        settings = self.task.settings
+        yield TipWay("straight", self._joined([self.start, *self._ends(settings.ways.approaches[0])]))
+        yield from self._behind_the_tip(settings.followable.cells[0])
+
+    def others(self) -> Iterator[TipWay]:
+        """Through finer grids, the cheapest ways whatever their bends, and others round other sides."""
+        settings = self.task.settings.ways
+        for cells in self.task.settings.followable.cells[1:]:
+            yield from self._behind_the_tip(cells)
+        for cells in settings.cells[:-1]:
+            yield from self._through_cells(cells)
+        for approach in settings.approaches[1:]:
+            way = self._through_grid(settings.cells[0], settings.nearness[0], settings.margins[-1], approach, None)
+            if way is not None:
+                yield TipWay("with another approach", way, settings.close)
+
+    def finest(self) -> Iterator[TipWay]:
+        """The same through the finest grid, which takes longer than all before it."""
+        yield from self._through_cells(self.task.settings.ways.cells[-1])
+
+    def _through_cells(self, cells: int) -> Iterator[TipWay]:
+        """The cheapest ways through a grid, and others round other sides; none through one that was tried."""
+        settings = self.task.settings.ways
+        size = self._grid(cells, settings.margins[-1]).cell
+        if size in self._tried:
+            return
+        self._tried.add(size)
+        seen = self._seen
+        for nearness in settings.nearness:
+            for margin in settings.margins:
+                way = self._through_grid(cells, nearness, margin, settings.approaches[0], None)
+                if way is None:
+                    continue
+                if not any(_alike(way, other, self.task.unit) for other in seen):
+                    seen.append(way)
+                    yield TipWay(f"through free space ({len(way)} corners)", way)
+                    yield TipWay("through free space, closer to walls", way, settings.close)
+                break
+        yield from self._detours(cells, seen)
+
+    def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
+        """Ways that a fed arm can follow; none for an arm whose base is fixed."""
+        settings = self.task.settings
+        if self.fed is None:
+            return
+        followable = settings.followable
+        seen = self._followed
+        allowances = bend_allowances(self.task.arm, self.task.unit, followable)
+        for allowance, price, approach in product(allowances, followable.prices, followable.approaches):
+            way = self._followable(cells, allowance, price, approach)
+            if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
+                seen.append(way)
+                yield TipWay("behind the tip", way, settings.ways.close, settings.guide.onto_track)
+                yield TipWay("close behind the tip", way, settings.ways.close, settings.guide.close_onto_track)
+                yield TipWay("behind the tip, more freely", way, settings.ways.close)
+
+    def _followable(
+        self, cells: int, allowance: BendAllowance, price: tuple[float, float], approach: float
+    ) -> FloatArray | None:
+        """A way past all places with bends that the arm can take behind its tip."""
+        task = self.task
+        settings = task.settings.followable
+        nearness, margin = price
+        grid = self._grid(cells, margin, allowance.beside, self._longest_followed)
+        avoided = self._followed
+        dear = _prices(grid, avoided, task.settings.ways.detour_price) if avoided else None
+        prices = grid.prices(nearness, dear)
+        search = FollowableWays(grid, prices, allowance.radius, task.unit, settings, task.deadline)
+        most = self._longest_followed
+        goals = [WayEnd(place, None) for place in task.via]
+        # The last link lies on the way, not on a chord of a bend, where it is as long as a link.
+        last = self._before_goal(approach * max(1.0, task.arm.link_length / task.unit))
+        goals.append(WayEnd(last, self.direction))
+        parts = [self.start[None]]
+        heading = self.heading
+        for goal in goals:
+            part = search.between(WayEnd(parts[-1][-1], heading), goal, most)
+            if part is None:
+                return None
+            most -= float(np.sum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
+            heading = part[-1] - part[-2]
+            heading /= np.linalg.norm(heading)
+            parts.append(part)
+        return self._joined([*parts, self.goal])
+
+    def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
+        """Ways that keep away from those that have failed already."""
+        settings = self.task.settings.ways
+        for _ in range(settings.detours):
+            way = self._through_grid(cells, settings.nearness[0], settings.margins[-1], settings.approaches[0], seen)
+            if way is None or any(_alike(way, other, self.task.unit) for other in seen):
+                return
+            seen.append(way)
+            yield TipWay("round another side", way, settings.close)
+
+    def _ends(self, approach: float) -> list[FloatArray]:
+        """The last places of a way: where the straight approach along the wanted direction begins, and the goal."""
+        if self.direction is None or approach == 0.0:
+            return [*self.task.via, self.goal]
+        return [*self.task.via, self._before_goal(approach), self.goal]
+
+    def _before_goal(self, approach: float) -> FloatArray:
+        """Where the approach begins: as far before the goal as there is room for."""
+        if self.direction is None:
+            return self.goal
+        task = self.task
+        kept = task.arm.radius + task.clearance
+        for share in (1.0, 2.0 / 3.0, 1.0 / 3.0):
+            place = self.goal - share * approach * task.unit * self.direction
+            segment = np.stack((place, self.goal))[None]
+            if task.tree.distances(segment, 2.0 * kept)[0] >= kept:
+                return np.asarray(place)
+        return self.goal
+
+    def _through_grid(
+        self, cells: int, nearness: float, margin: float, approach: float, avoided: list[FloatArray] | None
+    ) -> FloatArray | None:
+        """The cheapest way through the grid past all places, its corners cut where there is room."""
+        task = self.task
+        if task.deadline.passed():
+            return None
+        grid = self._grid(cells, margin)
+        dear = None if avoided is None else _prices(grid, avoided, task.settings.ways.detour_price)
+        places = [self.start, *self._ends(approach)]
+        inner = places[:-1] if len(places) > 2 and self.direction is not None and approach > 0.0 else places
+        parts = []
+        for before, after in pairwise(inner):
+            part = grid.cheapest_way(before, after, nearness, dear)
+            if part is None:
+                return None
+            kept = task.arm.radius + task.clearance + task.settings.ways.shortcut_gap * task.unit
+            parts.append(shortened(task.tree, part, kept, task.unit))
+        parts.append(np.stack(places[len(inner) - 1 :]))
+        return self._joined(parts)
+
+    @property
+    def _longest_followed(self) -> float:
+        """Length of the longest way to where the approach begins that an arm can follow behind its tip [m]."""
+        return (self.fed or 0.0) + self.task.settings.followable.spare_length * self.task.unit
+
+    def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
+        """The grid of places with room for the tip, a share of the margin and a further distance [m].
+
+        Args:
+            cells: about how many.
+            margin: share of the margin.
+            beside: the further distance [m].
+            longest: way that is looked for, to where the approach begins; cells that none passes have no room [m].
+        """
+        key = (cells, margin, beside, longest)
+        if key not in self._grids:
+            task = self.task
+            far = task.settings.ways.far * task.unit
+            around = task.arm.radius + task.clearance + beside
+            # With the whole margin they are asked for too, sooner or later.
+            distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
+            self._grids[key] = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)
+        return self._grids[key]
+
+    def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
+        """Distances of the places of a grid, at least up to a reach; arguments as of ``_grid``."""
+        known = self._known.get((cells, longest))
+        if known is None or known.reach < reach:
+            task = self.task
+            approaches = task.settings.followable.approaches
+            approach = max(approaches) * max(1.0, task.arm.link_length / task.unit) * task.unit
+            ways = WaysBetween(self.start, self.goal, longest + approach) if np.isfinite(longest) else None
+            low, high = self._box
+            finest = task.settings.ways.finest * task.unit
+            known = GridDistances.over(task.tree, (low, high), cells, reach, finest, task.deadline, ways)
+            self._known[cells, longest] = known
+        return known
+
+    @cached_property
+    def _box(self) -> FloatArray:
+        """Where ways may lie: where the tip can be, and no farther from everything in the scene than makes sense."""
+        task = self.task
+        places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
+        found = np.vstack([np.atleast_2d(place) for place in places])
+        wide = task.settings.ways.around * task.unit
+        low = np.maximum(found.min(axis=0) - wide, task.box[0])
+        high = np.minimum(found.max(axis=0) + wide, task.box[1])
+        # The start and the goal are in it, even if they are out of reach.
+        ends = np.stack((self.start, self.goal))
+        return np.stack((np.minimum(low, ends.min(axis=0)), np.maximum(high, ends.max(axis=0))))
+
+    @staticmethod
+    def _joined(parts: list[FloatArray]) -> FloatArray:
+        corners = np.vstack([np.atleast_2d(part) for part in parts])
+        apart = np.linalg.norm(np.diff(corners, axis=0), axis=1) > 1e-9
+        return corners[np.concatenate(([True], apart))]
+
+
+def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
+    """What cells near ways that have failed cost more, of the shape of the grid."""
+    prices = np.zeros(grid.gaps.shape)
+    for way in avoided:
+        lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        s = np.arange(0.0, float(np.sum(lengths)), grid.cell)
+        arcs = np.concatenate(([0.0], np.cumsum(lengths)))
+        # Not the ends, which every way has in common.
+        middle = s[len(s) // 5 : len(s) - len(s) // 5]
+        places = np.stack([np.interp(middle, arcs, column) for column in way.T], axis=1)
+        reach = max(1, round(grid.far / grid.cell))
+        for x, y, z in {grid.index(place) for place in places}:
+            block = tuple(slice(max(0, c - reach), c + reach + 1) for c in (x, y, z))
+            prices[block] = price
+    return prices
+
+
+def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
+    """Whether two ways keep within a nominal link of each other."""
+    share = np.linspace(0.0, 1.0, 33)
+
+    def places(corners: FloatArray) -> FloatArray:
+        arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))))
+        return np.stack([np.interp(share * arcs[-1], arcs, column) for column in corners.T], axis=1)
+
+    return bool(np.max(np.linalg.norm(places(way) - places(other), axis=1)) < unit)

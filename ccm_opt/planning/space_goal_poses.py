@@ -1,0 +1,167 @@
+"""Poses at the goal, swings between them, and withdrawals.
+
+A curled arm sweeps what is beside it wherever its base turns it; a straight one passes what it can be pointed past. So
+trees that hardly ever meet between two curled poses meet soon between the same poses unbent.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.space_connect import Connect
+from ccm_opt.planning.space_continuation import (
+    SpaceStalled,
+    SpaceTipPose,
+    follow,
+    keeps_terms_at_goal,
+    onto_goal,
+    terms_to_goal,
+)
+from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
+from ccm_opt.planning.space_pose import SpacePose
+from ccm_opt.planning.space_settings import SpaceConnectSettings
+from ccm_opt.planning.space_step import SpaceStepper
+from ccm_opt.planning.space_sweep import pieces
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+
+
+def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[SpacePose]:
+    """Poses at the goal that touch nothing and keep the joint limits; drawn until the deadline, or the draws, end.
+
+    Args:
+        task: with a goal for the tip.
+        stepper: in whose unknowns they are.
+        rng: for the draws.
+    """
+    settings = task.settings.goal_poses
+    if task.goal is None:
+        return
+    for _ in range(settings.draws):
+        if task.deadline.passed():
+            return
+        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(drawn_unknowns(stepper, rng)), task)
+        if pose is not None:
+            yield pose
+
+
+def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
+    """Unknowns of a curve with smooth random curvature, and a random feed."""
+    curve = stepper.curve
+    arm = curve.arm
+    k = curve.knots
+    controls = rng.normal(size=(2, 4)) * rng.uniform(0.1, 1.0)
+    places = np.linspace(0.0, 1.0, 4)
+    # Curvature as bends of a nominal link; three quarters of the limit is a strong bend already.
+    largest = 0.4 * min(arm.joint_limit * arm.links / NOMINAL_LINKS, 1.0) / stepper.unit
+    curvature = [largest * np.interp(np.linspace(0.0, 1.0, k), places, row) for row in controls]
+    v = np.zeros(curve.dimension)
+    turned = 0 if arm.base_axes else 2
+    if turned:
+        v[:2] = rng.normal(size=2) * 0.5 * min(arm.base_limit, 1.5)
+    v[turned : turned + 2 * k] = np.concatenate(curvature) / curve.scale[turned : turned + 2 * k]
+    if arm.base_axes:
+        low, high = arm.base_range
+        v[turned + 2 * k] = rng.uniform(low, high) / curve.scale[turned + 2 * k]
+    return v
+
+
+def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
+    """The pose brought onto the goal, off the walls and within limits; None where that fails."""
+    settings = task.settings.goal_poses
+    for k in range(settings.steps):
+        pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), certified=False)
+        distance, turn = goal.errors(pose)
+        if distance < 0.1 * stepper.unit and turn < 0.05:
+            break
+    onto = onto_goal(stepper, goal, pose, settings.polish_turn)
+    return onto if onto is not None and _free(stepper, onto) else None
+
+
+def _free(stepper: SpaceStepper, pose: SpacePose) -> bool:
+    """Whether a pose touches nothing and keeps the limits."""
+    if not stepper.within_limits(pose.q) or not keeps_terms_at_goal(stepper, pose):
+        return False
+    return stepper.certificate.safe(pose.q, pose.q)
+
+
+def swung(
+    stepper: SpaceStepper,
+    start: SpacePose,
+    goals: list[SpacePose],
+    rng: np.random.Generator,
+    settings: SpaceConnectSettings,
+    deadline: Deadline,
+) -> list[SpacePose] | None:
+    """Poses from the start to one of the goals by way of straighter ones; None where no tree between these meets.
+
+    Args:
+        stepper: of an arm whose base turns.
+        start: where the motion begins.
+        goals: poses at the goal, one or more.
+        rng: for the draws.
+        settings: of the trees.
+        deadline: when to stop.
+    """
+    unbent = unbent_from(stepper, start, deadline)
+    of_goals = [unbent_from(stepper, goal, deadline) for goal in goals]
+    trees = Connect(stepper, unbent[-1], [poses[-1] for poses in of_goals], rng, settings)
+    between = trees.path(deadline)
+    if between is None:
+        return None
+    bent = next(poses for poses in of_goals if np.array_equal(poses[-1].v, between[-1].v))
+    # A piece of a motion is as safe backwards.
+    return [*unbent, *between[1:], *bent[-2::-1]]
+
+
+def unbent_from(stepper: SpaceStepper, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+    """Poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
+    guide = PoseLed(pose.v, stepper.curve.unbent(pose.v), stepper.settings.guide.pose_step, stepper.settings.guide)
+    try:
+        return follow(stepper, guide, pose, deadline)
+    except SpaceStalled as stalled:
+        return stalled.poses
+
+
+def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[SpacePose]:
+    """Poses from the given one back, as far as is certified.
+
+    The curve lies still while the arm is drawn along it. What of a pose no curve shows may get in the way of that; then
+    the arm is led back step by step.
+
+    Args:
+        stepper: of a fed arm.
+        start: unknowns, shape (p,).
+        deadline: when to stop.
+    """
+    curve = stepper.curve
+    column = curve.feed_column
+    end = start.copy()
+    end[column] = curve.arm.base_range[0] / curve.scale[column]
+    back = float(start[column] - end[column]) * float(curve.scale[column])
+    # Steps as long as links, so that what is certified of the way is not lost with its last part.
+    count = max(1, int(back / curve.arm.link_length))
+    stops = [start + (end - start) * k / count for k in range(count + 1)]
+    poses = [stepper.pose(start)]
+    for before, after in pairwise(stops):
+        for v in pieces(stepper, before, after)[1:]:
+            pose = stepper.pose(v)
+            if not (stepper.within_limits(pose.q) and stepper.certificate.safe(poses[-1].q, pose.q)):
+                return [*poses[:-1], *_led_back(stepper, poses[-1], deadline)]
+            poses.append(pose)
+    return poses
+
+
+def _led_back(stepper: SpaceStepper, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+    """Poses from the given one back as far as the steps lead."""
+    arm = stepper.curve.arm
+    left = float(pose.q[-1]) - arm.base_range[0]
+    shape = SpaceTipTrack.along(pose.chain.points, np.zeros((0, 3)))
+    guide = SpaceTrackLed(shape, arm.length - left, stepper.unit, stepper.settings.guide)
+    try:
+        return follow(stepper, guide, pose, deadline)
+    except SpaceStalled as stalled:
+        return stalled.poses

@@ -1,0 +1,229 @@
+"""The planner in space: search, optimisation, smooth path.
+
+The default mount is as long as the arm's radius. Where such an arm stands square on a floor, the disc at the end of the
+mount just touches it, and any turn of the base would press its rim in. The first joints are left straight then; the arm
+bends beyond them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import short_length
+from ccm_opt.core.progress import Stages
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.asked_task import coarse_problem, space_task
+from ccm_opt.planning.passed_places import first_missed
+from ccm_opt.planning.space_ending import ended_by_nlp
+from ccm_opt.planning.space_ends import refuse_ends
+from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
+from ccm_opt.planning.space_optimise import optimise
+from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.space_settings import SpaceCertificateSettings, SpaceMotionSettings
+from ccm_opt.planning.space_smooth_path import certified_path
+from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_tracking import tracked
+from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
+
+STRAIGHT = 1e-9
+"""Bends up to which joints count as straight [rad]."""
+
+
+def with_clamped_base(problem: SpaceProblem, tree: SurfaceTree) -> SpaceProblem:
+    """The problem for an arm whose first joints stay straight and belong to the mount, where it stands flush on a wall.
+
+    Args:
+        problem: with one goal.
+        tree: of its surfaces.
+    """
+    count = clamped_joints(problem, tree)
+    if count == 0:
+        return problem
+    arm = problem.arm
+    return replace(problem, arm=replace(arm, mount_length=count * arm.link_length, clamped_joints=count))
+
+
+def clamped_joints(problem: SpaceProblem, tree: SurfaceTree) -> int:
+    """How many joints from the base a wall at the end of the mount holds straight; 0 where there is none."""
+    arm = problem.arm
+    first, share = arm.mount_end
+    count = max(1, int(np.ceil(first + share - STRAIGHT)))
+    if arm.base_axes or share >= 1.0 - STRAIGHT or count >= arm.links or not _straight_at_ends(problem, count):
+        return 0
+    points = joint_positions(arm, problem.start.configuration(arm))
+    end = points[first] + share * (points[first + 1] - points[first])
+    kept = arm.radius + problem.workspace.clearance
+    # What a motion has to spare beyond contact is not there: no certificate would let the base turn.
+    spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
+    return count if _is_square(tree, end, points[first + 1] - points[first], kept, spare) else 0
+
+
+def told_of_clamped_base(failure: NoPlanFound, problem: SpaceProblem) -> NoPlanFound:
+    """The failure with what would let the first joint bend among its advice, where the base is clamped."""
+    if not problem.arm.clamped_joints:
+        return failure
+    found = failure.diagnosis
+    own = "raise arm.mount_length: the arm stands flush on a wall, so that the base cannot turn"
+    return type(failure)(replace(found, advice=(own, *found.advice)))
+
+
+def _straight_at_ends(problem: SpaceProblem, count: int) -> bool:
+    """Whether the first joints are straight at the start, and in a pose of the whole arm that is asked for."""
+    arm = problem.arm
+    poses = [problem.start, *([problem.goal] if isinstance(problem.goal, SpaceJointPose) else [])]
+    bends = np.array([pose.configuration(arm)[: 2 * count] for pose in poses])
+    return float(np.max(np.abs(bends))) < STRAIGHT
+
+
+def _is_square(tree: SurfaceTree, end: FloatArray, along: FloatArray, kept: float, spare: float) -> bool:
+    """Whether the nearest surface at the end of the mount, nearer than it may be left, lies square behind it."""
+    near = tree.nearest(np.stack((end, end))[None], kept + spare)
+    if near.owner[0] < 0 or near.gap[0] >= kept + spare:
+        return False
+    away = (end - near.point[0]) / np.linalg.norm(end - near.point[0])
+    return bool(away @ along >= (1.0 - 1e-6) * np.linalg.norm(along))
+
+
+PLANNING_SHARE = 0.8
+"""Of the time limit that planning may take; the rest is for timing, simulation and reasons."""
+
+
+@dataclass(frozen=True)
+class SpacePlanner:
+    """Plans motions of arms in space.
+
+    Attributes:
+        stages: names and times the stages.
+        settings: numbers of the search.
+        terms: the user's constraints and costs; None where there are none.
+        refuse: raises where it is proved that a problem has no plan; asked where no way of the tip leads to the goal.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    terms: UserTerms | None = None
+    refuse: Callable[[SpaceProblem], None] | None = None
+
+    def plan(self, problem: SpaceProblem) -> JointPath:
+        """Plan a certified motion to the problem's goal.
+
+        Raises:
+            ProblemError: the start breaks a limit.
+            NoPlanFound: with the reason and what would help.
+        """
+        deadline = Deadline.after(PLANNING_SHARE * problem.planner.time_limit)
+        with self.stages("free space"):
+            tree = SurfaceTree.of(problem.workspace.soup)
+            problem = with_clamped_base(problem, tree)
+            task = space_task(problem, tree, deadline, self.settings, self.terms)
+            refuse_ends(problem, task)
+            if self.refuse is not None:
+                task = replace(task, refuse=partial(self.refuse, problem))
+        try:
+            planned = self._lifted(problem, task) or self._planned(problem, task)
+        except NoPlanFound as none:
+            raise told_of_clamped_base(none, problem) from none
+        with self.stages("smooth path"):
+            path = joint_path(task, *planned.motions, legs=problem.planner.retiming == "paul")
+        return replace(path, goal_pose=planned.end)
+
+    def _planned(self, problem: SpaceProblem, task: SpaceTask) -> "_Planned":
+        """The optimised motion, and the one that was found, whose path may have room where the shorter one has none."""
+        with self.stages("motion"):
+            found = find_motion(task)
+        with self.stages("configuration"):
+            ending = ended_by_nlp(problem, task, found)
+            motion = tracked(task, ending.motion)
+        with self.stages("optimisation"):
+            motions = (optimise(motion, ending.task), found if motion.u is None else motion)
+        return _Planned(motions, ending.record)
+
+    def _lifted(self, problem: SpaceProblem, task: SpaceTask) -> "_Planned | None":
+        """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
+        few = coarse_task(task)
+        if few is None:
+            return None
+        try:
+            planned = self._planned(coarse_problem(problem, few), replace(few, refuse=None))
+        except NoPlanFound:
+            return None
+        with self.stages("lifting"):
+            lifted = lifted_motion(task, planned.motions[0])
+        return None if lifted is None else _Planned((lifted,), planned.end)
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What comes of planning.
+
+    Attributes:
+        motions: the best first; a smooth path is laid along the first that has room for one.
+        end: what the NLP said about where they end, or None.
+    """
+
+    motions: tuple[SpaceMotion, ...]
+    end: SpaceGoalPoseRecord | None
+
+
+def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> JointPath:
+    """The smooth, certified path through joint space along the first of some motions that has one.
+
+    Args:
+        task: what was asked.
+        motions: certified.
+        legs: whether the arm will move on straight legs between the keyframes, and not along the path.
+
+    Raises:
+        MotionNotFound: no smooth path near the motion can be certified.
+    """
+    missed = None
+    for motion in motions:
+        spline = certified_path(task, motion)
+        missed = None if spline is None else _missed_on(task, spline)
+        if spline is not None and missed is None:
+            # Of what is certified to be spared timing may use nothing where constraints are kept exactly.
+            kept = task.user is not None and task.user.terms.hard
+            spare = 0.0 if kept else task.certificate.pair_gap
+            keyframes = motion.configurations
+            if task.arm.base_axes and not legs:
+                # Drawn in the unknowns, the path of a fed arm may pass configurations of the motion by.
+                keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
+            return JointPath(spline, keyframes, (), motion.candidate, spare=spare)
+    if missed is not None:
+        raise MotionNotFound(missed)
+    if task.user is None or not task.user.terms.hard:
+        raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
+    names = " and ".join(f"'{name}'" for name in task.user.names)
+    reason = f"a motion was found, but no smooth path near it that keeps constraint {names} between its keyframes"
+    advice = ["give the constraint some width between its bounds, or make it soft"]
+    if task.user.shapes_path and task.arm.base_axes:
+        advice.append("leave arm.feed out: equations that are not linear hold for arms with a fixed base")
+    raise MotionNotFound(Diagnosis(reason, "constraints", tuple(advice)))
+
+
+def _missed_on(task: SpaceTask, spline: BSpline) -> Diagnosis | None:
+    """Which place the tip does not pass on a path, in words; None where it passes all."""
+    if not task.via:
+        return None
+    spans = len(spline.t) - 2 * spline.k - 1
+    u = np.linspace(0.0, 1.0, spans * task.settings.smooth_path.samples + 1)
+    tips = joint_positions(task.arm, np.asarray(spline(u)))[:, -1]
+    missed = first_missed(tips, np.stack(task.via), task.via_reach)
+    if missed is None:
+        return None
+    number, away = missed
+    reason = (
+        f"the tip comes within {short_length(away)} of goal.via {number + 1}, "
+        f"{short_length(away - task.via_reach)} too far off to pass it"
+    )
+    return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))

@@ -1,0 +1,515 @@
+"""Numbers of planning in space.
+
+Lengths are in nominal links u = L / 24 unless said otherwise.
+
+Lengths are in nominal links u = L / 24 unless said otherwise.
+
+Lengths are in nominal links u = L / 24 unless said otherwise.
+
+Lengths are in nominal links u = L / 24 unless said otherwise.
+
+Lengths are in nominal links u = L / 24 unless said otherwise.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+
+
+@dataclass(frozen=True)
+class ScheduleSettings:
+    """Of how fast the path parameter grows along a motion under constraints that depend on it.
+
+    Attributes:
+        places: of the motion that are looked at; taste.
+        steps: of the path parameter; taste.
+        price: of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste.
+        even: least growth of the one where the other grows alone, as a share; taste.
+        lead: of the path parameter, by which planning keeps a constraint before and behind its interval; taste.
+    """
+
+    places: int = 101
+    steps: int = 61
+    price: float = 1e4
+    even: float = 0.02
+    lead: float = 0.04
+
+
+@dataclass(frozen=True)
+class GoalPoseSettings:
+    """Of poses at the goal by drawn curves.
+
+    Attributes:
+        draws: at most so many.
+        steps: of each towards the goal.
+        polish_turn: largest turn of a link in a step of Newton's method onto the goal [rad].
+        wanted: poses that are moved to in turn before the sampler is tried.
+    """
+
+    draws: int = 200
+    steps: int = 40
+    polish_turn: float = 0.3
+    wanted: int = 8
+
+
+@dataclass(frozen=True)
+class EndingSettings:
+    """Of the pose in which a motion ends.
+
+    Attributes:
+        iterations: most iterations of the NLP; mostly it takes some twenty, and of arms on fixed bases, whose ends a
+            search leaves far from smooth, one in four takes 30 to 80 (measured among 40 and 80 bodies).
+        enough: share of the wanted gap that its pose has to have for the end to be settled.
+        room_share: room that the NLP makes at the end, where there is so much, as a multiple of the wanted gap. An arm
+            that follows its tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed
+            arms keep 0.82 to 1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1.
+        bending_from: places along a motion, as shares of it, from where on it is tried to be bent to another end.
+        opening: gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a
+            little more, so that the planes of the NLP leave all that is wanted (taste).
+        opening_steps: most of these; five bring nearly all that there is.
+        opening_weight: of the goal in them, beside the pull of walls that are too near.
+        opened: they end when no joint moves farther than this [u].
+    """
+
+    iterations: int = 100
+    enough: float = 0.9
+    room_share: float = 1.6
+    bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
+    opening: float = 1.05
+    opening_steps: int = 20
+    opening_weight: float = 10.0
+    opened: float = 0.02
+
+
+@dataclass(frozen=True)
+class SpaceConnectSettings:
+    """Of the sampler, RRT-Connect in the unknowns of the curve.
+
+    Attributes:
+        extension: longest edge, in the norm of turns of the links [rad].
+        draws: of targets, at most, each time that it begins.
+        rounds: how often it begins with other draws and poses, as long as there is time; the first half of them before
+            the finest grid is searched. Measured among 320 bodies.
+        goals: poses at the goal that the second tree grows from.
+        base_share: share of the draws in which the base alone is turned anywhere, and the curve is that between the
+            start and a goal.
+    """
+
+    extension: float = 2.0
+    draws: int = 8000
+    rounds: int = 4
+    goals: int = 8
+    base_share: float = 0.0
+
+
+@dataclass(frozen=True)
+class LiftingSettings:
+    """Of arms of many links, whose motions are found for nominal ones.
+
+    Attributes:
+        most_links: arms of no more links are planned as they are.
+        clearance: room that the coarse motion keeps beside the clearance [u].
+        most_bend: bound on the bends of the coarse arm's joints [rad].
+        time_share: of the time that is left, which the search for nominal links may take.
+        offset: bends of the start that no curve shows, beyond which nothing is lifted [rad].
+        fits: most steps by which an arm is laid on another.
+        ridge: least damping of them, in the squares of nominal links by unknowns.
+        raised_ridge: to which it is raised at once by a step that gains nothing.
+        ridge_rise: its further rise by such steps, and its fall by others.
+        near: how far its joints may be off for another beginning not to be tried [u].
+        worth: share of the squared distances that a step gains, below which it is the last.
+    """
+
+    most_links: int = 36
+    clearance: float = 0.04
+    most_bend: float = 0.9
+    time_share: float = 0.4
+    offset: float = 0.02
+    fits: int = 20
+    ridge: float = 1e-4
+    raised_ridge: float = 1e-2
+    ridge_rise: float = 10.0
+    near: float = 0.1
+    worth: float = 0.01
+
+
+@dataclass(frozen=True)
+class SpaceObjectiveSettings:
+    """Weights of what the optimisation makes small.
+
+    Attributes:
+        unevenness: of ``∫|q''|²``; its root is the share of the motion over which corners are rounded.
+        shape: of the curve's curvature and of its differences, as bends of a nominal link.
+        following: of changes of the curve on which a fed arm lies, as bends of a nominal link; an arm whose curve does
+            not change follows its tip. Measured on the disturbed jobs: a hundredth of their duration for half of the
+            worst deviation.
+        ridge: on all unknowns, so that the metric is definite.
+    """
+
+    unevenness: float = 4e-3
+    following: float = 25.0
+    shape: float = 1e-3
+    ridge: float = 1e-7
+
+
+@dataclass(frozen=True)
+class SpaceOptimisationSettings:
+    """Of the optimisation of a motion.
+
+    Attributes:
+        intervals: least number of intervals; a motion that needs more edges to be certified keeps them.
+        many: intervals that are many, as a multiple of that.
+        finer_lack: a motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes
+            and wing boxes with few links seven in ten of those come out with all the room that there is.
+        finer_intervals: least number of intervals then.
+        finer_price: first price of slack then.
+        leg_depth: how often an edge of the thinned motion may be halved by its certificate.
+        first_stride: keyframes that an edge skips at first.
+        rounds: most steps.
+        first_rounds: steps at many keyframes, before the motion is thinned again.
+        margin: gap that rows ask for beyond contact [u].
+        active: rows nearer to their bound than this enter the program [u].
+        most_travel: of the way of a joint over an interval that rows reach for [u].
+        between: shares of an interval at which links that lack room have rows too.
+        planes: most half-spaces about a link.
+        behind: by how much surfaces may stand out from one of them without getting one of their own [u].
+        groups: arms with more links than this have rows for groups of neighbouring joints.
+        pair_share: of what links between two leave at full stretch that these are asked to keep apart.
+        price: first price of one nominal link of slack, and what it lacks in room counts in a motion's merit.
+        price_rise: its rise where the certificate fails.
+        lack: share of the wanted gap that an interval may lack without its slack becoming dearer.
+        lack_rise: rise of the price where it lacks more.
+        highest_price: to which it rises.
+        first_damping: weight on the squared turns of the first step.
+        raised_damping: damping from which a refused step raises it.
+        refused_growth: growth of the damping after a refused step.
+        shortened_growth: its growth after a shortened step.
+        good_shrinkage: its fall after a good step.
+        least_damping: least damping.
+        damping_ridge: damping of unknowns beside that of the turns.
+        shortenings: shares of a step that are tried until one is certified.
+        sufficient: share of the foreseen gain at which a step is taken.
+        good: share of the foreseen gain from which a step is good.
+        worth: share of the merit that a round has to gain.
+        patience: rounds in a row that may gain less.
+        patience_in_want: the same of a motion that lacks room.
+        tries: programs of one round before it is given up.
+        near_limit: coordinates nearer to their limit than this are limited in the program [rad, m].
+        spare_turn: of the limits that rows leave [rad, m].
+        knot_bend: bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint
+            takes the mean about its place, which is less.
+        slack_curvature: curvature of slack, so that the Hessian is definite.
+        tolerance: of the program's solution.
+        iterations: of the program.
+        passing: how near the tip stays to the places that it passes, as a share of what counts as passing.
+    """
+
+    intervals: int = 24
+    many: float = 1.2
+    finer_lack: float = 0.15
+    finer_intervals: int = 32
+    finer_price: float = 400.0
+    leg_depth: int = 4
+    first_stride: int = 8
+    rounds: int = 24
+    first_rounds: int = 2
+    margin: float = 0.02
+    active: float = 0.3
+    most_travel: float = 0.75
+    between: tuple[float, ...] = (0.25, 0.75)
+    planes: int = 6
+    behind: float = 0.06
+    groups: int = 24
+    pair_share: float = 0.25
+    price: float = 100.0
+    price_rise: float = 4.0
+    lack: float = 0.03
+    lack_rise: float = 2.0
+    highest_price: float = 500.0
+    first_damping: float = 0.3
+    raised_damping: float = 0.05
+    refused_growth: float = 6.0
+    shortened_growth: float = 2.0
+    good_shrinkage: float = 3.0
+    least_damping: float = 1e-4
+    damping_ridge: float = 1e-3
+    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
+    sufficient: float = 0.1
+    good: float = 0.6
+    worth: float = 0.02
+    patience: int = 1
+    patience_in_want: int = 3
+    tries: int = 6
+    near_limit: float = 0.3
+    spare_turn: float = 0.004
+    knot_bend: float = 1.1
+    slack_curvature: float = 1e-6
+    tolerance: float = 1e-5
+    iterations: int = 60
+    passing: float = 0.5
+
+
+@dataclass(frozen=True)
+class SpaceCertificateSettings:
+    """Of the proof that a motion touches nothing.
+
+    Attributes:
+        depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
+        step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
+        spare: gap that is proved beyond contact, for the path between its samples [u].
+        least_spare: the same where a start or a goal of the whole arm has no more than twice as much [u]; measured: a
+            straight arm of a metre is lifted off a table 1.5 µm below it, and hardly off one at 1 µm.
+        slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
+            walls are shorter so, and where it does not prove enough they are made again without.
+    """
+
+    depth: int = 12
+    step_depth: int = 5
+    spare: float = 0.002
+    least_spare: float = 1.2e-5
+    slack: float = 0.3
+
+
+@dataclass(frozen=True)
+class SpaceSmoothPathSettings:
+    """Of the smooth path through joint space.
+
+    Attributes:
+        samples: of a span between which the path is proved as if it were linear.
+        feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
+            so that none is bent on a span on which the tube holds it [u].
+        user_samples: of a span at which users' constraints are looked at, which are not proved between; taste.
+        looks: places for every keyframe of the motion at which the room of the path is looked at.
+        lost_room: share of the wanted gap by which a path may lack more of it than its motion does; taste.
+        roomy_refinements: how often legs of the control polygon are halved to keep room; a path has ever more corners.
+        refinements: how often legs of the control polygon are halved.
+        most_control: control points beyond which none are added.
+        limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
+    """
+
+    samples: int = 4
+    user_samples: int = 32
+    feed: float = 0.12
+    looks: int = 5
+    lost_room: float = 0.02
+    roomy_refinements: int = 2
+    refinements: int = 16
+    most_control: int = 400
+    limit_slack: float = 1e-8
+
+
+@dataclass(frozen=True)
+class SpaceStepSettings:
+    """Of one step: a small quadratic program in the unknowns of the curve.
+
+    Attributes:
+        margin: gap that steps keep beyond contact [u].
+        reach: gap from which on walls are left out [u].
+        pair_reach: the same of links to each other [u].
+        share: of the gap beyond the margin that one step may use.
+        pull: weight that draws out what lies within the margin.
+        turn: largest turn of a link in a step [rad].
+        travel: farthest way of a joint in a step [u].
+        feed: farthest way of the base in a step [u].
+        travel_near_walls: the same where walls or other links are within reach.
+        still_turns: weight on the turns of the links.
+        still_moves: weight on the ways of the joints.
+        follow: weight on the links' directions along the track of the tip.
+        bends: weight on the curve's curvature, as bends of a nominal link.
+        evenness: weight on its differences from knot to knot.
+        spare_turn: of the joint limits that rows leave [rad].
+        ridge: on every unknown, so that the program has one answer.
+        planes: most half-spaces that a link is given.
+        backtracks: how often a step is halved before it is given up.
+    """
+
+    margin: float = 0.06
+    reach: float = 0.35
+    pair_reach: float = 0.35
+    share: float = 0.5
+    pull: float = 30.0
+    turn: float = 0.15
+    travel: float = 1.5
+    travel_near_walls: float = 0.8
+    feed: float = 0.3
+    still_turns: float = 0.01
+    still_moves: float = 0.01
+    follow: float = 0.1
+    bends: float = 1e-4
+    evenness: float = 1e-4
+    spare_turn: float = 0.005
+    ridge: float = 1e-8
+    planes: int = 14
+    backtracks: int = 4
+
+
+@dataclass(frozen=True)
+class SpaceGuideSettings:
+    """Of what leads the tip.
+
+    Attributes:
+        leash: how far the target may be ahead of the tip [u].
+        track_leash: the same where all joints are drawn onto the track of the tip [u].
+        onto_track: weight on their distance from it.
+        close_onto_track: the same where an arm got stuck on walls; links that are long beside the bends of a duct do
+            with less (measured in pipes and slots with 8 and 12 links).
+        advance: how far it moves on at a time [u].
+        patience: steps without progress before a guide is given up.
+        approach: length of the straight end of a path along the wanted direction [u].
+        settle_steps: most steps from the end of a path onto the goal.
+        settle_growth: by how much the weight of the goal grows from step to step.
+        polish: from how near Newton's method puts the arm onto the goal [u].
+        polish_turn: the same of the direction [rad].
+        polish_steps: most steps of it.
+        pose_step: how far the target moves on at a time on its way to a pose, in unknowns.
+        exact: distance at which the arm counts as on the goal, as a share of the arm's length, and turn [rad].
+    """
+
+    leash: float = 1.5
+    track_leash: float = 1.0
+    onto_track: float = 0.1
+    close_onto_track: float = 3.0
+    advance: float = 0.4
+    patience: int = 60
+    approach: float = 3.0
+    settle_steps: int = 60
+    settle_growth: float = 0.5
+    polish: float = 0.5
+    polish_turn: float = 0.2
+    polish_steps: int = 12
+    pose_step: float = 0.15
+    exact: float = 1e-9
+
+
+@dataclass(frozen=True)
+class WaySettings:
+    """Of the ways that the tip may take.
+
+    Attributes:
+        cells: of the grids that they are looked for in, the coarse one first.
+        finest: size that their cells have at least [u].
+        nearness: what a way along a wall costs more than one far away, as a multiple; tried in turn.
+        margins: shares of the margin with which the grid is free; tried in turn until there is a way.
+        close: share of the margin that steps keep where the whole of it has failed.
+        approaches: lengths of the straight end along the wanted direction, tried in turn [u].
+        shortcut_gap: room that straight parts keep where corners are cut [u].
+        far: distance from which on walls do not make a way dearer [u].
+        detour_price: what a way costs more near one that has failed, as a multiple.
+        detours: ways that keep away from those before, at most.
+        around: how far beyond everything in the scene ways may go [u]; there is nothing to go round farther out.
+    """
+
+    cells: tuple[int, ...] = (200_000, 1_500_000, 8_000_000)
+    finest: float = 0.12
+    nearness: tuple[float, ...] = (3.0, 20.0)
+    margins: tuple[float, ...] = (1.0, 0.0)
+    close: float = 0.4
+    approaches: tuple[float, ...] = (3.0, 0.0, 1.5, 6.0)
+    shortcut_gap: float = 0.5
+    far: float = 2.0
+    detour_price: float = 4.0
+    detours: int = 3
+    around: float = 4.0
+
+
+@dataclass(frozen=True)
+class FollowableWaySettings:
+    """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
+
+    Attributes:
+        tightest: radius of the tightest bend [u]; the least where knots of the curve still show a right angle.
+        limit_shares: radii that are counted on, as multiples of that of the circle through the joints of an arm which
+            bends as far as it may; tried in turn. The circle that its links touch has a radius of cos(limit / 2) of
+            that, 0.71 for right angles: with less than the whole, links reach out of a bend on both sides.
+        apart: a radius is tried beside others if it is less than this share of each that is greater, and they of it.
+        step: length of the arcs of which a way is made [u].
+        bends: of the arcs, as shares of the tightest one; straight ones come first.
+        azimuths: towards which arcs bend.
+        bend_price: what the tightest bend costs more than a straight way, as a multiple.
+        place_bin: states in one bin count as one: size of its places [u].
+        direction_bins: half the number of bins along each side of the six faces of directions.
+        landing: from how near two arcs to the goal are tried [u].
+        longest_landing: these two may be longer than the straight line by this multiple.
+        most_states: that are looked at.
+        spare_length: by how much a way may be longer than what an arm can be fed [u].
+        cells: of the grids that they are looked for in, in turn.
+        approaches: lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links
+            where these are longer.
+        prices: tried in turn: what a way along a wall costs more than one far away, as a multiple, and the share of the
+            margin with which the grid is free.
+    """
+
+    tightest: float = 1.5
+    limit_shares: tuple[float, ...] = (1.15, 0.75, 1.6)
+    apart: float = 0.9
+    step: float = 1.0
+    bends: tuple[float, ...] = (0.5, 1.0)
+    azimuths: int = 8
+    bend_price: float = 1.0
+    place_bin: float = 0.5
+    direction_bins: int = 2
+    landing: float = 6.0
+    longest_landing: float = 1.6
+    most_states: int = 20_000
+    spare_length: float = 2.0
+    cells: tuple[int, ...] = (200_000, 1_500_000)
+    approaches: tuple[float, ...] = (1.0, 0.0)
+    prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))
+
+
+@dataclass(frozen=True)
+class SlideSettings:
+    """Of arms that are slid along a way of the tip with all joints on it.
+
+    Attributes:
+        step: of the feed from keyframe to keyframe [u].
+        knots: of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation
+            takes (measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do).
+        grazing: a motion led by the tip that keeps less than this share of the wanted gap is slid instead if it can be;
+            the optimisation seldom makes room for such a one.
+        room: share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing.
+    """
+
+    step: float = 0.5
+    knots: tuple[int, ...] = (11, 16, 22)
+    grazing: float = 0.1
+    room: float = 0.5
+
+
+@dataclass(frozen=True)
+class SpaceMotionSettings:
+    """All numbers of the search.
+
+    Attributes:
+        certificate: of proofs.
+        step: of single steps.
+        guide: of what leads the tip.
+        ways: that the tip may take.
+        followable: ways for arms that follow their tip.
+        slide: of arms that are slid along them.
+        goal_poses: by drawn curves.
+        swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
+            arms beside a post, where some hundred draws are enough.
+        connect: trees as the last resort.
+        lifting: of arms of many links.
+        ending: of the pose in which a motion ends.
+        schedule: of the path parameter along a motion.
+        objective: of the optimisation.
+        optimisation: of a found motion.
+        smooth_path: through joint space.
+    """
+
+    certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
+    step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
+    guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
+    ways: WaySettings = field(default_factory=WaySettings)
+    followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
+    slide: SlideSettings = field(default_factory=SlideSettings)
+    goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
+    swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
+    connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
+    lifting: LiftingSettings = field(default_factory=LiftingSettings)
+    ending: EndingSettings = field(default_factory=EndingSettings)
+    schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
+    objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
+    optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
+    smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

@@ -1,0 +1,338 @@
+"""The smooth path through the keyframes of a motion in space.
+
+As in the plane: a cubic spline through points of a smooth curve leaves it by O(h⁴), so halving the spans in which the
+equations are missed brings it back onto them quickly. The base is fixed, so that configurations are linear in the
+unknowns, and a spline in these is one in those.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.room_lacking import distance_lacking
+from ccm_opt.planning.settings import SmoothPathSettings
+from ccm_opt.planning.space_step import SpaceStepper
+from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_tracking import moved_onto_terms
+from ccm_opt.planning.space_user_limit import SpaceUserLimit
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import joint_positions
+
+DEGREE = 3
+
+
+def path_on_equations(
+    task: SpaceTask, motion: SpaceMotion, settings: SmoothPathSettings | None = None
+) -> BSpline | None:
+    """The certified path through knots that keep the user's constraints; None where there is none.
+
+    Args:
+        task: with the constraints.
+        motion: certified, its keyframes on the equations.
+        settings: how it is refined; those of the plane when None.
+    """
+    user = task.user
+    numbers = settings or SmoothPathSettings()
+    if user is None:
+        return None
+    u = np.linspace(0.0, 1.0, len(motion.unknowns)) if motion.u is None else motion.u
+    if len(u) <= DEGREE or np.any(np.diff(u) <= 0.0):
+        return None
+    # Smooth in itself; and less smooth, but nearer to what is certified.
+    knots = np.concatenate((np.zeros(DEGREE + 1), u[2:-2], np.ones(DEGREE + 1)))
+    for base in (BSpline(knots, motion.unknowns, DEGREE), make_interp_spline(u, motion.unknowns, k=DEGREE)):
+        spline = _on_equations(task, user, motion, base, numbers)
+        if spline is not None and _safe(task, spline):
+            return spline
+    return None
+
+
+def _on_equations(
+    task: SpaceTask, user: SpaceUserLimit, motion: SpaceMotion, base: BSpline, settings: SmoothPathSettings
+) -> BSpline | None:
+    """A spline through points of the base that are moved onto the constraints, refined until it keeps them."""
+    stepper = task.stepper(motion.curve, 0.0)
+    knots = np.union1d(np.linspace(0.0, 1.0, settings.first_spans + 1), user.breaks)
+    values: dict[float, FloatArray] = {0.0: motion.unknowns[0], 1.0: motion.unknowns[-1]}
+    for _ in range(settings.rounds):
+        for place in knots:
+            # Knots stay from round to round, so each is moved only once.
+            if float(place) not in values:
+                pose = moved_onto_terms(stepper, user.placed(float(place)), stepper.pose(np.asarray(base(place))))
+                if pose is None:
+                    return None
+                values[float(place)] = pose.v
+        of_unknowns = make_interp_spline(knots, np.array([values[float(place)] for place in knots]), k=DEGREE)
+        control = motion.curve.configurations(of_unknowns.c)
+        spline = BSpline(of_unknowns.t, control, DEGREE)
+        missed = _missed_spans(user, spline, knots, settings.equation_samples)
+        if not len(missed):
+            return spline
+        if len(knots) + len(missed) > settings.most_spans or task.deadline.passed():
+            return None
+        # A spline is shaped by its neighbours too; halving one span alone would leave uneven spans that ripple.
+        around = np.unique(np.clip(np.add.outer(missed, (-1, 0, 1)), 0, len(knots) - 2))
+        knots = np.union1d(knots, 0.5 * (knots[around] + knots[around + 1]))
+    return None
+
+
+def _missed_spans(user: SpaceUserLimit, spline: BSpline, knots: FloatArray, samples: int) -> IntArray:
+    """Spans in which a constraint is missed, sorted."""
+    places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
+    missed = np.flatnonzero(user.missed_on_path(np.asarray(spline(places)), places))
+    return np.unique(np.minimum(missed // samples, len(knots) - 2))
+
+
+def _safe(task: SpaceTask, spline: BSpline) -> bool:
+    """Whether a path keeps the limits of coordinates and is certified, linear between its samples."""
+    knots = np.unique(np.clip(spline.t, 0.0, 1.0))
+    count = max(2 * task.settings.smooth_path.samples, -(-task.settings.smooth_path.most_control // (len(knots) - 1)))
+    places = np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)
+    q = np.asarray(spline(places))
+    slack = task.settings.smooth_path.limit_slack
+    within = np.all(q >= task.arm.lower_limits - slack) and np.all(q <= task.arm.upper_limits + slack)
+    return bool(within) and len(task.certificate.failures(q)) == 0
+
+
+def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
+    """A spline near a certified motion, itself certified at samples and linear between them; None where none is.
+
+    It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
+    cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed one, which
+    moves far from keyframe to keyframe in narrow places, would lose room, and so it is drawn half-way onto the
+    keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, or keeps
+    less of the wanted room than the motion does, it is drawn onto the legs, and where that does not help either, the
+    configurations that were certified are the control points.
+
+    Args:
+        task: with the certificate.
+        motion: certified.
+    """
+    if task.user is not None and task.user.shapes_path and not task.arm.base_axes:
+        on_equations = path_on_equations(task, motion)
+        if on_equations is not None:
+            return on_equations
+    path = partial(_through_curve, task, motion.curve)
+    room = _Room.of(task, motion)
+    nearest = None
+    if task.arm.base_axes and len(motion.unknowns) > DEGREE and motion.u is None:
+        control = _halfway_onto(motion.unknowns)
+        nearest = path(control, np.linspace(0.0, 1.0, len(control) - DEGREE + 1))
+        if len(_failing_places(task, nearest)) > 0:
+            nearest = None
+        elif len(room.lost_places(nearest)) == 0:
+            return nearest
+    near = _drawn_near(task, motion.unknowns, motion.u, path, motion.curve, room)
+    if nearest is not None and (near is None or room.lacking(near) >= room.lacking(nearest)):
+        return nearest
+    if near is not None or not task.arm.base_axes or motion.u is not None:
+        return near
+    return certified_spline(task, motion.configurations)
+
+
+def certified_spline(task: SpaceTask, keyframes: FloatArray) -> BSpline | None:
+    """The same near certified configurations that no curve shows, which are its control points.
+
+    Args:
+        task: with the certificate.
+        keyframes: shape (K, c) [rad, m].
+    """
+    return _drawn_near(task, keyframes, None, clamped_spline)
+
+
+def _drawn_near(
+    task: SpaceTask,
+    keyframes: FloatArray,
+    u: FloatArray | None,
+    path: Callable[[FloatArray, FloatArray], BSpline],
+    curve: CurveMap | None = None,
+    room: "_Room | None" = None,
+) -> BSpline | None:
+    """The spline of control points, drawn onto their polygon until it is certified.
+
+    A cubic B-spline leaves its control polygon by at most a sixth of the second difference: halving the legs of the
+    polygon where a span fails draws the spline onto the polygon.
+
+    Args:
+        task: with the certificate.
+        keyframes: shape (K, p).
+        u: path parameters near which the path has to pass them, shape (K,); even ones when None.
+        path: from control points and knots to a path through joint space.
+        curve: whose unknowns the keyframes are; None where they are configurations.
+        room: what the spline is asked to keep as well, in its first refinements; None for nothing.
+    """
+    settings = task.settings.smooth_path
+    even = np.linspace(0.0, 1.0, len(keyframes))
+    # The last column is the path parameter, which is halved with the rest.
+    control = np.column_stack((keyframes, even if u is None else u))
+    while len(control) < DEGREE + 1:
+        control = _halved(control, np.arange(len(control) - 1))
+    for refinement in range(settings.refinements):
+        ends = _span_ends(control, even=u is None)
+        spline = path(control[:, :-1], ends)
+        places = _failing_places(task, spline)
+        if room is not None and refinement < settings.roomy_refinements:
+            places = np.append(places, room.lost_places(spline))
+        failing = np.unique(np.searchsorted(ends, places, side="right") - 1)
+        if len(failing) == 0:
+            return spline
+        if len(control) > settings.most_control or task.deadline.passed():
+            return None
+        # A span k is shaped by the control points k to k + 3.
+        legs = np.unique(np.clip(np.add.outer(failing, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
+        control = _halved(control, legs)
+        if task.user is not None and curve is not None:
+            # A leg may break a gap that both its ends keep. What was inserted after others is as many places behind.
+            _mend(task.stepper(curve, 0.0), task.user, control, legs + 1 + np.arange(len(legs)))
+    return None
+
+
+def _span_ends(control: FloatArray, *, even: bool) -> FloatArray:
+    """Where the spans of a path begin and end, shape (spans + 1,), for control points with their path parameters."""
+    spans = len(control) - DEGREE
+    if even:
+        return np.linspace(0.0, 1.0, spans + 1)
+    # A control point counts most at the middle one of the three knots behind its first.
+    return np.concatenate(([0.0], control[2:-2, -1], [1.0]))
+
+
+def _mend(stepper: SpaceStepper, user: SpaceUserLimit, control: FloatArray, chosen: IntArray) -> None:
+    """Move some control points, unknowns with their path parameters, to where they keep the user's constraints."""
+    for k in chosen:
+        moved = moved_onto_terms(stepper, user.placed(float(control[k, -1])), stepper.pose(control[k, :-1]))
+        if moved is not None:
+            control[k, :-1] = moved.v
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """What a path keeps of the room that its motion keeps.
+
+    Attributes:
+        task: with the wanted room.
+        keyframes: of the motion, their number.
+        lack: what the motion itself lacks of it at most [m].
+    """
+
+    task: SpaceTask
+    keyframes: int
+    lack: float
+
+    @classmethod
+    def of(cls, task: SpaceTask, motion: SpaceMotion) -> "_Room":
+        """That of a motion."""
+        return cls(task, len(motion.unknowns), float(np.max(_lacking(task, motion.configurations))))
+
+    @property
+    def _looks(self) -> FloatArray:
+        """Places of a path at which is looked: a fed arm's has many more spans than its motion has keyframes."""
+        return np.linspace(0.0, 1.0, self.task.settings.smooth_path.looks * self.keyframes + 1)
+
+    def lost_places(self, spline: BSpline) -> FloatArray:
+        """Where a path lacks more, but for a small share of the wanted room."""
+        lacking = _lacking(self.task, np.asarray(spline(self._looks)))
+        return self._looks[lacking > self.lack + self.task.settings.smooth_path.lost_room * self.task.wanted_gap]
+
+    def lacking(self, spline: BSpline) -> float:
+        """What a path lacks of the wanted room at most [m]."""
+        return float(np.max(_lacking(self.task, np.asarray(spline(self._looks)))))
+
+
+def _lacking(task: SpaceTask, q: FloatArray) -> FloatArray:
+    """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+    kept = task.arm.radius + task.clearance + task.wanted_gap
+    return distance_lacking(task.arm, task.tree, joint_positions(task.arm, q), kept)
+
+
+def _samples(spline: BSpline, of_span: int) -> FloatArray:
+    """Even places of a path, some of every span."""
+    knots = spline.t[DEGREE:-DEGREE]
+    share = np.arange(of_span) / of_span
+    return np.append((knots[:-1, None] + share * np.diff(knots)[:, None]).ravel(), 1.0)
+
+
+def _halfway_onto(keyframes: FloatArray) -> FloatArray:
+    """Control points whose spline lies half as far from keyframes, shape (K, p), as it would with these themselves."""
+    control = keyframes.copy()
+    control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
+    return control
+
+
+def _through_curve(task: SpaceTask, curve: CurveMap, control: FloatArray, ends: FloatArray) -> BSpline:
+    """The path along a spline in the unknowns of a curve, shape (m, p), whose spans have given ends.
+
+    Configurations of an arm whose base is fixed are linear in the unknowns. Those of a fed arm are taken at Greville's
+    places of knots so near each other that a joint which bends on one span is outside the guide tube on all that its
+    control points shape. A joint that slides over where the curve bends more than it can, between keyframes that know
+    nothing of it, is bent as far as it can be.
+    """
+    unknowns = clamped_spline(control, ends)
+    limits = (task.arm.lower_limits, task.arm.upper_limits)
+    if not task.arm.base_axes:
+        return BSpline(unknowns.t, np.clip(curve.configurations(np.asarray(control)), *limits), DEGREE)
+    fed = np.asarray(unknowns(ends))[:, curve.feed_column] * curve.scale[curve.feed_column]
+    most = task.settings.smooth_path.feed * task.unit
+    parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
+    inner = np.concatenate([np.linspace(ends[k], ends[k + 1], part + 1)[1:] for k, part in enumerate(parts)])
+    knots = np.concatenate((np.zeros(DEGREE + 1), inner, np.ones(DEGREE)))
+    places = np.mean([knots[1 + k : len(knots) - DEGREE + k] for k in range(DEGREE)], axis=0)
+    return BSpline(knots, np.clip(curve.configurations(np.asarray(unknowns(places))), *limits), DEGREE)
+
+
+def clamped_spline(control: FloatArray, ends: FloatArray) -> BSpline:
+    """The clamped cubic B-spline with given control points, shape (m ≥ 4, c), whose spans have given ends."""
+    return BSpline(np.concatenate((np.zeros(DEGREE), ends, np.ones(DEGREE))), control, DEGREE)
+
+
+def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
+    """Middles of spans on which the path, linear between samples, is not proved safe, or bends a joint that is held."""
+    knots = spline.t[DEGREE:-DEGREE]
+    samples = task.settings.smooth_path.samples
+    q = np.asarray(spline(_samples(spline, samples)))
+    middles = 0.5 * (knots[:-1] + knots[1:])
+    if task.arm.base_axes:
+        # Cheap to see, and asked first.
+        bent = _bent_inside(task.arm, spline, q, samples)
+        if len(bent) > 0:
+            return middles[bent]
+    failing = middles[np.unique(task.certificate.failures(q) // samples)]
+    if task.user is None:
+        return failing
+    user_samples = task.settings.smooth_path.user_samples
+    finer = (knots[:-1, None] + np.arange(user_samples) / user_samples * np.diff(knots)[:, None]).ravel()
+    return np.concatenate((failing, finer[task.user.missed_on_path(np.asarray(spline(finer)), finer)]))
+
+
+def _bent_inside(arm: SpaceArm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:
+    """Spans on which a joint may be bent while the guide tube holds it.
+
+    A joint bends on the whole of a span when one of the span's four control points bends it; the feed is within half of
+    the way between samples of what they have.
+
+    Args:
+        arm: with a feed axis.
+        spline: of configurations.
+        q: at even samples of it, shape (N, c).
+        samples: of a span.
+    """
+    control = np.asarray(spline.c)
+    spans = len(control) - DEGREE
+    links = arm.links
+    bent = np.any(control[:, : 2 * links].reshape(-1, links, 2) != 0.0, axis=2)
+    bent_on_span = np.any([bent[k : k + spans] for k in range(DEGREE + 1)], axis=0)
+    feed = arm.coordinates.advance(q)
+    of_span = np.stack([feed[k : k + samples * spans : samples] for k in range(samples)] + [feed[samples::samples]])
+    way = np.max(np.abs(np.diff(of_span, axis=0)), axis=0)
+    least = np.min(of_span, axis=0) - 0.5 * way
+    outside = least[:, None] + arm.link_length * np.arange(links) - arm.hole
+    return np.flatnonzero(np.any(bent_on_span & (outside < 0.0), axis=1))
+
+
+def _halved(control: FloatArray, legs: IntArray) -> FloatArray:
+    """The control polygon with some of its legs halved."""
+    return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

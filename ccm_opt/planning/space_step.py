@@ -1,0 +1,262 @@
+"""One step of a motion in space: a small convex quadratic program, taken as far as the certificate allows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.small_qp import solve_small_qp
+from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.planning.space_pose import Chains, SpacePose, SpaceTerm
+from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.planning.space_user_limit import SpaceUserLimit
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+
+_FAR = 1e30
+EQUAL = 5
+"""DAQP's number for an equation."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceStepper:
+    """Takes certified steps.
+
+    Attributes:
+        curve: the map from unknowns to configurations.
+        tree: of the surfaces.
+        certificate: of steps.
+        margin: gap that steps keep beyond contact [m].
+        settings: numbers of the search.
+        user: the user's constraints; None where there are none.
+    """
+
+    curve: CurveMap
+    tree: SurfaceTree
+    certificate: SpaceCertificate
+    margin: float
+    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    user: SpaceUserLimit | None = None
+
+    @property
+    def unit(self) -> float:
+        """u, length of a nominal link [m]."""
+        return self.curve.nominal_length
+
+    @cached_property
+    def kept(self) -> float:
+        """Distance from the axes of the links that surfaces have to keep [m]."""
+        return self.curve.arm.radius + self.certificate.gap
+
+    @cached_property
+    def chains(self) -> Chains:
+        """Places and rotations of the links."""
+        return Chains(self.curve.arm)
+
+    @cached_property
+    def _per_link(self) -> float:
+        """Nominal links to a link: weights of sums over links do not depend on how many there are."""
+        return NOMINAL_LINKS / self.curve.arm.links
+
+    def pose(self, v: FloatArray) -> SpacePose:
+        """The pose of unknowns."""
+        return self.poses(v[None])[0]
+
+    def poses(self, unknowns: FloatArray) -> tuple[SpacePose, ...]:
+        """The poses of several unknowns, shape (m, p)."""
+        fixed = self._fixed_slopes
+        if fixed is None:
+            configurations, all_slopes = self.curve.configurations_and_slopes(unknowns)
+        else:
+            configurations = self.curve.configurations(unknowns)
+            all_slopes = np.broadcast_to(fixed, (len(unknowns), *fixed.shape))
+        rows = zip(unknowns, configurations, all_slopes, strict=True)
+        return tuple(SpacePose(v, q, slopes, self.chains.at(q, slopes)) for v, q, slopes in rows)
+
+    @cached_property
+    def _fixed_slopes(self) -> FloatArray | None:
+        """Slopes of an arm whose base is fixed: the same everywhere."""
+        curve = self.curve
+        return None if curve.arm.base_axes else curve.slopes(np.zeros(curve.dimension))
+
+    def step(self, pose: SpacePose, terms: Sequence[SpaceTerm], *, certified: bool = True) -> SpacePose:
+        """The best step for some terms that keeps all limits, as far as it is certified; the same pose if none is.
+
+        Args:
+            pose: where to step from.
+            terms: what draws the arm on.
+            certified: whether the step has to be certified; a pose that is only looked for may pass through walls.
+        """
+        settings = self.settings.step
+        clear, pulls = self._clearance_rows(pose)
+        bends, low, high = self._limit_rows(pose)
+        rows = [clear.rows, bends]
+        lower = np.concatenate((clear.target, low))
+        upper = np.concatenate((np.full(len(clear.target), _FAR), high))
+        if self.user is not None:
+            own = self.user.linearised(pose, settings.turn)
+            rows.append(own.rows)
+            lower = np.append(lower, own.lower)
+            upper = np.append(upper, own.upper)
+            pulls = [*pulls, own.pull]
+        matrix = np.ascontiguousarray(np.vstack(rows))
+        hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], settings.ridge)
+        sense = np.zeros(len(upper), dtype=np.intc)
+        if self.user is not None:
+            sense[len(clear.target) + len(low) :] = EQUAL * (own.lower == own.upper)
+        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense)
+        if delta is None:
+            return pose
+        delta = self._scaled(pose, delta, near_walls=len(clear.target) > 0)
+        return self._taken(pose, delta) if certified else self.pose(pose.v + delta)
+
+    def _scaled(self, pose: SpacePose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
+        """The step no longer than its linearisation is good for."""
+        settings = self.settings.step
+        travel = settings.travel_near_walls if near_walls else settings.travel
+        turns = np.linalg.norm(pose.chain.turning @ delta, axis=1)
+        moves = np.linalg.norm(pose.chain.moving @ delta, axis=1)
+        excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (travel * self.unit))
+        arm = self.curve.arm
+        if arm.base_axes:
+            fed = float(pose.slopes[-1] @ delta)
+            feed = float(pose.q[-1])
+            most = min(feed_to_next_stop(self.curve, feed, forward=fed > 0.0), settings.feed * self.unit)
+            excess = max(excess, abs(fed) / most)
+        return delta / max(excess, 1.0)
+
+    def _taken(self, pose: SpacePose, delta: FloatArray) -> SpacePose:
+        """The pose after as much of a step as is certified."""
+        settings = self.settings
+        for k in range(settings.step.backtracks + 1):
+            trial = self.onto_equations(self.pose(pose.v + delta * 0.5**k))
+            if not self.within_limits(trial.q) or (self.user is not None and not self.user.keeps(pose.q, trial.q)):
+                continue
+            if self.certificate.safe(pose.q, trial.q, settings.certificate.step_depth):
+                return trial
+        return pose
+
+    def onto_equations(self, pose: SpacePose) -> SpacePose:
+        """The pose moved onto the user's equations by Newton's method of least change; as it is where that fails."""
+        user = self.user
+        if user is None or not user.rows.equal.any():
+            return pose
+        start = pose
+        for _ in range(user.settings.newton_steps):
+            now = user.values(pose.q)
+            if float(np.max(np.abs(now.equations), initial=0.0)) <= user.settings.met:
+                return pose
+            rows = now.equation_slopes @ pose.slopes
+            scale = user.turns(now.equation_slopes)
+            pose = self.pose(pose.v + least_change(pose, rows / scale[:, None], -now.equations / scale, self.unit))
+            if not float(np.max(np.abs(pose.q - start.q))) <= user.settings.keyframe_turn:
+                return start
+        return start
+
+    def within_limits(self, q: FloatArray) -> bool:
+        """Whether a configuration keeps the limits of its coordinates."""
+        arm = self.curve.arm
+        slack = 1e-9
+        return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
+
+    # ------------------------------------------------------------ what every step keeps
+    def _clearance_rows(self, pose: SpacePose) -> tuple[SpaceTerm, list[SpaceTerm]]:
+        """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
+        settings = self.settings.step
+        reach = self.kept + self.margin + settings.reach * self.unit
+        mounted, begins = self.curve.arm.mount_end
+        planes = self.tree.planes(pose.segments_beyond((mounted, begins)), reach, settings.planes)
+        moving = pose.chain.moving
+        link = planes.link + mounted
+        share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)[:, None, None]
+        at_plane = (1.0 - share) * moving[link] + share * moving[link + 1]
+        rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
+        gaps = [planes.gap - self.kept]
+        arm = self.curve.arm
+        if arm.self_collision:
+            near = self.certificate.motion.near_pairs(
+                pose.chain.points, 2.0 * arm.radius + self.margin + settings.pair_reach * self.unit
+            )
+            first = near.first_at[:, None, None]
+            second = near.second_at[:, None, None]
+            apart = (1.0 - first) * moving[near.first] + first * moving[near.first + 1]
+            apart = apart - (1.0 - second) * moving[near.second] - second * moving[near.second + 1]
+            rows.append(np.einsum("rd,rdp->rp", near.normal, apart))
+            gaps.append(near.distance - 2.0 * arm.radius)
+        matrix = np.concatenate(rows)
+        spare = np.concatenate(gaps) - self.margin
+        missing = spare < 0.0
+        pull = SpaceTerm(matrix[missing], -spare[missing], settings.pull / self.unit**2)
+        return SpaceTerm(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
+
+    def _limit_rows(self, pose: SpacePose) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rows of the coordinates, and what they may lose and gain."""
+        arm = self.curve.arm
+        # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
+        spare = np.append(np.full(2 * arm.links, self.settings.step.spare_turn), np.zeros(len(arm.base_axes)))
+        low = np.minimum(arm.lower_limits + spare - pose.q, 0.0)
+        high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
+        return pose.slopes, low, high
+
+    def _still_terms(self, pose: SpacePose) -> list[SpaceTerm]:
+        """What keeps the arm still, and its bends small and even, where nothing else asks for more."""
+        settings = self.settings.step
+        p = len(pose.v)
+        turning = pose.chain.turning.reshape(-1, p)
+        moving = pose.chain.moving.reshape(-1, p)
+        curvature = self._curvature_rows
+        across = self._curvature_differences
+        scale = self._per_link
+        return [
+            SpaceTerm(turning, np.zeros(len(turning)), settings.still_turns * scale),
+            SpaceTerm(moving, np.zeros(len(moving)), settings.still_moves * scale / self.unit**2),
+            SpaceTerm(curvature, -curvature @ pose.v, settings.bends),
+            SpaceTerm(across, -across @ pose.v, settings.evenness),
+        ]
+
+    @cached_property
+    def _curvature_rows(self) -> FloatArray:
+        """Bends of a nominal link by the curvature at each knot, shape (2 knots, p)."""
+        return self.unit * self.curve.curvature_rows
+
+    @cached_property
+    def _curvature_differences(self) -> FloatArray:
+        """Their differences from knot to knot, shape (2 knots − 2, p)."""
+        return self.unit * self.curve.curvature_differences
+
+
+def least_change(pose: SpacePose, rows: FloatArray, change: FloatArray, unit: float) -> FloatArray:
+    """The change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
+
+    Args:
+        pose: where it is taken.
+        rows: shape (k, p).
+        change: of them, shape (k,).
+        unit: length of a nominal link [m].
+    """
+    spread = np.linalg.solve(moved_metric(pose, unit), rows.T)
+    # Least squares, because rows may say the same thing twice.
+    return np.asarray(spread @ np.linalg.lstsq(rows @ spread, change, rcond=1e-12)[0])
+
+
+def moved_metric(pose: SpacePose, unit: float) -> FloatArray:
+    """How much the unknowns move and turn the links, squared, shape (p, p)."""
+    p = len(pose.v)
+    turning = pose.chain.turning.reshape(-1, p)
+    moving = pose.chain.moving.reshape(-1, p) / unit
+    metric = turning.T @ turning + 0.01 * moving.T @ moving
+    return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
+
+
+def normal_equations(terms: Sequence[SpaceTerm], ridge: float) -> tuple[FloatArray, FloatArray]:
+    """Hessian and gradient at δ = 0 of ½ Σ weight |rows δ − target|²."""
+    rows = np.vstack([term.rows for term in terms])
+    target = np.concatenate([term.target for term in terms])
+    weight = np.concatenate(
+        [np.broadcast_to(np.asarray(term.weight, dtype=float), term.target.shape) for term in terms]
+    )
+    weighted = rows * weight[:, None]
+    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target

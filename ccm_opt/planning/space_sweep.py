@@ -1,0 +1,130 @@
+"""Poses over a whole motion in space, and its pieces."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.space_pose import SpacePose
+from ccm_opt.planning.space_step import SpaceStepper
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceSweep:
+    """A motion whose unknowns are linear between K + 1 keyframes.
+
+    Attributes:
+        stepper: makes poses, and knows what certifies them.
+        unknowns: at the keyframes, shape (K + 1, p).
+    """
+
+    stepper: SpaceStepper
+    unknowns: FloatArray
+
+    @property
+    def curve(self) -> CurveMap:
+        """The map of the unknowns."""
+        return self.stepper.curve
+
+    @property
+    def intervals(self) -> int:
+        """K."""
+        return len(self.unknowns) - 1
+
+    @cached_property
+    def poses(self) -> tuple[SpacePose, ...]:
+        """At the keyframes."""
+        return self.stepper.poses(self.unknowns)
+
+    @cached_property
+    def configurations(self) -> FloatArray:
+        """At the keyframes, shape (K + 1, c) [rad, m]."""
+        return np.stack([pose.q for pose in self.poses])
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
+        return np.stack([pose.slopes for pose in self.poses])
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Joints and tip at the keyframes, shape (K + 1, links + 1, 3) [m]."""
+        return np.stack([pose.chain.points for pose in self.poses])
+
+    @cached_property
+    def moving(self) -> FloatArray:
+        """Derivatives of the points by the unknowns, shape (K + 1, links + 1, 3, p) [m]."""
+        return np.stack([pose.chain.moving for pose in self.poses])
+
+    @cached_property
+    def turning(self) -> FloatArray:
+        """Angular velocities of the links by the unknowns, shape (K + 1, links, 3, p)."""
+        return np.stack([pose.chain.turning for pose in self.poses])
+
+    @cached_property
+    def halfway_off(self) -> FloatArray:
+        """How far the points are off the mean of the interval's ends halfway, shape (K, links + 1, 3) [m]."""
+        return np.asarray(self.middle_points - 0.5 * (self.points[:-1] + self.points[1:]))
+
+    @cached_property
+    def middle_points(self) -> FloatArray:
+        """Joints and tip halfway through the intervals, shape (K, links + 1, 3) [m]."""
+        return self.points_at(0.5)
+
+    def points_at(self, share: float) -> FloatArray:
+        """Joints and tip when a share of each interval has passed, shape (K, links + 1, 3) [m]."""
+        if share == 1.0:
+            return self.points[1:]
+        between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
+        return np.stack([self.stepper.chains.places(q)[0] for q in self.curve.configurations(between)])
+
+
+def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
+    """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
+    arm = stepper.curve.arm
+    if not arm.base_axes:
+        return [before, after]
+    column = stepper.curve.feed_column
+    scale = float(stepper.curve.scale[column])
+    start = float(before[column]) * scale
+    way = float(after[column]) * scale - start
+    share = 0.0
+    places = [before]
+    while share < 1.0:
+        room = feed_to_next_stop(stepper.curve, start + share * way, forward=way > 0.0)
+        share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
+        places.append(before + share * (after - before))
+    return places
+
+
+def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+    """Whether an edge keeps all limits and is certified."""
+    return len(failing_edges(stepper, np.stack((before, after)), depth)) == 0
+
+
+def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
+    """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
+    edges = [pieces(stepper, before, after) for before, after in pairwise(unknowns)]
+    configurations = stepper.curve.configurations(np.array([v for edge in edges for v in edge]))
+    kept = [stepper.within_limits(q) for q in configurations]
+    failing = []
+    first = 0
+    for k, edge in enumerate(edges):
+        places = range(first, first + len(edge))
+        first += len(edge)
+        if not all(kept[place] for place in places) or not all(
+            stepper.certificate.safe(configurations[place], configurations[place + 1], depth) for place in places[:-1]
+        ):
+            failing.append(k)
+    return np.array(failing, dtype=np.intp)
+
+
+def in_pieces(stepper: SpaceStepper, unknowns: FloatArray) -> FloatArray:
+    """The motion with all its edges in pieces, shape (m, p)."""
+    found = [unknowns[0]]
+    for before, after in pairwise(unknowns):
+        found.extend(pieces(stepper, before, after)[1:])
+    return np.stack(found)

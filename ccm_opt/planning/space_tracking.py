@@ -1,0 +1,229 @@
+"""Motions that follow users' terms of the path parameter.
+
+How fast u grows along a motion is free. Of all ways to let it grow, dynamic time warping (Sakoe and Chiba, 1978) takes
+that which misses the constraints least, and of equal ones that which is nearest to even growth.
+
+The path parameter u advances in small steps. At each the arm is drawn to a reference motion, which knows nothing of
+these constraints, while those at u are rows of every step; u goes on when they are met.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.errors import Diagnosis, MotionNotFound
+from ccm_opt.planning.settings import TrackingSettings
+from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
+from ccm_opt.planning.space_guides import PoseLed
+from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
+from ccm_opt.planning.space_settings import ScheduleSettings
+from ccm_opt.planning.space_step import SpaceStepper, least_change
+from ccm_opt.planning.space_sweep import edge_is_safe, pieces
+from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_user_limit import SpaceUserLimit
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+
+
+def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
+    """How far each configuration of a motion is along it, by the length of the joint path, shape (K,)."""
+    arcs = arc_lengths(motion.configurations * slowness)
+    return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
+
+
+def schedule(motion: SpaceMotion, user: SpaceUserLimit, slowness: FloatArray, settings: ScheduleSettings) -> FloatArray:
+    """Path parameters of the configurations of a motion, increasing from 0 to 1, shape (K,).
+
+    Args:
+        motion: that knows nothing of u.
+        user: the constraints.
+        slowness: how dear a unit of each coordinate is, shape (c,).
+        settings: how finely is looked.
+    """
+    share = shares_of(motion, slowness)
+    s = np.linspace(0.0, 1.0, settings.places)
+    q = np.column_stack([np.interp(s, share, column) for column in motion.configurations.T])
+    u = np.union1d(np.linspace(0.0, 1.0, settings.steps), user.breaks)
+    missed = np.stack([_missed(user, q, float(place)) for place in u], axis=1)
+    price = settings.price * missed + np.abs(s[:, None] - u[None, :])
+    rows, columns = _cheapest(price)
+    # Where u stands still in the plan it grows a little, and so does the motion where that stands still.
+    grown = (1.0 - settings.even) * u[columns] + settings.even * s[rows]
+    moved = (1.0 - settings.even) * s[rows] + settings.even * u[columns]
+    return np.asarray(np.interp(share, moved, grown))
+
+
+def _missed(user: SpaceUserLimit, q: FloatArray, u: float) -> FloatArray:
+    """By how much the worst row is missed at u, as a turn of the whole arm, in each of N configurations, shape (N,)."""
+    rows = user.placed(u).rows
+    table = rows.table(q, u)
+    scale = user.turns(np.asarray(rows.slopes(q[0], u)[1]))
+    miss = np.where(rows.equal, np.abs(table), np.maximum(-table, 0.0)) / scale
+    # The table holds NaN where a row does not apply.
+    return np.asarray(np.max(np.nan_to_num(miss, nan=0.0), axis=1, initial=0.0))
+
+
+def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
+    """Cells of the cheapest way from the first to the last corner of a table; no step leads back."""
+    total = np.full(price.shape, np.inf)
+    total[0, 0] = price[0, 0]
+    for i in range(price.shape[0]):
+        for j in range(price.shape[1]):
+            if i == j == 0:
+                continue
+            before = min(
+                total[i - 1, j] if i else np.inf,
+                total[i, j - 1] if j else np.inf,
+                total[i - 1, j - 1] if i and j else np.inf,
+            )
+            total[i, j] = before + price[i, j]
+    way = [(price.shape[0] - 1, price.shape[1] - 1)]
+    while way[-1] != (0, 0):
+        i, j = way[-1]
+        steps = [(a, b) for a, b in ((i - 1, j - 1), (i - 1, j), (i, j - 1)) if a >= 0 and b >= 0]
+        way.append(min(steps, key=lambda cell: float(total[cell])))
+    way.reverse()
+    return [cell[0] for cell in way], [cell[1] for cell in way]
+
+
+def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
+    """A motion under constraints that depend on u, near one that knows nothing of it.
+
+    Args:
+        task: with the constraints.
+        motion: certified, to the same goal.
+
+    Raises:
+        MotionNotFound: naming the constraint that could not be met, and by how much it was missed.
+    """
+    if task.user is None or not task.user.terms.parametric:
+        return motion
+    u = schedule(motion, task.user, task.slowness, task.settings.schedule)
+    if not task.user.terms.hard:
+        return replace(motion, u=u)
+    return _Tracking(task, task.user, motion, u).run()
+
+
+@dataclass(eq=False)
+class _Tracking:
+    """One motion that is tracked.
+
+    Args:
+        task: with the constraints.
+        user: the constraints.
+        motion: the reference.
+        of_motion: its path parameters, shape (K,).
+    """
+
+    task: SpaceTask
+    user: SpaceUserLimit
+    motion: SpaceMotion
+    of_motion: FloatArray
+    settings: TrackingSettings = field(default_factory=TrackingSettings)
+
+    def run(self) -> SpaceMotion:
+        """The tracked motion."""
+        stepper = self.task.stepper(self.motion.curve)
+        poses = [stepper.pose(self.motion.unknowns[0])]
+        u = [0.0]
+        advance = self.settings.first_advance
+        while u[-1] < self.settings.arrival:
+            to = self._next(u[-1], advance)
+            there = replace(stepper, user=self.user.placed(to))
+            further = self._advanced(there, to, poses[-1])
+            if further is None:
+                # Rows that move a little with u may be met where a large step of u outruns the arm.
+                advance *= 0.5
+                if advance < self.settings.least_advance or self.task.deadline.passed():
+                    raise self._failed(there, poses[-1], to)
+                continue
+            u.extend(np.linspace(u[-1], to, len(further) + 1)[1:].tolist())
+            poses.extend(further)
+            advance = min(self.settings.largest_advance, self.settings.growth * advance)
+        last = self._ended(stepper, poses[-1])
+        u.extend(np.linspace(u[-1], 1.0, len(last) + 1)[1:].tolist())
+        return self._motion([*poses, *last], np.array(u))
+
+    def _next(self, u: float, advance: float) -> float:
+        """The next path parameter: no constraint begins or ends between two of them."""
+        to = min(self.settings.arrival, u + advance)
+        between = [float(at) for at in self.user.breaks if u < at < to]
+        return between[0] if between else to
+
+    def _reference(self, share: float) -> FloatArray:
+        """Unknowns of the reference, shape (p,)."""
+        return np.array([np.interp(share, self.of_motion, column) for column in self.motion.unknowns.T])
+
+    def _advanced(self, stepper: SpaceStepper, u: float, pose: SpacePose) -> list[SpacePose] | None:
+        """Poses towards the reference at u, to one that meets the constraints there; None when there is none."""
+        settings = self.settings
+        target = self._reference(u / settings.arrival)
+        kept = False
+        poses = []
+        weight = settings.pull_weight * NOMINAL_LINKS / self.task.arm.links
+        for _ in range(settings.steps):
+            before = pose
+            missing = target - pose.v
+            turning = pose.chain.turning.reshape(-1, len(missing))
+            turn = turning @ missing
+            turn *= min(1.0, settings.largest_turn / max(float(np.max(np.abs(turn))), 1e-12))
+            near = SpaceTerm(np.eye(len(missing)), missing, 1e-2)
+            pose = stepper.step(pose, [SpaceTerm(turning, turn, weight), near])
+            if pose is not before:
+                poses.append(pose)
+            kept = self.user.placed(u).miss(pose.q) <= 0.0
+            if pose is before or (kept and float(np.max(np.abs(turn))) < settings.largest_turn):
+                break
+        # The arm may stay where it is while u goes on.
+        return (poses or [pose]) if kept else None
+
+    def _ended(self, stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
+        """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
+        at_end = replace(stepper, user=self.user.placed(1.0))
+        task = self.task
+        end = self.motion.unknowns[-1]
+        guide = PoseLed(pose.v, end, task.settings.guide.pose_step, task.settings.guide)
+        try:
+            poses = follow(at_end, guide, pose, task.deadline)
+        except SpaceStalled as stalled:
+            poses = stalled.poses
+        if edge_is_safe(at_end, poses[-1].v, end):
+            return [*poses[1:], *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end)[1:])]
+        try:
+            if task.goal is not None:
+                return [*poses[1:], *settle(at_end, task.goal, poses[-1], task.deadline)[1:]]
+        except SpaceStalled as stalled:
+            raise self._failed(at_end, stalled.poses[-1], 1.0, f": {stalled}") from None
+        raise self._failed(at_end, poses[-1], 1.0)
+
+    def _motion(self, poses: list[SpacePose], u: FloatArray) -> SpaceMotion:
+        motion = SpaceMotion.of(self.motion.curve, poses, self.motion.candidate)
+        return replace(motion, u=u)
+
+    def _failed(self, stepper: SpaceStepper, pose: SpacePose, u: float, why: str = "") -> MotionNotFound:
+        what = "" if stepper.user is None else stepper.user.describe(pose.q)
+        names = " and ".join(f"'{name}'" for name in self.user.names)
+        reason = f"at u = {u:.3f} {what or f'a motion that was found cannot be bent to constraint {names}'}{why}"
+        return MotionNotFound(Diagnosis(reason, "motion", ("relax the constraints, or make them soft",)))
+
+
+def moved_onto_terms(stepper: SpaceStepper, here: SpaceUserLimit, pose: SpacePose) -> SpacePose | None:
+    """A pose that keeps the constraints of a place of the motion, near one that may not; None where that fails.
+
+    Args:
+        stepper: makes poses.
+        here: the constraints there.
+        pose: to begin at.
+    """
+    start = pose
+    for _ in range(here.settings.newton_steps):
+        rows, change = here.missed(pose)
+        if not np.all(np.isfinite(change)):
+            return None
+        if float(np.max(np.abs(change), initial=0.0)) <= here.settings.met:
+            return pose
+        pose = stepper.pose(pose.v + least_change(pose, rows, change, stepper.unit))
+        if float(np.max(np.abs(pose.q - start.q))) > here.settings.keyframe_turn:
+            return None
+    return None

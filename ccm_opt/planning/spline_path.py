@@ -1,0 +1,121 @@
+"""Splines through keyframes, certified."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.settings import SmoothPathSettings
+
+DEGREE = 3
+"""Of the spline: the least with a continuous second derivative."""
+
+
+def clamped_spline(control: FloatArray) -> BSpline:
+    """Clamped uniform cubic B-spline over [0, 1] with given control points, shape (m ≥ 4, links)."""
+    spans = len(control) - DEGREE
+    # End knots of multiplicity four: the curve begins and ends on its first and last control point.
+    knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
+    return BSpline(knots, control, DEGREE)
+
+
+@lru_cache(maxsize=64)
+def smoothing_matrix(keyframes: int) -> FloatArray:
+    """Where the spline is beside each of its control points, as a matrix on them, shape (keyframes, keyframes).
+
+    Row k is the spline's value at the Greville abscissa of control point k, the mean of the three knots inside its
+    support, where the spline is near it (de Boor, *A Practical Guide to Splines*, chapter IX). Fewer than four
+    keyframes make straight legs, which the spline follows.
+    """
+    if keyframes < DEGREE + 1:
+        return np.eye(keyframes)
+    return np.asarray(clamped_spline(np.eye(keyframes))(_beside(keyframes)), dtype=np.float64)
+
+
+def places_along(keyframes: int, samples: int) -> FloatArray:
+    """Parameters of the spline, so many for each leg of its control polygon, shape (samples (keyframes − 1) + 1,).
+
+    Even steps of the parameter would be long ones near the ends, where the legs are followed faster.
+    """
+    legs = keyframes - 1
+    return np.interp(np.arange(samples * legs + 1) / samples, np.arange(keyframes), _beside(keyframes))
+
+
+@lru_cache(maxsize=64)
+def _beside(keyframes: int) -> FloatArray:
+    """The spline's parameter beside each of at least four control points, shape (keyframes,)."""
+    knots = clamped_spline(np.eye(keyframes)).t
+    return np.array([knots[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])
+
+
+SMOOTH_PATH = SmoothPathSettings()
+"""The settings unless others are given."""
+
+
+def certified_spline(
+    keyframes: FloatArray, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH
+) -> BSpline | None:
+    """A spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
+
+    A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of
+    the control polygon where a span fails draws the spline onto the polygon, which is certified.
+
+    Args:
+        keyframes: link headings, shape (K, links) [rad].
+        certificate: of the arm among the walls.
+        settings: samples and refinements.
+    """
+    control = _at_least_four(keyframes)
+    for _ in range(settings.refinements):
+        spline = clamped_spline(control)
+        counts = _samples_a_span(spline, certificate, settings)
+        # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
+        ends = np.concatenate(([0], np.cumsum(counts)))
+        samples = np.interp(np.arange(ends[-1] + 1), ends, np.linspace(0.0, 1.0, len(ends)))
+        failing = np.unique(np.searchsorted(ends, certificate.failures(spline(samples)), side="right") - 1)
+        if len(failing) == 0:
+            return spline
+        # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
+        # differences, by which the curve leaves it, become smaller.
+        control = _halve_legs(control, failing)
+    return None
+
+
+def spare_kept(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH) -> float:
+    """Gap beyond contact that a certified spline keeps: what is spared, less the error of linear interpolation [m]."""
+    errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate, settings) ** 2
+    return max(0.0, certificate.spare - float(np.max(errors)))
+
+
+def _samples_a_span(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings) -> IntArray:
+    """Samples of each span that bring linear interpolation within its share of the gap that the certificate spares."""
+    allowed = max(settings.spare_share * certificate.spare, settings.least_error * certificate.arm.length)
+    # The error falls with the square of the number of samples.
+    wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
+    return np.clip(wanted, settings.least_samples, settings.most_samples).astype(np.intp)
+
+
+def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
+    """How far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
+
+    It errs by ⅛ h² max|φ''| in a heading, so by Σ l of that in a position; φ'' is linear on a span, its control points
+    are its values at the knots.
+    """
+    spans = len(spline.c) - DEGREE
+    # |φ″| summed over links bounds what the tip may be off by; spans are 1 / spans long.
+    turning = np.abs(spline.derivative(2).c).sum(axis=1)[: spans + 1]
+    return np.asarray(certificate.arm.link_length * np.maximum(turning[:-1], turning[1:]) / (8.0 * spans**2))
+
+
+def _at_least_four(control: FloatArray) -> FloatArray:
+    while len(control) < DEGREE + 1:
+        control = _halve_legs(control, np.arange(len(control)))
+    return control
+
+
+def _halve_legs(control: FloatArray, spans: IntArray) -> FloatArray:
+    """Insert the middles of the legs that shape given spans (span k is shaped by control points k to k + 3)."""
+    legs = np.unique(np.clip(np.add.outer(spans, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
+    return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

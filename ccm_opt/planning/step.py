@@ -1,0 +1,301 @@
+"""Steps of an arm under its limits, and steps onto a goal."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.polyline import wrap
+from ccm_opt.core.small_qp import solve_small_qp
+from ccm_opt.planning.limits.limit import Limit, LimitRows
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.pose import Pose, Term, pose_in
+from ccm_opt.planning.settings import GoalSettings, MotionSettings
+from ccm_opt.scene.contact_finder import ContactFinder
+
+_EQUATION = 5
+"""The solver's mark of a row that is an equation."""
+
+
+@dataclass(frozen=True)
+class Stepper:
+    """Solves and accepts single steps: it stacks what the limits contribute, and knows none of them.
+
+    Attributes:
+        space: the link space.
+        finder: of contacts; guides and reports ask it for walls, margins and what is near.
+        limits: all that a step has to keep.
+        settings: numbers of the search; guides and trees find theirs here too.
+    """
+
+    space: LinkSpace
+    finder: ContactFinder
+    limits: tuple[Limit, ...]
+    settings: MotionSettings = field(default_factory=MotionSettings)
+
+    @property
+    def among_many_walls(self) -> bool:
+        """Whether so many walls are near that poses at the goal are dear to find, and folds have no room."""
+        return len(self.finder.walls.names) > self.settings.search.many_walls
+
+    def pose(self, v: FloatArray) -> Pose:
+        """The pose at coordinates."""
+        return pose_in(self.space, v)
+
+    def step(self, pose: Pose, jacobians: FloatArray, terms: Sequence[Term], turn: float | None = None) -> Pose:
+        """Take the best step for some least-squares terms that keeps every limit; the same pose if none does.
+
+        Args:
+            pose: where to step from.
+            jacobians: of the joints at ``pose``, shape (links + 1, 2, p).
+            terms: what to draw the arm towards; at least one must be definite in every direction.
+            turn: largest turn of a link [rad]; that of the settings when None.
+        """
+        settings = self.settings.step
+        turn = settings.largest_turn if turn is None else turn
+        parts = [limit.linearised(self.space, pose, jacobians, turn) for limit in self.limits]
+        pulls = [pull for rows in parts for pull in rows.pulls]
+        # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
+        ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
+        hessian, gradient = normal_equations([*terms, *pulls], ridge)
+
+        matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
+        upper = np.concatenate([rows.upper for rows in parts])
+        lower = np.concatenate([rows.lower for rows in parts])
+
+        # Every limit's equations come first among its own rows.
+        sense = np.zeros(len(upper), dtype=np.intc)
+        first = 0
+        for rows in parts:
+            sense[first : first + rows.equations] = _EQUATION
+            first += len(rows.upper)
+
+        most = settings.iterations_a_row * len(upper)
+        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
+        if delta is None and np.any(lower[sense == 0] > 0.0):
+            # What rows ask to be mended cannot be at once: then it may stay as it is.
+            staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
+            delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
+        # The pose itself as the answer tells the caller that there is no step.
+        return pose if delta is None else self._accept(pose, delta, parts, turn)
+
+    def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
+        """Backtrack until every limit's true check holds; the linearised rows promise that for small steps only."""
+        for k in range(self.settings.step.backtracks):
+            # Halving always ends well in theory, for δ = 0 is feasible; after a few halvings the gain is not worth the
+            # check.
+            v = pose.v + delta * 0.5**k
+            for limit in self.limits:
+                v = limit.restored(self.space, v, turn)
+            trial = self.pose(v)
+            # The limits stand in the order of their rows; backwards the costly check of contact comes last.
+            if all(rows.keeps(trial) for rows in reversed(parts)):
+                return trial
+        return pose
+
+    def at(self, u: float) -> "Stepper":
+        """The stepper at a path parameter of the motion."""
+        return Stepper(self.space, self.finder, tuple(limit.placed(u) for limit in self.limits), self.settings)
+
+    def miss(self, headings: FloatArray) -> float:
+        """By how much the worst limit is missed that has to be met exactly; 0 when all are met."""
+        return max(limit.miss(headings) for limit in self.limits)
+
+
+def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """Hessian and gradient of a sum of least-squares terms.
+
+    Args:
+        terms: at least one, each with rows of shape (k, p).
+        ridge: added to the diagonal, so that the Hessian is definite where no term reaches, shape (p,) or scalar.
+    """
+    rows = np.vstack([t.rows for t in terms])
+    target = np.concatenate([t.target for t in terms])
+    weight = np.concatenate([np.broadcast_to(np.asarray(t.weight, dtype=np.float64), (len(t.target),)) for t in terms])
+
+    # ½ Σ w |R δ − t|² has the Hessian Rᵀ W R and at δ = 0 the gradient −Rᵀ W t.
+    weighted = rows * weight[:, None]
+    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target
+
+
+def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: float) -> list[Term]:
+    """Pull curvature towards zero and towards evenness, over the space's unit of length.
+
+    Args:
+        space: the link space.
+        v: coordinates, shape (p,).
+        bending: weight on the curvature.
+        jerk: weight on its differences from knot to knot.
+    """
+    # Curvature times a nominal length is a bend in radians: the weights then suit arms of any size.
+    curvature = space.nominal_length * space.curvature_rows
+    difference = np.diff(curvature, axis=0)
+    # The target is minus the present value: the pull is on the curvature after the step, not on its change.
+    return [Term(curvature, -curvature @ v, bending), Term(difference, -difference @ v, jerk)]
+
+
+@dataclass(frozen=True)
+class GoalPose:
+    """Where the tip, or the whole arm, has to be.
+
+    Attributes:
+        position: of the tip, shape (2,) [m].
+        heading: of the tip [rad], or None.
+        coordinates: of a whole-arm goal in the link space, or None.
+        room: distance [m] and turn [rad] by which every pose may miss the position and the heading: then the goal is
+            a set, and any member of it will do. Nothing for a goal that is to be met exactly.
+        near_enough: distance [m] and turn [rad] that still count where no pose meets the goal exactly.
+        limits: what else has to be met at the goal; usually nothing.
+        settings: numbers.
+    """
+
+    position: FloatArray
+    heading: float | None
+    coordinates: FloatArray | None = None
+    room: tuple[float, float] = (0.0, 0.0)
+    near_enough: tuple[float, float] = (0.0, 0.0)
+    limits: tuple[Limit, ...] = ()
+    settings: GoalSettings = field(default_factory=GoalSettings)
+
+    @property
+    def is_set(self) -> bool:
+        """Whether there is more than one place or heading that will do."""
+        return self.room[0] > 0.0 or (self.heading is not None and self.room[1] > 0.0)
+
+    def nearest_member(self, tip: FloatArray, heading: float) -> "GoalPose":
+        """The goal less its room: of a set the member nearest to a tip, shape (2,) [m], and its heading [rad]."""
+        if not self.is_set:
+            return self
+        turned = None if self.heading is None else heading + self._turn_from(heading)
+        return replace(self, position=tip + self._offset_from(tip), heading=turned, room=(0.0, 0.0))
+
+    def offset(self, pose: Pose) -> FloatArray:
+        """From the tip to the nearest place that will do, shape (2,) [m]; zero within the room about the position."""
+        return self._offset_from(pose.points[-1])
+
+    def _offset_from(self, tip: FloatArray) -> FloatArray:
+        towards = self.position - tip
+        distance = float(np.hypot(*towards))
+        if distance <= self.room[0]:
+            return np.zeros(2)
+        return np.asarray(towards * (1.0 - self.room[0] / distance))
+
+    def errors(self, pose: Pose) -> tuple[float, float]:
+        """Distance [m] and turn [rad] still to go; for a whole-arm goal the largest turn of any link."""
+        return float(np.hypot(*self.offset(pose))), abs(self.turn(pose))
+
+    def met(self, pose: Pose) -> bool:
+        """Whether a pose is near enough."""
+        distance, turn = self.errors(pose)
+        return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
+
+    def on_goal(self, pose: Pose) -> bool:
+        """Whether a pose is on the goal but for rounding."""
+        return max(self.errors(pose)) <= self.settings.on_goal
+
+    def limits_met(self, pose: Pose) -> bool:
+        """Whether a pose meets all that has to be met at the goal beside the tip."""
+        return all(limit.miss(pose.headings) <= 0.0 for limit in self.limits)
+
+    def describe_limits(self, pose: Pose) -> str:
+        """What of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
+        return "; ".join(words for limit in self.limits if (words := limit.describe(pose.headings)))
+
+    def turn(self, pose: Pose) -> float:
+        """Signed turn of the tip to the nearest heading that will do, the short way [rad]; 0 where any will."""
+        return self._turn_from(pose.tip_heading)
+
+    def _turn_from(self, heading: float) -> float:
+        if self.heading is None:
+            return 0.0
+        turn = float(wrap(self.heading - heading))
+        return float(np.copysign(max(abs(turn) - self.room[1], 0.0), turn))
+
+    def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
+        """What draws the tip onto the goal."""
+        settings = self.settings
+        unit = space.nominal_length
+        error = self._inwards(pose)
+        # A far goal is asked for a stretch at a time: beyond that the linearised tip says nothing of use.
+        error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), TINY))
+        terms = []
+        if self.room[0] == 0.0 or np.any(error):
+            terms.append(Term(jacobians[-1] / unit, error / unit, weight))
+        turn = self.turn(pose)
+        if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
+            # Some way into the range, or the tip would only creep up to its edge.
+            turn += np.copysign(settings.inwards * self.room[1], turn)
+            step = np.clip(turn, -settings.heading_step, settings.heading_step)
+            terms.append(Term(space.tip_heading_row, np.array([step]), settings.heading_weight * weight))
+        for limit in self.limits:
+            rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
+            terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
+        return terms
+
+    def _inwards(self, pose: Pose) -> FloatArray:
+        """From a tip outside the room about the position to a place some way inside it, shape (2,) [m]."""
+        offset = self.offset(pose)
+        distance = float(np.hypot(*offset))
+        return offset if distance == 0.0 else offset * (1.0 + self.settings.inwards * self.room[0] / distance)
+
+    def tip_equations(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
+        """Rows of the tip that the polish solves, shape (k, p), and by how much they have to change, shape (k,).
+
+        A place and a heading within the room ask for nothing: they have no rows.
+        """
+        rows = [np.zeros((0, space.matrix.shape[1]))]
+        errors = [np.zeros(0)]
+        offset = self.offset(pose)
+        if self.room[0] == 0.0 or np.any(offset):
+            rows.append(space.jacobians(pose.headings)[-1])
+            errors.append(offset)
+        turn = self.turn(pose)
+        if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
+            rows.append(space.tip_heading_row)
+            errors.append(np.array([turn]))
+        return np.vstack(rows), np.concatenate(errors)
+
+
+def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
+    """Newton's method of least change of the links onto the goal, shape (p,).
+
+    Solves min ½ δᵀ(AᵀA + ε)δ subject to J δ = e until the error is below the tolerance; returns the last iterate,
+    whose error the caller checks.
+    """
+    for _ in range(goal.settings.polish_steps):
+        pose = pose_in(space, v)
+        rows, error = goal.tip_equations(space, pose)
+        of_tip = len(error)
+        for limit in goal.limits:
+            missed, change = limit.missed(space, pose.headings)
+            rows = np.vstack((rows, missed))
+            error = np.append(error, change)
+        if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:
+            break
+        # min ½ δᵀ M δ subject to J δ = e: δ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ e.
+        spread = space.spread(v, rows)
+        independent = len(error) == of_tip  # what limits add may follow from the tip's equations
+        v = v + spread @ _solved(rows @ spread, error, goal.settings.least_share, independent=independent)
+    return v
+
+
+def _solved(matrix: FloatArray, error: FloatArray, least_share: float, *, independent: bool) -> FloatArray:
+    """The solution of the polish's equations, of least squares where they may depend on each other.
+
+    At full stretch the tip cannot move along the arm: then, too, it is the solution of least squares.
+    """
+    if not independent:
+        return _least_squares(matrix, error, least_share)
+    try:
+        return np.asarray(np.linalg.solve(matrix, error), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return _least_squares(matrix, error, least_share)
+
+
+def _least_squares(matrix: FloatArray, error: FloatArray, least_share: float) -> FloatArray:
+    """The solution of least squares of scaled equations, whose units differ."""
+    # Metres, radians and units of the user stand side by side: a unit diagonal lets one threshold decide the rank.
+    scale = np.sqrt(np.maximum(np.diag(matrix), TINY**2))
+    scaled: FloatArray = np.linalg.lstsq(matrix / np.outer(scale, scale), error / scale, rcond=least_share)[0]
+    return scaled / scale

@@ -1,0 +1,332 @@
+"""The strategies of the search in one list, each with the tasks that it applies to."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.arcs_at_limits import ArcsAtLimits
+from ccm_opt.planning.backward import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
+from ccm_opt.planning.continuation import Stalled
+from ccm_opt.planning.failures import Failure
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.passage_widths import fitting_margins
+from ccm_opt.planning.rrt_connect import CONNECT, Connecting
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
+from ccm_opt.planning.tree_search import TREES, search_by_trees
+
+
+class Turn(IntEnum):
+    """When RRT-Connect has its turn: before the candidates, among them, after them, or after the trees."""
+
+    EARLY = 0
+    LATE = 1
+    MIDDLE = 2
+    LAST = 3
+
+
+class SearchStrategy(Protocol):
+    """One way to look for a motion."""
+
+    @property
+    def name(self) -> str:
+        """For the record of a search in vain."""
+        ...
+
+    @property
+    def costly(self) -> bool:
+        """Whether it may take so long that a proof that there is no motion is worth some tenths of a second first."""
+        ...
+
+    @property
+    def leads_others(self) -> bool:
+        """Whether later strategies begin with what it tries, so that few links in vain are enough of it."""
+        ...
+
+    def applies(self, task: MotionTask) -> bool:
+        """Whether the strategy can find motions for a task."""
+        ...
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """A certified motion, or None and what was tried added to the failures.
+
+        Args:
+            task: arm, room, ends and limits.
+            failures: is added to.
+            nominal_links: nominal links to the arm's length.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class DirectStrategy:
+    """Straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
+
+    name: str = "interpolation"
+    costly: bool = False
+    leads_others: bool = True
+
+    def applies(self, task: MotionTask) -> bool:
+        """Poses of the whole arm alone say where straight is."""
+        return task.goal_headings is not None and not task.parametric
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The motion of the direction that arrives."""
+        margins = fitting_margins(task, task.settings.search.margins, nominal_links)
+        forward = SearchRun.from_task(task, margins[0], nominal_links)
+        motion = forward.run(forward.direct(), failures)
+        if motion is not None:
+            return motion
+        for turned in backward_tasks(task, forward.stepper):
+            if turned is not None and not task.deadline.passed():
+                backward = SearchRun.from_task(turned, margins[0], nominal_links)
+                motion = backward.run(backward.direct(), failures)
+                return reversed_motion(motion) if motion is not None else None
+        return None
+
+
+@dataclass(frozen=True)
+class ConnectStrategy:
+    """RRT-Connect in the coordinates of the curve, with so many extensions that it costs little.
+
+    Attributes:
+        turn: which of its turns this is; the last is for goals of every kind.
+        name: for the record of a search in vain.
+        costly: later turns follow strategies that are.
+    """
+
+    turn: Turn
+    name: str = CONNECT
+    costly: bool = False
+    leads_others: bool = False
+
+    def applies(self, task: MotionTask) -> bool:
+        """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
+        refused = task.parametric or any(limit.moves_keyframes for limit in task.user_limits)
+        return not refused and len(self._budgets(task)) > 0
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The motion that joins the trees."""
+        budgets = self._budgets(task)
+        if task.arm.links > task.settings.connect.most_links or task.deadline.passed():
+            return None
+        run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1], nominal_links)
+        search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
+        motion = search.find(budgets, (task.seed, self.turn))
+        if motion is None:
+            ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
+            failures.append(run.failure(CONNECT, ended))
+        return motion
+
+    def _budgets(self, task: MotionTask) -> tuple[int, ...]:
+        settings = task.settings.connect
+        links = task.arm.links
+        few = links <= settings.few_links
+        # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
+        if not task.tip_paths and not few:
+            return ()
+        # Thin arms of many links have their late turn after the trees, for to look at them takes long.
+        slow = not few and looked_at_slowly(task)
+        if self.turn in {Turn.LATE, Turn.LAST}:
+            return settings.late_budgets if slow == (self.turn is Turn.LAST) else ()
+        if few:
+            return settings.few_budgets if self.turn is Turn.EARLY else ()
+        if task.goal_headings is None or slow:
+            return ()
+        return settings.whole_arm_budgets if self.turn is Turn.EARLY else settings.middle_budgets
+
+
+@dataclass(frozen=True)
+class LimitArcStrategy:
+    """Straight to poses with the joints bent all they may be, where a goal for the tip asks for that; then RRT-Connect.
+
+    Guides that draw the tip to such a goal end near it with some joint at its limit and others short of theirs.
+    """
+
+    name: str = "arcs at the limits"
+    costly: bool = False
+    leads_others: bool = False
+
+    def applies(self, task: MotionTask) -> bool:
+        """Arcs know of no base that is carried or held, and of nothing else that holds at the goal."""
+        free = not task.clamped and not task.arm.base_axes and not task.user_limits
+        return free and task.goal_headings is None and len(task.tip_paths) > 0
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The first motion to one of the poses that touch nothing."""
+        arcs = ArcsAtLimits(task.arm, task.goal, task.settings.limit_arcs)
+        poses = arcs.where_needed(task.settings.step.full_limit_share)
+        ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
+        for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
+            for whole_arm in filter(strategy.applies, ending):
+                motion = strategy.find(whole_arm, failures, nominal_links)
+                if motion is not None or task.deadline.passed():
+                    return motion
+        return None
+
+
+@dataclass(frozen=True)
+class PortfolioStrategy:
+    """The candidates of the portfolio with one planning margin after another.
+
+    Attributes:
+        narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
+        name: for the record of a search in vain.
+        costly: they take seconds.
+    """
+
+    narrow: bool
+    name: str = "candidates"
+    costly: bool = True
+    leads_others: bool = False
+
+    def applies(self, task: MotionTask) -> bool:
+        """Candidates do not know how far along the motion they are."""
+        return not task.parametric and (not self.narrow or self._divided(task))
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The first candidate's motion that arrives and is certified."""
+        margins = fitting_margins(task, task.settings.search.margins, nominal_links)
+        if self._divided(task):
+            margins = margins[1:] if self.narrow else margins[:1]
+        for margin in margins:
+            for motion in candidate_motions(task, margin, nominal_links, failures):
+                if motion is not None:
+                    return motion
+                if task.deadline.passed():
+                    return None
+        return None
+
+    def _divided(self, task: MotionTask) -> bool:
+        return task.arm.links <= task.settings.connect.most_links and ConnectStrategy(Turn.MIDDLE).applies(task)
+
+
+@dataclass(frozen=True)
+class TrackingStrategy:
+    """A motion that is found without the user's limits, then tracked under them; for limits over the path parameter.
+
+    Where candidates fail under limits that do not depend on it, tracking is another way to keep them.
+    """
+
+    name: str = "tracking"
+    costly: bool = True
+    leads_others: bool = False
+
+    def applies(self, task: MotionTask) -> bool:
+        """There must be something to track under."""
+        return bool(task.user_limits)
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The first motion without the limits that can be bent to them; one for each planning margin is tried."""
+        if task.deadline.passed():
+            return None
+        free = replace(task, user_limits=())
+        for margin in fitting_margins(task, task.settings.search.margins, nominal_links):
+            found = next(
+                (each for each in candidate_motions(free, margin, nominal_links, []) if each is not None), None
+            )
+            if found is None:
+                continue
+            motion = SearchRun.from_task(task, margin, nominal_links).tracked(found, failures)
+            if motion is not None or task.deadline.passed():
+                return motion
+        return None
+
+
+@dataclass(frozen=True)
+class TreeStrategy:
+    """Trees of poses from both ends, until the deadline or until they reach nothing new."""
+
+    name: str = TREES
+    costly: bool = True
+    leads_others: bool = False
+
+    def applies(self, task: MotionTask) -> bool:
+        """Poses of a tree do not know how far along the motion they are."""
+        return not task.parametric
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The motion that joins the trees."""
+        if not task.tip_paths or task.deadline.passed():
+            return None
+        full = task.at_full_limits()
+        runs = [SearchRun.from_task(full, margin, nominal_links) for margin in task.settings.search.tree_margins]
+        narrowest = runs[-1]
+        steppers = tuple(run.stepper for run in runs)
+        try:
+            poses = search_by_trees(narrowest.tree_task(steppers))
+            return narrowest.motion(TREES, narrowest.certified_without_pauses(poses))
+        except Stalled as stalled:
+            failures.append(narrowest.failure(TREES, stalled))
+        return None
+
+
+def looked_at_slowly(task: MotionTask) -> bool:
+    """Whether poses have to be looked at nearer to each other than the arm is wide, which takes RRT-Connect long."""
+    gap = task.arm.radius + task.workspace.clearance
+    sampling = task.settings.connect.sampling
+    return sampling.pose_spacing * gap < sampling.least_spacing * task.arm.length
+
+
+def candidate_motions(
+    task: MotionTask, margin: float, nominal_links: float, failures: list[Failure]
+) -> Iterator[Motion | None]:
+    """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures.
+
+    Backwards first where the way leads into narrow gates: an arm can be slid out of them.
+    """
+    forward = SearchRun.from_task(task, margin, nominal_links)
+    into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
+    if not into_gates:
+        before = len(failures)
+        yield forward.run(forward.first(), failures)
+        if any(_kept_off_by_limits(task, failure) for failure in failures[before:]):
+            task = task.at_full_limits()
+            forward = SearchRun.from_task(task, margin, nominal_links)
+            yield forward.run(forward.first(), failures)
+    for turned in backward_tasks(task, forward.stepper):
+        if turned is not None:
+            backward = SearchRun.from_task(turned, margin, nominal_links)
+            motion = backward.run(backward.first(), failures)
+            yield reversed_motion(motion) if motion is not None else None
+    if into_gates:
+        yield forward.run(forward.first(), failures)
+        for turned in laid_backward_tasks(task, forward.stepper):
+            backward = SearchRun.from_task(turned, margin, nominal_links)
+            motion = backward.run(backward.first(), failures)
+            yield reversed_motion(motion) if motion is not None else None
+    yield forward.run(forward.further(), failures)
+
+
+def _touches_nothing(task: MotionTask, headings: FloatArray) -> bool:
+    """Whether a pose, link headings (links,) [rad], keeps off walls and off itself."""
+    points = task.arm.joint_positions(headings)
+    finder = task.finder(0.0, task.arm.link_length)
+    return not finder.crosses(points) and bool(finder.find(points).gap.min(initial=np.inf) > 0.0)
+
+
+def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
+    """Whether a candidate ended near its goal with a joint bent as far as planning does."""
+    return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.headings)
+
+
+STRATEGIES: tuple[SearchStrategy, ...] = (
+    DirectStrategy(),
+    LimitArcStrategy(),
+    TipWalkStrategy(),
+    ConnectStrategy(Turn.EARLY),
+    PortfolioStrategy(narrow=False),
+    ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),
+    PortfolioStrategy(narrow=True, name="candidates nearer to walls"),
+    TrackingStrategy(),
+    ConnectStrategy(Turn.LATE, name=f"{CONNECT} again"),
+    TipWalkStrategy(late=True, name=f"{WALKS} again"),
+    TreeStrategy(),
+    ConnectStrategy(Turn.LAST, name=f"{CONNECT} again"),
+)
+"""What is tried in turn."""

@@ -1,0 +1,231 @@
+"""Paths of the tip: back along the arm, round the base on one side, and out along a route, drawn taut.
+
+The arm cannot be crossed and its base cannot be moved, so what matters of a path is its class among the obstacles
+*and the base*: the base is a puncture of free space, passed on the left or on the right.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
+from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polyline import (
+    heading_of,
+    leg_headings,
+    path_length,
+    sweep_on_side,
+    unit_vector,
+    without_repeats,
+    wrap,
+)
+from ccm_opt.errors import UnreachableGoal
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
+from ccm_opt.scene.narrow_gates import gate_rails
+from ccm_opt.scene.workspace import Obstacle
+
+
+@dataclass(frozen=True)
+class TipPath:
+    """One class of motions of the tip.
+
+    Attributes:
+        side: +1 when the tip comes back along the left of the arm and passes the base on that side, else -1.
+        route: from the base to the goal, shape (k, 2) [m].
+        taut: from the tip to the goal, shape (m, 2) [m].
+        turn: by which the first link turns on the way, from its heading at the start to the route's first [rad].
+        free_space: punctured at the base, in which the class is meant.
+        shrink: distance kept from corners where there is room [m].
+    """
+
+    side: int
+    route: FloatArray
+    taut: FloatArray
+    turn: float
+    free_space: FreeSpace
+    shrink: float
+
+    @property
+    def length(self) -> float:
+        """Length of the taut path [m]."""
+        return path_length(self.taut)
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return f"{'left' if self.side > 0 else 'right'} of the arm, path of {long_length(self.length)}"
+
+    @cached_property
+    def gate_places(self) -> FloatArray:
+        """Places in the middle of the narrow gates that the taut path leads through, shape (m, 2) [m]."""
+        room = self.free_space
+        if room.gate_runs is None:
+            return np.zeros((0, 2))
+        # Places evenly along the path may all miss a gate: every edge that it crosses in free space is looked at.
+        return room.gate_runs.places(room.triangulation.portals(room.sleeve_of(self.taut)))
+
+    @cached_property
+    def rails(self) -> tuple[FloatArray, ...]:
+        """Middle lines of the narrow gates on the taut path, with straight runs, each of shape (k, 2) [m]."""
+        room = self.free_space
+        if room.gate_runs is None:
+            return ()
+        portals = room.triangulation.portals(room.sleeve_of(self.taut))
+        return gate_rails(self.taut, portals, room.gate_runs, room.contains)
+
+    def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
+        """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""
+        return taut_round_base(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
+
+
+def find_tip_paths(
+    room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
+) -> tuple[TipPath, ...]:
+    """Both sides of every route, shortest tip path first.
+
+    Args:
+        room: free space, without the puncture at the base.
+        points: joints and tip at the start, shape (links + 1, 2) [m].
+        routes: from the base to the goal, each of shape (k, 2) [m].
+        shrink: distance kept from corners where there is room [m].
+    """
+    puncture = Obstacle("base", shapely.Point(points[0]))
+    punctured = replace(room.workspace, obstacles=(*room.workspace.obstacles, puncture))
+    return tip_paths_in(replace(room, workspace=punctured), points, routes, shrink)
+
+
+def tip_paths_in(
+    free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
+) -> tuple[TipPath, ...]:
+    """Both sides of every route in a free space that is punctured at the base, shortest tip path first."""
+    arm, curl = without_curl(free_space, points, shrink)
+    first_link = heading_of(arm[1] - arm[0])
+    paths = []
+    for lying in routes:
+        # The shape of a goal for the whole arm may be curled too.
+        route, last_curl = without_curl(free_space, lying, shrink)
+        first_leg = heading_of(route[1] - route[0])
+        for side in (1, -1):
+            taut = taut_round_base(free_space, arm, route, side, shrink)
+            turn = curl + sweep_on_side(first_leg - first_link, side) - last_curl
+            paths.append(TipPath(side, route, taut, turn, free_space, shrink))
+    return tuple(sorted(paths, key=lambda path: path.length))
+
+
+def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
+    """The arm as the tip's paths have to follow it, and by how much its first link turns to come to lie so.
+
+    An arm with length to spare may curl round its own base; drawn taut, its base turns and the curl is gone. Paths back
+    along the curl would lead the tip round the base for nothing, and wind the arm the wrong way.
+
+    Args:
+        free_space: punctured at the base.
+        points: joints from the base outwards, shape (m ≥ 2, 2) [m].
+        shrink: distance kept from corners where there is room [m].
+
+    Returns:
+        Points from the base outwards, shape (k, 2) [m], and the turn [rad], 0 where the arm is taken as it lies.
+    """
+    try:
+        taut = _taut_route(free_space, points, shrink)
+    except UnreachableGoal:
+        return points, 0.0
+    lying = leg_headings(points)
+    drawn = leg_headings(without_repeats(taut, ROUNDING))
+    # Both end at the tip: wound alike there, their first headings differ by what the base has to turn.
+    curl = (drawn[0] - drawn[-1]) - (lying[0] - lying[-1]) + wrap(float(drawn[-1] - lying[-1]))
+    if abs(curl) < free_space.settings.least_curl:
+        return points, 0.0
+    return taut, float(curl)
+
+
+def turning_by(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
+    """The paths along which the base turns by a given angle; all when there is none.
+
+    By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
+    is only met along paths that agree with its first bend; other angles differ by whole turns.
+
+    Args:
+        paths: of the tip.
+        turn: from the first link at the start to the first link of the goal [rad].
+    """
+    agreeing = tuple(path for path in paths if abs(path.turn - turn) < np.pi)
+    return agreeing or paths
+
+
+def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tuple[TipPath, ...]:
+    """The paths, those last on which the first link would have to turn beyond its limit.
+
+    Args:
+        paths: of the tip.
+        first: bend of the first joint at the start [rad].
+        limit: largest bend of the first joint [rad].
+    """
+    # An arm on a route may leave the base up to a right angle off the route's first leg.
+    return tuple(sorted(paths, key=lambda path: abs(first + path.turn) > limit + 0.5 * np.pi))
+
+
+def taut_round_base(
+    free_space: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float
+) -> FloatArray:
+    """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
+    if len(points) < 2:
+        return _taut_route(free_space, route, shrink)
+    return free_space.taut_path(round_base(points, route, side, free_space.settings), shrink=shrink)
+
+
+def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
+    """The taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
+    span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route strays
+    outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
+    inside = route[: len(route) - len(outside) + 1]
+    path = np.vstack((inside, free_space.taut_path(outside, shrink=shrink)))
+    # Corners that lie on the line between their neighbours, but for rounding, are left out.
+    return shapely.get_coordinates(shapely.LineString(path).simplify(SHORTEST))
+
+
+def round_base(
+    points: FloatArray, route: FloatArray, side: int, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> FloatArray:
+    """Back along the arm, round its base on one side, out along a route.
+
+    Args:
+        points: joints from the base outwards, shape (m ≥ 2, 2) [m].
+        route: from the base outwards, shape (k, 2) [m].
+        side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
+        settings: how finely and how near to the base the arc is drawn.
+
+    Returns:
+        Shape (·, 2) [m].
+    """
+    base = points[0]
+    strays = [np.linalg.norm(path - base, axis=1).max() for path in (points, route)]
+    radius = settings.arc_radius * min(strays)
+    inwards = _beyond(points, radius)[::-1]
+    outwards = _beyond(route, radius)
+
+    first = heading_of(inwards[-1] - base)
+    last = heading_of(outwards[0] - base)
+    sweep = sweep_on_side(last - first, side)
+    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / settings.arc_step) + 2))
+    arc = base + radius * unit_vector(angles)
+    return np.vstack((inwards, arc[1:-1], outwards))
+
+
+def _beyond(path: FloatArray, radius: float) -> FloatArray:
+    """What is left of a path once it last leaves a disc about its first point, from the edge on; at least its end."""
+    distance = np.linalg.norm(path - path[0], axis=1)
+    inside = int(np.nonzero(distance <= radius)[0][-1])
+    if inside == len(path) - 1:
+        return path[-1:]
+    # On the leg a + t b, the larger root of |a + t b|² = r².
+    a = path[inside] - path[0]
+    b = path[inside + 1] - path[inside]
+    ab = a @ b
+    bb = b @ b
+    discriminant = max(ab * ab - bb * (a @ a - radius**2), 0.0)
+    t = (-ab + np.sqrt(discriminant)) / bb
+    return np.vstack((path[inside] + t * b, path[inside + 1 :]))

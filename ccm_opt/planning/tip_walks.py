@@ -1,0 +1,263 @@
+"""Random ways of the tip among many walls.
+
+Routes from the base, shortest first, seldom lead along the arm as it lies, for among many walls there are hundreds
+that are hardly longer than the shortest. But the arm keeps to the class that it lies in, and what its tip draws back
+bows out between the walls.
+
+To lead a tip costs a twentieth of a second, and which margin and which side of which wall lets the arm through nobody
+can tell beforehand. So it is tried often: first along the arm as it lies and along the shortest path, then by way of
+places drawn at random, from the start and from where other walks have stalled.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from ccm_opt.core.arrays import SHORTEST, FloatArray
+from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polyline import path_length, unit_vector
+from ccm_opt.errors import UnreachableGoal
+from ccm_opt.planning.continuation import GuideCandidate, GuideIntoSet, Stalled, follow, settle
+from ccm_opt.planning.failures import Failure
+from ccm_opt.planning.hairpin import led_along, pulled_over
+from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.pose_tree import PoseTree
+from ccm_opt.planning.search_run import SearchRun, pose_headings
+from ccm_opt.planning.settings import TipWalkSettings
+from ccm_opt.planning.step import GoalPose
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.free_space import FreeSpace
+
+
+@dataclass(frozen=True)
+class TipWays:
+    """Draws taut paths of the tip; every one ends with a straight run onto the goal along its heading.
+
+    Attributes:
+        arm: the arm.
+        free_space: of the tip, punctured at the base.
+        goal: where the tip has to be.
+        shrink: distance kept from corners where there is room [m].
+        settings: numbers.
+    """
+
+    arm: Arm
+    free_space: FreeSpace
+    goal: GoalPose
+    shrink: float
+    settings: TipWalkSettings
+
+    def straight_on(self, pose: Pose) -> FloatArray | None:
+        """Back along the arm to the joint nearest to the goal, and over to it, shape (k, 2) [m]; None where closed."""
+        entry, place = self._run_in(pose)
+        nearest = int(np.argmin(np.linalg.norm(pose.points - entry, axis=1)))
+        back = pose.points[max(nearest, 1) :][::-1]
+        return self._led_onto(np.vstack((back, entry)), place, self.shrink)
+
+    def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
+        """A path drawn at random, shape (k, 2) [m], None where it is closed; and whether it leads onto the goal."""
+        settings = self.settings
+        entry, place = self._run_in(pose)
+        tip = pose.points[-1:]
+        shrink = self.shrink * float(rng.choice(settings.rounding))
+        onto_goal = bool(rng.random() < settings.onto_goal)
+        if onto_goal and rng.random() >= settings.by_place:
+            return self._led_onto(np.vstack((tip, entry)), place, shrink), True
+        middle = place if rng.random() < settings.about_goal else tip[0]
+        via = self._free_place(middle, rng)
+        if not onto_goal:
+            return self._led_onto(np.vstack((tip, via)), via, shrink), False
+        return self._led_onto(np.vstack((tip, via, entry)), place, shrink), True
+
+    def _led_onto(self, polyline: FloatArray, place: FloatArray, shrink: float) -> FloatArray | None:
+        """The taut path in the class of a polyline (m, 2), led straight on to a place (2,), shape (k, 2) [m]."""
+        try:
+            taut = self.free_space.taut_path(polyline, shrink)
+        except UnreachableGoal:
+            return None
+        return taut if np.array_equal(taut[-1], place) else np.vstack((taut, place))
+
+    def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
+        """Where the run onto the goal begins and ends, each of shape (2,) [m]; onto the member nearest to a pose."""
+        member = self.goal.nearest_member(pose.points[-1], float(pose.headings[-1]))
+        place = member.position
+        if member.heading is None:
+            return place, place
+        for links in self.settings.run_in:
+            entry = place - links * self.arm.length / NOMINAL_LINKS * unit_vector(member.heading)
+            if self.free_space.contains(np.linspace(entry, place, self.settings.run_in_samples)).all():
+                return entry, place
+        return place, place
+
+    def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """A place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
+        settings = self.settings
+        angles = rng.uniform(-np.pi, np.pi, settings.places_drawn)
+        distances = self.arm.length * rng.uniform(settings.nearest, settings.farthest, settings.places_drawn)
+        places = middle + distances[:, None] * unit_vector(angles)
+        reached = np.linalg.norm(places - self.arm.base, axis=1) < self.arm.length
+        free = np.flatnonzero(self.free_space.contains(places) & reached)
+        return np.asarray(places[free[0] if len(free) else 0])
+
+
+WALKS = "walks of the tip"
+"""Name of what is found, among the names of candidates."""
+
+
+@dataclass(frozen=True)
+class TipWalkStrategy:
+    """The tip led among many walls.
+
+    Attributes:
+        late: whether this is the turn before the trees, with more walks and others than in the first turn.
+        name: for the record of a search in vain.
+    """
+
+    late: bool = False
+    name: str = WALKS
+
+    @property
+    def costly(self) -> bool:
+        """The late turn takes seconds."""
+        return self.late
+
+    @property
+    def leads_others(self) -> bool:
+        """Where walks of few links end in vain, the late turn walks with all."""
+        return not self.late
+
+    def applies(self, task: MotionTask) -> bool:
+        """A goal of the whole arm is seldom met by a tip that is led."""
+        fits = not task.parametric and task.goal_headings is None
+        return fits and task.among_many_walls and len(task.tip_paths) > 0
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The first motion that arrives and is certified."""
+        settings = task.settings.tip_walks
+        runs = [SearchRun.from_task(task, margin, nominal_links) for margin in settings.margins]
+        first = task.tip_paths[0]
+        ways = TipWays(task.arm, first.free_space, runs[0].goal, first.shrink, settings)
+        if not self.late:
+            for run in runs:
+                motion = run.run(_straight_on(run, ways), failures)
+                if motion is not None or task.deadline.passed():
+                    return motion
+            if not self._near(runs[0], ways):
+                return None
+        walks = TipWalks(tuple(runs), ways, np.random.default_rng((task.seed, self.late)), settings)
+        return walks.search(settings.late_walks if self.late else settings.early_walks, failures)
+
+    def _near(self, run: SearchRun, ways: TipWays) -> bool:
+        """Whether the tip's way to the goal, along the arm as it lies, is so short that walks mostly arrive."""
+        along_arm = ways.straight_on(run.start)
+        longest = ways.settings.longest_way * run.task.arm.length
+        return along_arm is not None and path_length(along_arm) <= longest
+
+
+def _straight_on(run: SearchRun, ways: TipWays) -> Iterator[GuideCandidate]:
+    """The tip led along the arm as it lies and over to the goal, and along its shortest path; then a fold there."""
+    shortest = min(run.task.tip_paths, key=lambda path: path.length)
+    along_arm = ways.straight_on(run.start)
+    if along_arm is not None:
+        yield _led(run, "as the arm lies", along_arm)
+    # The same path, mostly.
+    if along_arm is None or abs(path_length(along_arm) - shortest.length) > SHORTEST:
+        yield _led(run, "the shortest", shortest.taut)
+    lengths = run.stepper.settings.guides.hairpin.lengths[:1]
+    yield from pulled_over(run.stepper, run.start, None, shortest, lengths)
+
+
+def _led(run: SearchRun, which: str, taut: FloatArray) -> GuideCandidate:
+    name = f"tip-led, {which}, path of {long_length(path_length(taut))}"
+    return GuideCandidate(name, partial(led_along, run.stepper, run.start, taut))
+
+
+@dataclass
+class TipWalks:
+    """Walks in the making; what each has reached is kept, for others to begin there.
+
+    Attributes:
+        runs: of one link space, with different margins.
+        ways: of the tip.
+        rng: source of every random choice.
+        settings: numbers.
+        reached: the start, and the last certified pose of every walk.
+    """
+
+    runs: tuple[SearchRun, ...]
+    ways: TipWays
+    rng: np.random.Generator
+    settings: TipWalkSettings
+    reached: PoseTree = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.reached = PoseTree(self.ways.arm.length)
+        self.reached.add_root(self.runs[0].start)
+
+    def search(self, walks: int, failures: list[Failure]) -> Motion | None:
+        """Walk so many times at most; the motion of the first walk that arrives, None and why where none does."""
+        run = self.runs[0]
+        for _ in range(walks):
+            if run.task.deadline.passed():
+                break
+            arrived = self._walk()
+            if arrived is not None:
+                try:
+                    return run.motion(WALKS, run.certified_without_pauses(arrived))
+                except Stalled:
+                    continue  # a motion at the edge of what can be certified; another may be farther from it
+        nearest = min(self.reached.poses, key=lambda pose: run.goal.errors(pose)[0])
+        failures.append(run.failure(WALKS, Stalled(f"{walks} walks of the tip did not arrive", [nearest])))
+        return None
+
+    def _walk(self) -> list[Pose] | None:
+        """One more walk; all poses from the start to the goal where it arrives."""
+        node = self._beginning()
+        begin = self.reached.poses[node]
+        run = self.runs[int(self.rng.integers(len(self.runs)))]
+        taut, onto_goal = self.ways.drawn(begin, self.rng)
+        if taut is None:
+            return None
+        poses, arrived = self._led_to_end(run, begin, taut)
+        if arrived and onto_goal:
+            poses, arrived = self._settled(run, poses)
+        if len(poses) < 2:
+            return None
+        failing = run.task.certificate.failures(pose_headings(poses))
+        if arrived and onto_goal and len(failing) == 0:
+            return [*self.reached.poses_to(node), *poses[1:]]
+        certified = poses[: int(failing[0]) + 1] if len(failing) else poses
+        if len(certified) > 1:
+            self.reached.add(node, certified[1:])
+        return None
+
+    def _led_to_end(self, run: SearchRun, begin: Pose, taut: FloatArray) -> tuple[list[Pose], bool]:
+        """Poses with the tip led along a path, of a goal that is a set no farther than into it; whether to its end."""
+        guide = led_along(run.stepper, begin, taut)
+        try:
+            into_set = GuideIntoSet(guide, run.goal) if run.goal.is_set else guide
+            return follow(run.stepper, into_set, begin, run.task.deadline), True
+        except Stalled as stalled:
+            return stalled.poses, False
+
+    def _settled(self, run: SearchRun, poses: list[Pose]) -> tuple[list[Pose], bool]:
+        """The poses, led on from the last onto the goal; and whether it is met."""
+        try:
+            return poses + settle(run.stepper, run.goal, poses[-1], run.task.deadline)[1:], True
+        except Stalled as stalled:
+            return poses + stalled.poses[1:], False
+
+    def _beginning(self) -> int:
+        """Number of the pose where the next walk begins: the start, or rather one near the goal and seldom used."""
+        if self.rng.random() < self.settings.from_start:
+            return 0
+        reached = self.reached
+        distances = reached.tip_distances(self.runs[0].goal.position) / reached.length
+        weights = np.exp(-distances / self.settings.nearness) / (1.0 + np.array(reached.uses))
+        node = int(self.rng.choice(len(reached), p=weights / weights.sum()))
+        reached.uses[node] += 1
+        return node

@@ -1,0 +1,288 @@
+"""The search by two trees: one grows from the start, one from poses at the goal, until a motion joins them.
+
+After RRT-Connect (Kuffner and LaValle, 2000), with the continuation as local planner: an extension follows a guide
+round obstacles and along them instead of stopping at the first touch, so a few hundred poses cover what thousands of
+straight connections would not.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
+from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
+from ccm_opt.planning.settings import TreeSettings
+from ccm_opt.planning.step import GoalPose, Stepper
+from ccm_opt.planning.tip_paths import TipPath
+
+TREES = "trees"
+"""Name of what is found, among the names of candidates."""
+
+
+class _Root(IntEnum):
+    """From where a tree grows: its place in pairs of trees."""
+
+    START = 0
+    GOAL = 1
+
+
+@dataclass(frozen=True)
+class TreeTask:
+    """What trees are grown for.
+
+    Attributes:
+        steppers: of one link space, with different margins, narrowest last; their settings are those of the search.
+        start: where the motion begins.
+        goal: where the tip or the whole arm has to be.
+        goal_poses: draws poses at the goal.
+        tip_paths: classes of tip motions, at least one.
+        certificate: that every edge must pass.
+        deadline: when to stop.
+        seed: of every random choice.
+    """
+
+    steppers: tuple[Stepper, ...]
+    start: Pose
+    goal: GoalPose
+    goal_poses: Iterator[Pose]
+    tip_paths: tuple[TipPath, ...]
+    certificate: IntervalCertificate
+    deadline: Deadline
+    seed: int = 0
+
+    @property
+    def space(self) -> LinkSpace:
+        """The link space."""
+        return self.steppers[-1].space
+
+    @property
+    def settings(self) -> TreeSettings:
+        """Numbers of the trees."""
+        return self.steppers[-1].settings.tree
+
+
+@dataclass
+class LimitedGuide:
+    """A guide that is followed for some steps only.
+
+    Attributes:
+        guide: to follow.
+        steps: still to go.
+    """
+
+    guide: Guide
+    steps: int
+
+    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+        """What draws the arm on from a pose."""
+        return self.guide.terms(pose, jacobians)
+
+    def progress(self, pose: Pose) -> bool:
+        """Move the guide's target on, and count."""
+        self.steps -= 1
+        return self.guide.progress(pose)
+
+    def finished(self, pose: Pose) -> bool:
+        """Whether the steps are used up or the guide has ended."""
+        return self.steps <= 0 or self.guide.finished(pose)
+
+    def describe(self, pose: Pose) -> str:
+        """How far the guide has come."""
+        return self.guide.describe(pose)
+
+
+def search_by_trees(task: TreeTask) -> list[Pose]:
+    """Grow both trees until they meet; the poses from start to goal.
+
+    Raises:
+        Stalled: when the time is up or nothing new is reached; its pose is the one nearest to the goal.
+    """
+    search = TreeSearch.from_task(task)
+    search.run()
+    if not search.found:
+        raise Stalled(search.ended(), [search.nearest_to_goal()])
+    return search.found
+
+
+@dataclass
+class TreeSearch:
+    """Two trees in the making.
+
+    Attributes:
+        task: what they are grown for.
+        rng: source of every random choice.
+        trees: from the start, and from poses at the goal.
+        samplers: of their extensions.
+        rejected: extensions since the last that added a node.
+        extensions: tried so far.
+        found: poses from start to goal, empty as long as there are none.
+    """
+
+    task: TreeTask
+    rng: np.random.Generator
+    trees: tuple[PoseTree, PoseTree]
+    samplers: tuple[ExtensionSampler, ExtensionSampler]
+    rejected: int = 0
+    extensions: int = 0
+    found: list[Pose] = field(default_factory=list)
+
+    @classmethod
+    def from_task(cls, task: TreeTask) -> "TreeSearch":
+        """The start alone, before any extension."""
+        rng = np.random.default_rng(task.seed)
+        stepper = task.steppers[-1]
+        free_space = task.tip_paths[0].free_space
+        shrink = task.tip_paths[0].shrink
+        # Both sides of a route share it; the arm from the goal is led to where the arm lies at the start.
+        routes = tuple({id(path.route): path.route for path in task.tip_paths}.values())
+        from_start = ExtensionSampler(stepper, free_space, routes, shrink, rng)
+        from_goal = ExtensionSampler(stepper, free_space, (task.start.points,), shrink, rng)
+
+        length = task.space.arm.length
+        heading_weight = task.settings.heading_weight
+        trees = (PoseTree(length, heading_weight), PoseTree(length, heading_weight))
+        trees[_Root.START].add_root(task.start)
+        return cls(task, rng, trees, (from_start, from_goal))
+
+    def run(self) -> None:
+        """Extend the trees in turn."""
+        while not self.found and not self.task.deadline.passed() and not self._exhausted:
+            if self.extensions % self.task.settings.root_interval == 0:
+                self._draw_root()
+            side = self.extensions % 2 if len(self.trees[_Root.GOAL]) else _Root.START
+            self._extend(side)
+            self.extensions += 1
+
+    @property
+    def _exhausted(self) -> bool:
+        """Whether the trees reach nothing new, or are as large as they may become."""
+        settings = self.task.settings
+        return self.rejected >= settings.saturated or self.extensions >= settings.most_extensions
+
+    def _draw_root(self) -> None:
+        """Add a pose at the goal, if there is another, and try to reach it at once."""
+        pose = next(self.task.goal_poses, None)
+        if pose is not None:
+            root = self.trees[_Root.GOAL].add_root(pose)
+            self._connect(_Root.GOAL, root)
+
+    def _extend(self, side: int) -> None:
+        """Follow one random guide, keep what is certified and new, and try to end the search from where it led."""
+        tree = self.trees[side]
+        other = self.trees[1 - side]
+        extension = self.samplers[side].draw(tree, other)
+        settings = self.task.settings
+        poses = self._led(extension.guide, tree.poses[extension.node], settings.patience)
+        added = self._keep(tree, extension.node, self._certified(poses))
+        if not added:
+            self.rejected += 1
+            return
+        self.rejected = 0
+        # Poses of the other tree come from the goal; only those from the start have yet to get there.
+        if side == _Root.START:
+            self._settle(added[-1])
+        if not self.found:
+            self._connect(side, added[-1])
+
+    def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
+        """The poses of one extension, with a planning margin drawn at random."""
+        task = self.task
+        # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
+        stepper = task.steppers[int(self.rng.integers(len(task.steppers)))]
+        try:
+            return follow(stepper, LimitedGuide(guide, task.settings.steps), pose, task.deadline, patience)
+        except Stalled as stalled:
+            return stalled.poses
+
+    def _certified(self, poses: list[Pose]) -> list[Pose]:
+        """The longest certified beginning of a motion."""
+        if len(poses) < 2:
+            return poses
+        failing = self.task.certificate.failures(np.array([pose.headings for pose in poses]))
+        return poses[: int(failing[0]) + 1] if len(failing) else poses
+
+    def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:
+        """Add the poses that are apart from all nodes; numbers of the new nodes."""
+        settings = self.task.settings
+        added: list[int] = []
+        edge: list[Pose] = []
+        last = len(poses) - 1
+        # Poses too near to known ones stay inside an edge, so that every node records how it was reached.
+        for k, pose in enumerate(poses[1:], start=1):
+            edge.append(pose)
+            long_enough = k == last or len(edge) >= settings.node_interval
+            if long_enough and tree.distances(pose).min() > settings.dispersion:
+                node = tree.add(node, edge)
+                added.append(node)
+                edge = []
+        return added
+
+    def _settle(self, node: int) -> None:
+        """Draw the tip of a node that is near the goal onto it."""
+        task = self.task
+        if task.goal.coordinates is not None:
+            return  # a goal of the whole arm is the other tree's root, which is connected to
+        tree = self.trees[_Root.START]
+        pose = tree.poses[node]
+        distance, _ = task.goal.errors(pose)
+        if distance > task.settings.settling_distance * task.space.nominal_length:
+            return
+        try:
+            poses = settle(task.steppers[-1], task.goal, pose, task.deadline)
+        except Stalled as stalled:
+            # Poses near the goal are worth keeping, whatever kept the tip off it.
+            self._keep(tree, node, self._certified(stalled.poses))
+            return
+        if len(self._certified(poses)) == len(poses):
+            self.found = tree.poses_to(node) + poses[1:]
+
+    def _connect(self, side: int, node: int) -> None:
+        """Lead a node to the nearest ones of the other tree."""
+        tree = self.trees[side]
+        other = self.trees[1 - side]
+        if not len(other):
+            return
+        pose = tree.poses[node]
+        settings = self.task.settings
+        interpolation = self.task.steppers[-1].settings.guides.interpolation
+        for target in np.argsort(other.distances(pose))[: settings.connections]:
+            end = other.poses[int(target)]
+            guide = Interpolation(self.task.space, pose.v, end.v, settings=interpolation)
+            poses = self._led(guide, pose, settings.connection_patience)
+            arrived = guide.finished(poses[-1])
+            if arrived:
+                poses = [*poses, end]
+            certified = self._certified(poses)
+            if arrived and len(certified) == len(poses):
+                # The poses of both trees, each from its root; the last one is the target itself.
+                from_side = tree.poses_to(node) + poses[1:-1]
+                from_other = other.poses_to(int(target))
+                if side == _Root.START:
+                    self.found = from_side + from_other[::-1]
+                else:
+                    self.found = from_other + from_side[::-1]
+                return
+            # As far as it came it brought this tree nearer to the other.
+            self._keep(tree, node, certified)
+
+    def ended(self) -> str:
+        """Why the growth ended, in words."""
+        if self.rejected >= self.task.settings.saturated:
+            limit = "until they reached nothing new"
+        elif self._exhausted:
+            limit = f"by all of {self.extensions} extensions"
+        else:
+            limit = "until the time limit"
+        return f"trees of {sum(len(tree) for tree in self.trees)} poses were grown {limit}"
+
+    def nearest_to_goal(self) -> Pose:
+        """The pose reached from the start whose tip is nearest to the goal."""
+        return min(self.trees[_Root.START].poses, key=lambda pose: self.task.goal.errors(pose)[0])

@@ -1,0 +1,134 @@
+"""Frames of the ball joints in 3-D: three revolutes a ball, standard Denavit–Hartenberg rows (section 5.2, Figure 6).
+
+An arm in space bends each ball by its first two revolutes, and the third rests at zero. Of an arm in the plane only the
+second turns.
+
+The plane (x, y) of the planner is world x–z. Turning counter-clockwise from x towards z is a turn of *minus* the same
+angle about world +y. Base position and base heading stand in the fixed base transform, so that zero angles are the
+straight arm along the base heading. θ2 of every ball is minus its planar bend, for both orders of axes:
+
+- ``zyx`` (yaw, bend, roll): R = Rz(θ1) Ry(θ2) Rx(θ3), singular at |θ2| = 90°.
+- ``zyz``, the paper's own table: R = Rz(θ1) Ry(θ2) Rz(θ3), singular at θ2 = 0, the straight arm.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Axes
+from ccm_opt.robot.driven_arm import DrivenArm
+
+REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}
+_QUARTER = 0.5 * np.pi
+
+
+class DhRow(NamedTuple):
+    """One row of a standard Denavit–Hartenberg table: A = Rz(θ + offset) Tz(d) Tx(a) Rx(α).
+
+    Attributes:
+        offset: added to the joint angle θ [rad].
+        d: shift along the joint axis [m].
+        a: shift along the turned x axis [m].
+        alpha: twist about the turned x axis [rad].
+    """
+
+    offset: float
+    d: float
+    a: float
+    alpha: float
+
+
+def joint_names(arm: DrivenArm) -> tuple[str, ...]:
+    """Names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
+    width = max(2, len(str(arm.links)))
+    kinds = REVOLUTE_NAMES[arm.axes]
+    return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
+
+
+def revolute_angles(arm: DrivenArm, bends: FloatArray) -> FloatArray:
+    """Revolute angles of the bends of a pose: in the plane θ2 = −bend (section 5.2), in space θ1 and θ2; others are 0.
+
+    The map is linear, so it serves velocities and accelerations too.
+
+    Args:
+        arm: the arm.
+        bends: of its joints, in the order of its coordinates, shape (..., links) in the plane and (..., 2 * links) in
+            space [rad].
+
+    Returns:
+        Angles, shape (..., 3 * links) [rad].
+    """
+    coordinates = arm.coordinates
+    angles = np.zeros((*bends.shape[:-1], coordinates.revolutes))
+    # Added to zero, so that a bend of zero gives +0.0 whatever its sense is.
+    angles[..., coordinates.drive_numbers[coordinates.bends]] = 0.0 + coordinates.sense * bends
+    return angles
+
+
+def bends_from_revolutes(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+    """Bends of the joints from revolute angles, shape (..., bends) [rad]; the other revolutes are left aside."""
+    coordinates = arm.coordinates
+    return np.asarray(0.0 + coordinates.sense * angles[..., coordinates.drive_numbers[coordinates.bends]])
+
+
+def dh_table(arm: DrivenArm) -> tuple[DhRow, ...]:
+    """Standard DH rows of all revolutes, length 3 * links.
+
+    Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
+    quarter turn to bring x along the link again.
+    """
+    return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
+
+
+def _ball_rows(arm: DrivenArm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
+    h = arm.link_length
+    if arm.axes == "zyz":
+        return DhRow(0.0, 0.0, 0.0, -_QUARTER), DhRow(0.0, 0.0, 0.0, _QUARTER), DhRow(0.0, 0.0, h, 0.0)
+    yaw = DhRow(0.0 if first else _QUARTER, 0.0, 0.0, -_QUARTER)
+    return yaw, DhRow(_QUARTER, 0.0, 0.0, _QUARTER), DhRow(-_QUARTER, h, 0.0, _QUARTER)
+
+
+def frame_transforms(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+    """World transforms of the base frame and of every DH frame.
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+
+    Returns:
+        Homogeneous transforms world ← frame, shape (..., 3 * links + 1, 4, 4).
+    """
+    transforms = np.zeros((*angles.shape[:-1], 3 * arm.links + 1, 4, 4))
+    transforms[..., 0, :3, :3] = arm.base_rotation
+    transforms[..., 0, :3, 3] = arm.base_position
+    transforms[..., 0, 3, 3] = 1.0
+    for j, row in enumerate(dh_table(arm)):
+        transforms[..., j + 1, :, :] = transforms[..., j, :, :] @ dh_transform(row, angles[..., j])
+    return transforms
+
+
+def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
+    """Transform of one DH row, Rz(θ + offset) Tz(d) Tx(a) Rx(α), shape (..., 4, 4) for angles of shape (...) [rad]."""
+    c = np.cos(angle + row.offset)
+    s = np.sin(angle + row.offset)
+    ca = np.cos(row.alpha)
+    sa = np.sin(row.alpha)
+    matrix = np.zeros((*np.shape(angle), 4, 4))
+    matrix[..., 0, :] = np.stack((c, -s * ca, s * sa, row.a * c), axis=-1)
+    matrix[..., 1, :] = np.stack((s, c * ca, -c * sa, row.a * s), axis=-1)
+    matrix[..., 2, :] = [0.0, sa, ca, row.d]
+    matrix[..., 3, 3] = 1.0
+    return matrix
+
+
+def joint_positions_3d(arm: DrivenArm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+        feed: how far the base is carried along its heading, shape (...) [m].
+    """
+    positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
+    return positions + np.asarray(feed)[..., None, None] * arm.base_rotation[:, 0]

@@ -1,0 +1,157 @@
+"""Joint angles from joint positions, in the plane and in space."""
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_kinematics import bend_rotations
+
+
+def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance) -> FloatArray:
+    """Revolute angles that place the balls and the tip at given positions, with θ3 = 0.
+
+    In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
+    alike. Of the two solutions the one with θ1 within ±90° is taken. In the plane it is the paper's own formula,
+    θ2 = atan2(−p_z, p_x), θ1 = θ3 = 0 (section 5.2).
+
+    Args:
+        arm: the arm.
+        positions: of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in the
+            world [m]; the first must be the arm's base, or lie on its feed axis.
+        tolerance: how far the base and the link lengths may be off, as a share of a link.
+
+    Returns:
+        Angles in (−π, π], shape (..., 3 * links) [rad].
+
+    Raises:
+        ProblemError: when the shape, the base or a link length does not fit the arm.
+    """
+    points = _world_points(arm, positions)
+    directions = _link_directions(arm, points, tolerance * arm.link_length)
+    angles = np.zeros((*directions.shape[:-2], 3 * arm.links))
+    rotation = np.broadcast_to(arm.base_rotation, (*directions.shape[:-2], 3, 3))  # world <- ball base
+    for ball in range(arm.links):
+        local = np.einsum("...ij,...i->...j", rotation, directions[..., ball, :])
+        yaw, bend = aim(local)
+        angles[..., 3 * ball] = yaw
+        angles[..., 3 * ball + 1] = bend
+        rotation = rotation @ _yaw_bend_rotation(yaw, bend)
+    return angles
+
+
+def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    side = np.where(x < 0.0, -1.0, 1.0)
+    # A link that points backwards bends by more than 90° instead of turning its yaw round.
+    return np.arctan2(side * y, np.abs(x)), np.arctan2(-z, side * np.hypot(x, y))
+
+
+def _yaw_bend_rotation(yaw: FloatArray, bend: FloatArray) -> FloatArray:
+    """Rz(θ1) Ry(θ2), shape (..., 3, 3)."""
+    c1 = np.cos(yaw)
+    s1 = np.sin(yaw)
+    c2 = np.cos(bend)
+    s2 = np.sin(bend)
+    zero = np.zeros_like(c1)
+    rows = ((c1 * c2, -s1, c1 * s2), (s1 * c2, c1, s1 * s2), (-s2, zero, c2))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Positions in the world, shape (..., links + 1, 3); checks the shape."""
+    expected = arm.links + 1
+    if positions.ndim < 2 or positions.shape[-2] != expected or positions.shape[-1] not in {2, 3}:
+        raise ProblemError(
+            f"positions have shape {positions.shape}; expected (..., {expected}, 2) or (..., {expected}, 3): "
+            f"the {arm.links} balls and the tip"
+        )
+    if positions.shape[-1] == 3:
+        return positions
+    x = positions[..., 0]
+    z = positions[..., 1]
+    return np.stack((x, np.zeros_like(x), z), axis=-1)
+
+
+def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArray:
+    """Unit directions of the links in the world, shape (..., links, 3); checks base and lengths to a tolerance [m]."""
+    off = points[..., 0, :] - arm.base_position
+    axis = arm.base_rotation[:, 0]
+    # A carried base may be anywhere on its axis: only what is off the axis counts.
+    off = off - np.clip(off @ axis, *arm.base_range)[..., None] * axis  # the base may be carried along its heading
+    offset = float(np.max(np.abs(off), initial=0.0))
+    if not offset <= tolerance:  # so written, a NaN is refused too
+        raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
+    steps = np.diff(points, axis=-2)
+    lengths = np.linalg.norm(steps, axis=-1)
+    errors = np.abs(lengths - arm.link_length)
+    if not np.all(errors <= tolerance):
+        worst = np.unravel_index(int(np.argmax(np.nan_to_num(errors, nan=np.inf))), errors.shape)
+        raise ProblemError(
+            f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long; every link is {arm.link_length:.6g} m: "
+            "place the joints by a mapping that keeps link lengths"
+        )
+    return np.asarray(steps / lengths[..., None], dtype=np.float64)
+
+
+def bends_from_directions(arm: SpaceArm, directions: FloatArray) -> FloatArray:
+    """Bends that let the links point in given directions; the rolls of the links follow.
+
+    In the axes of the link before a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the one
+    with a within ±90° is taken.
+
+    Args:
+        arm: the arm.
+        directions: unit vectors, shape (..., links, 3).
+
+    Returns:
+        Shape (..., links, 2) [rad].
+    """
+    bends = np.zeros((*directions.shape[:-1], 2))
+    rotation = np.broadcast_to(arm.base_rotation, (*directions.shape[:-2], 3, 3))
+    for link in range(arm.links):
+        local = np.einsum("...ij,...i->...j", rotation, directions[..., link, :])
+        bends[..., link, 0], bends[..., link, 1] = aim(local)
+        rotation = rotation @ bend_rotations(bends[..., link, :])
+    return bends
+
+
+def configuration_from_positions(
+    arm: SpaceArm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance
+) -> FloatArray:
+    """The configuration that places joints and tip at given positions, shape (..., c) [rad, m].
+
+    Args:
+        arm: the arm.
+        positions: of joints and tip, shape (..., links + 1, 3) [m]; the first is the base, or lies on its feed axis.
+        tolerance: how far the base and the link lengths may be off, as a share of a link.
+
+    Raises:
+        ProblemError: the shape, the base or a link length does not fit the arm.
+    """
+    if positions.ndim < 2 or positions.shape[-2:] != (arm.links + 1, 3):
+        raise ProblemError(
+            f"positions have shape {positions.shape}; expected (..., {arm.links + 1}, 3): the {arm.links} joints "
+            "and the tip"
+        )
+    carried = np.clip((positions[..., 0, :] - arm.base) @ arm.direction, *arm.base_range)
+    off = positions[..., 0, :] - arm.base - carried[..., None] * arm.direction
+    allowed = tolerance * arm.link_length
+    if not float(np.max(np.abs(off), initial=0.0)) <= allowed:  # so written, a NaN is refused too
+        raise ProblemError(
+            f"the first position lies {float(np.max(np.abs(off))):.3g} m off the arm's base; it must be the base itself"
+        )
+    steps = np.diff(positions, axis=-2)
+    lengths = np.linalg.norm(steps, axis=-1)
+    worst = float(np.max(np.abs(lengths - arm.link_length), initial=0.0))
+    if not worst <= allowed:
+        raise ProblemError(
+            f"a link would be {worst:.3g} m longer or shorter than {arm.link_length:.6g} m: place the joints by a "
+            "mapping that keeps link lengths"
+        )
+    bends = bends_from_directions(arm, steps / lengths[..., None])
+    flat = bends.reshape(*bends.shape[:-2], 2 * arm.links)
+    return np.concatenate((flat, carried[..., None] * np.ones(len(arm.base_axes))), axis=-1)

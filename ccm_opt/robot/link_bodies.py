@@ -1,0 +1,80 @@
+"""Bodies of links, and numbers of the arm."""
+
+from dataclasses import dataclass
+
+from ccm_opt.core.arrays import FloatArray
+
+DEFAULT_LINK_MASS = 0.1
+"""Mass of a link when nothing else is given [kg]: the paper's swan's neck (section 5)."""
+THIN_ROD_RADIUS = 0.01
+"""Radius, in link lengths, of the cylinders that stand for the links of an arm of zero radius in its inertia."""
+SPACE_ROD_RADIUS = 0.05
+"""Likewise of thinner links in space, whose roll is moved by the bends of the others and held by a drive: with less
+inertia about the axis the simulated drive overshoots within a step of a millisecond."""
+
+
+def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:
+    """Moments of inertia of solid cylinders about their centres: axial m r² / 2, transverse m (3 r² + l²) / 12.
+
+    Args:
+        masses: of the links, shape (links,) [kg].
+        radius: of the links [m]; thin rods stand for links without one.
+        link_length: of a link [m].
+
+    Returns:
+        About the links' axes, and across them, each of shape (links,) [kg m²].
+    """
+    r = radius or THIN_ROD_RADIUS * link_length
+    return masses * r**2 / 2.0, masses * (3.0 * r**2 + link_length**2) / 12.0
+
+
+@dataclass(frozen=True)
+class MappingSettings:
+    """How the jointed arm is laid along a curve, and how exactly curve and arm must agree.
+
+    Attributes:
+        length_tolerance: difference allowed between two lengths that should be one, as a share of the length: the
+            curve's length is only known to about that accuracy. Taste.
+        regularisation: ε of the least-squares mapping, in units of l²: just enough to keep neighbouring links from
+            zigzagging. Taste.
+        most_steps: Newton steps of the least-squares mapping, at most. Taste, ten times what is usual.
+        settled: step of the headings below which it has settled [rad]. Derived: a hundred times rounding.
+        rounding: step below which one that is no smaller than the one before is rounding [rad]. Derived: its root.
+    """
+
+    length_tolerance: float = 1e-6
+    regularisation: float = 0.05
+    most_steps: int = 60
+    settled: float = 1e-11
+    rounding: float = 1e-8
+
+
+@dataclass(frozen=True)
+class LinkMarginSettings:
+    """What planning keeps between two distant links that cannot keep the whole margin.
+
+    Attributes:
+        share: of the free length between the two that is kept as a margin between them. Taste.
+    """
+
+    share: float = 0.2
+
+
+@dataclass(frozen=True)
+class PoseCheckSettings:
+    """What counts as a bad pose in three dimensions.
+
+    Attributes:
+        least_determinant: determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is
+            singular. Taste.
+    """
+
+    least_determinant: float = 0.05
+
+
+DEFAULT_MAPPING = MappingSettings()
+"""The mappings' numbers unless others are passed."""
+DEFAULT_LINK_MARGINS = LinkMarginSettings()
+"""The margins' numbers unless others are passed."""
+DEFAULT_POSE_CHECK = PoseCheckSettings()
+"""The pose check's numbers unless others are passed."""

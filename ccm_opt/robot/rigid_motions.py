@@ -1,0 +1,116 @@
+"""Rigid motions and frames carried along a curve in space.
+
+A frame is carried by T' = T ξ̂(s), with the twist ξ = (ω, u) in the frame's own axes. Over a step its motion is the
+exponential of Magnus' series, here to the sixth order from three Gauss points (Blanes, Casas, Oteo and Ros, "The Magnus
+expansion and some of its applications", 2009, section 5.4). Twists about one axis commute: then nothing is left out of
+the turn.
+"""
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+
+_SMALL = 1e-3
+"""Angle below which the exponential is taken from its series [rad]; what the series leaves out is below rounding."""
+
+
+def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations, shape (..., 3, 3), and translations, shape (..., 3), of twists (ω, u), shape (..., 6)."""
+    turn = twists[..., :3]
+    along = twists[..., 3:]
+    angle = np.linalg.norm(turn, axis=-1)
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    square = angle**2
+    first = np.where(small, 1.0 - square / 6.0 + square**2 / 120.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5 - square / 24.0 + square**2 / 720.0, (1.0 - np.cos(safe)) / safe**2)
+    third = np.where(small, 1.0 / 6.0 - square / 120.0, (safe - np.sin(safe)) / safe**3)
+    hat = _hat(turn)
+    twice = hat @ hat
+    unit = np.eye(3)
+    rotation = unit + first[..., None, None] * hat + second[..., None, None] * twice
+    left = unit + second[..., None, None] * hat + third[..., None, None] * twice
+    return rotation, (left @ along[..., None])[..., 0]
+
+
+def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Motion of a frame over steps, from its twists at the three Gauss points of each.
+
+    Args:
+        twists: shape (m, 3, 6), in the frame's own axes, per unit of arc length.
+        widths: of the steps, shape (m,).
+
+    Returns:
+        Rotations (m, 3, 3) and translations (m, 3), in the axes of the frame at the beginning of its step.
+    """
+    h = widths[:, None]
+    one = twists[:, 0]
+    two = twists[:, 1]
+    three = twists[:, 2]
+    value = h * two
+    slope = h * (np.sqrt(15.0) / 3.0) * (three - one)
+    bend = h * (10.0 / 3.0) * (three - 2.0 * two + one)
+    # For T' = T ξ̂ the brackets have the sign that they lack for T' = ξ̂ T.
+    inner = -_bracket(value, slope)
+    outer = _bracket(value, 2.0 * bend + inner) / 60.0
+    correction = -_bracket(inner - 20.0 * value - bend, slope + outer) / 240.0
+    return exponential(value + bend / 12.0 + correction)
+
+
+def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Frames after every step from a first one at the origin: rotations (m + 1, 3, 3), places (m + 1, 3)."""
+    frames = np.empty((len(rotations) + 1, 3, 3))
+    places = np.zeros((len(rotations) + 1, 3))
+    frames[0] = rotation
+    for step in range(len(rotations)):
+        frames[step + 1] = frames[step] @ rotations[step]
+    np.cumsum(np.einsum("mij,mj->mi", frames[:-1], translations), axis=0, out=places[1:])
+    return frames, places
+
+
+def _bracket(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Lie bracket of twists, shape (..., 6)."""
+    turn = np.cross(first[..., :3], second[..., :3])
+    along = np.cross(first[..., :3], second[..., 3:]) - np.cross(second[..., :3], first[..., 3:])
+    return np.concatenate((turn, along), axis=-1)
+
+
+def _hat(turn: FloatArray) -> FloatArray:
+    """The matrix of ω ×, shape (..., 3) to (..., 3, 3)."""
+    hat = np.zeros((*turn.shape[:-1], 3, 3))
+    hat[..., 2, 1] = turn[..., 0]
+    hat[..., 0, 2] = turn[..., 1]
+    hat[..., 1, 0] = turn[..., 2]
+    return hat - np.swapaxes(hat, -1, -2)
+
+
+def polar(frame: FloatArray, direction: FloatArray) -> tuple[float, float]:
+    """Angle between t and a direction, in [0, π], and the azimuth to which it lies: 0 is n1, a quarter turn n2.
+
+    Args:
+        frame: (t, n1, n2) as columns, shape (3, 3).
+        direction: any length but 0, shape (3,).
+    """
+    along, left, up = frame.T @ direction
+    return float(np.arctan2(np.hypot(left, up), along)), float(np.arctan2(up, left))
+
+
+def turned_towards(frame: FloatArray, azimuth: float, angle: float) -> FloatArray:
+    """The frame after an arc towards an azimuth that turns by an angle [rad], shape (3, 3)."""
+    twist = np.array([0.0, -np.sin(azimuth), np.cos(azimuth), 0.0, 0.0, 0.0])
+    return np.asarray(frame @ exponential(angle * twist)[0])
+
+
+def transported(frame: FloatArray, direction: FloatArray) -> FloatArray:
+    """The frame turned the shortest way, so that it points in a direction, shape (3, 3)."""
+    angle, azimuth = polar(frame, direction)
+    return turned_towards(frame, azimuth, angle)
+
+
+def across(azimuth: float) -> FloatArray:
+    """(cos ψ, sin ψ): the shares of κ1 and κ2 in a curvature towards an azimuth, shape (2,)."""
+    return np.array([np.cos(azimuth), np.sin(azimuth)])
+
+
+NOMINAL_LINKS = 24
+"""Nominal links to the length of an arm, the unit of length of all weights in planning."""

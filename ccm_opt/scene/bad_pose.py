@@ -1,0 +1,121 @@
+"""Poses in contact, and what would help."""
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import place, short_length
+from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.certificate import Certificate, allowed_contact
+from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, ContactFinder
+from ccm_opt.scene.workspace import Workspace
+
+
+def room_advice(arm: Arm, workspace: Workspace) -> tuple[str, ...]:
+    """How the arm itself could need less room: one line, or none for a bare axis that keeps no clearance."""
+    keys = []
+    if arm.radius > 0.0:
+        keys.append("arm.radius")
+    if workspace.clearance > 0.0:
+        keys.append("workspace.clearance")
+    return (f"use a smaller {' or '.join(keys)}",) if keys else ()
+
+
+AT_LIMIT = 0.99
+"""Share of its limit from which on a joint counts as held by it. Taste."""
+MOST_NAMED = 6
+"""Joints that are named one by one. Taste."""
+
+
+def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[str, ...]]:
+    """Return which joints of a pose are held by their limits, in words, and what is advised; both may be empty.
+
+    Args:
+        bends: of each joint, shape (links,), or in space (links, 2) [rad].
+        limits: of them, likewise [rad].
+    """
+    bent = np.abs(bends.reshape(len(bends), -1))
+    allowed = limits.reshape(bent.shape)
+    held = np.flatnonzero((bent >= AT_LIMIT * allowed).any(axis=1)) + 1
+    if len(held) == 0:
+        return "", ()
+    named = ", ".join(str(number) for number in held[:MOST_NAMED])
+    more = f" and {len(held) - MOST_NAMED} more" if len(held) > MOST_NAMED else ""
+    which = f"joint {named}" if len(held) == 1 else f"joints {named}{more}"
+    limit = float(np.rad2deg(allowed[held[-1] - 1].max()))
+    words = f"{which} bent to the limit of {limit:.4g}°"
+    keys = [
+        key for key, joints in (("arm.base_limit_deg", held == 1), ("arm.joint_limit_deg", held > 1)) if joints.any()
+    ]
+    return words, tuple(f"raise {key}: where the best attempt ended, it holds {which}" for key in keys)
+
+
+def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str, reach: float = 0.02) -> float:
+    """The least gap between the arm and anything near it [m]; infinite when nothing is near.
+
+    Args:
+        arm: the arm.
+        workspace: the room.
+        pose: link headings and perhaps the base, shape (links,) or (c,) [rad, link lengths].
+        which: names the pose in messages.
+        reach: what is nearer than this share of the arm's length is looked at.
+
+    Raises:
+        UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
+    """
+    _refuse_sharp_bends(arm, arm.bends(pose[: arm.links]), which)
+    points = arm.points(pose)
+    # Walls farther away can neither be touched nor hold the arm inside.
+    errors = float(arm.room_for_errors(np.array([arm.links]))[0])
+    farthest = arm.radius + workspace.clearance + errors + reach * arm.length
+    workspace = workspace.near(shapely.LineString(points), farthest)
+    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
+    contacts = finder.find(points)
+    # An axis without width that touched a wall could not be told from one that crosses it.
+    may_touch = allowed_contact(arm, workspace) > 0.0
+    least = -DEFAULT_CERTIFICATE.rounding if may_touch else DEFAULT_CERTIFICATE.touch
+    crossing = finder.crosses(points)
+    touching = bool(np.any(contacts.gap < least)) or crossing
+    # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
+    inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((pose, pose)))) > 0
+    if touching or inside:
+        if (outside := _outside(arm, workspace, points)) is not None:
+            raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))
+        # Where axes meet walls, or each other, no thinner arm would do.
+        met = crossing or inside or float(contacts.gap.min()) <= -arm.radius - workspace.clearance
+        room = () if met else room_advice(arm, workspace)
+        what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
+        raise UnreachableGoal(_touching(which, what, room))
+    return float(contacts.gap.min(initial=np.inf))
+
+
+def _refuse_sharp_bends(arm: Arm, bends: FloatArray, which: str) -> None:
+    over = np.abs(bends) - arm.bend_limits
+    joint = int(np.argmax(over))
+    if over[joint] <= DEFAULT_CERTIFICATE.rounding:
+        return
+    angle = np.rad2deg(bends[joint])
+    limit = np.rad2deg(arm.bend_limits[joint])
+    reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"
+    raise UnreachableGoal(Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg")))
+
+
+def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
+    return Diagnosis(f"the {which} touches something: {contact}", which, (f"change the {which}", *room))
+
+
+def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
+    """Where a pose, joints and tip (links + 1, 2) [m], leaves the room, in words; None where it stays inside."""
+    link, share = arm.mount_end
+    behind_mount = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
+    out = ~shapely.intersects_xy(workspace.boundary, behind_mount[:, 0], behind_mount[:, 1])
+    if not out.any():
+        return None
+    depth = np.where(out, shapely.distance(shapely.points(behind_mount), workspace.boundary), 0.0)
+    worst = int(np.argmax(depth))
+    number = link + max(worst, 1)
+    return (
+        f"leaves the room: link {number} is {short_length(depth[worst])} outside the workspace boundary at "
+        f"{place(behind_mount[worst])}"
+    )

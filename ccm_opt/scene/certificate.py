@@ -1,0 +1,336 @@
+"""The certificate of a motion in the plane.
+
+A pair is apart when all eight corner differences keep their distance along the direction that is closest half-way; only
+the links between the two add to the sag of their difference.
+
+A link is clear when the hull of its four end positions, grown by the sag, meets no wall.
+
+The verifier has its own bounds, on purpose.
+
+Between two keyframes link headings are linear in u. A joint then leaves the chord of its two end positions by at
+most ⅛ Σ l Δφ² over the links before it, since |∂²P/∂u²| ≤ Σ l Δφ² and linear interpolation errs by ⅛ max|f''|
+(links are straight: no curvature term). So link j stays within the hull of its four end positions, grown by that much.
+What fails is bisected, link by link and pair by pair: the sag falls four-fold a level.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.native import NativeCall
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, CertificateSettings
+from ccm_opt.scene.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Stretches of a motion under test, with positions and sag bounds.
+
+    Attributes:
+        arm: that moves.
+        start: link headings at the start, shape (m, links) [rad].
+        end: at the end.
+        owner: interval of the motion that each stretch belongs to, shape (m,).
+    """
+
+    arm: Arm
+    start: FloatArray
+    end: FloatArray
+    owner: IntArray
+
+    def __post_init__(self) -> None:
+        if self.start.shape[1:] != (self.arm.links,) or self.end.shape != self.start.shape:
+            raise ValueError(f"stretches have the shapes {self.start.shape} and {self.end.shape}")
+
+    @cached_property
+    def a(self) -> FloatArray:
+        """Joint positions at the start, shape (m, links + 1, 2) [m]."""
+        return self.arm.points(self.start)
+
+    @cached_property
+    def b(self) -> FloatArray:
+        """Joint positions at the end, shape (m, links + 1, 2) [m]."""
+        return self.arm.points(self.end)
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Joint positions half-way, shape (m, links + 1, 2) [m]."""
+        return self.arm.points(0.5 * (self.start + self.end))
+
+    @cached_property
+    def sag(self) -> FloatArray:
+        """How far the joint at the end of each link may leave its chord, shape (m, links) [m]."""
+        # The base runs straight, so only the turning of the links adds to the sag.
+        links = self.arm.links
+        turned = self.end[:, :links] - self.start[:, :links]
+        return np.asarray(np.cumsum(self.arm.link_length * turned**2, axis=1) / 8.0)
+
+    @cached_property
+    def moved(self) -> FloatArray:
+        """How far any point of a link may leave its mean place: half of the chord and the sag, shape (m,) [m]."""
+        return np.asarray(0.5 * np.linalg.norm(self.b - self.a, axis=2).max(axis=1) + self.sag[:, -1])
+
+
+Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]
+"""Stretch, link, and a later link, each of shape (k,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairProofs:
+    """What the certificate asks about pairs of links.
+
+    Attributes:
+        first_apart: least difference of the numbers of two links that count.
+        least: distance that the axes of two links keep, by the difference of their numbers, shape (links,) [m].
+    """
+
+    first_apart: int
+    least: FloatArray
+
+    def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+        """Pairs that are not proved apart, and the stretches in which one of these touches half-way.
+
+        Args:
+            stretches: of a motion.
+            pairs: what is looked at; None for all distant links that come anywhere near each other.
+        """
+        arm = stretches.arm
+        call = NativeCall(
+            "pair_proofs",
+            stretches=len(stretches.owner), links=arm.links, first_apart=self.first_apart, link_length=arm.link_length,
+            least=self.least, start=stretches.a, end=stretches.b, middle=stretches.middle, sag=stretches.sag,
+            moved=stretches.moved, asked=-1 if pairs is None else len(pairs[0]),
+            **dict(zip(("asked_stretch", "asked_first", "asked_second"), pairs or (), strict=False)),
+        )  # fmt: skip
+        capacity = 1024 if pairs is None else len(pairs[0])
+        found, touching = _called(call, capacity)
+        if call.fields.count > capacity:
+            found, touching = _called(call, call.fields.count)
+        span, i, j = found[:, : call.fields.count]
+        return (span, i, j), span[touching[: call.fields.count]]
+
+
+def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
+    """Stretch and links of what is found, shape (3, capacity), and which of it touches, shape (capacity,)."""
+    found = np.empty((3, capacity), dtype=np.int64)
+    touching = np.empty(capacity, dtype=np.bool_)
+    call.set(capacity=capacity, stretch=found[0], first=found[1], second=found[2], touching=touching)
+    call()
+    return found, touching
+
+
+Links: TypeAlias = tuple[IntArray, IntArray]
+"""Stretch and link, each of shape (k,)."""
+
+
+@dataclass(frozen=True)
+class WallQuestion:
+    """How far links keep from walls.
+
+    Attributes:
+        workspace: the walls.
+        least: distance that the axis of each link keeps, with what rounding takes, shape (links,) [m].
+        mount: link on which the mount ends, and where on it in [0, 1]; what lies before may touch.
+    """
+
+    workspace: Workspace
+    least: FloatArray
+    mount: tuple[int, float]
+
+
+@dataclass(frozen=True, eq=False)
+class WallProofs:
+    """What the certificate asks about links and walls.
+
+    Attributes:
+        question: walls and distances.
+    """
+
+    question: WallQuestion
+
+    def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
+        """Links that are not proved clear, and the stretches in which one of these touches a wall half-way.
+
+        Args:
+            stretches: of a motion.
+            links: what is looked at; None for all links beyond the mount, stretch by stretch.
+        """
+        mount, share = self.question.mount
+        of_arm = stretches.arm.links
+        most = len(stretches.owner) * max(0, of_arm - mount) if links is None else len(links[0])
+        found = np.empty((2, most), dtype=np.int64)
+        touching = np.empty(most, dtype=np.bool_)
+        call = NativeCall(
+            "wall_proofs",
+            stretches=len(stretches.owner), links=of_arm, mount_link=mount, mount_share=share,
+            start=stretches.a, end=stretches.b, middle=stretches.middle, sag=stretches.sag,
+            asked=-1 if links is None else len(links[0]),
+            stretch=found[0], link=found[1], touching=touching,
+            **self._walls, **dict(zip(("asked_stretch", "asked_link"), links or (), strict=False)),
+        )  # fmt: skip
+        call()
+        span, link = found[:, : call.fields.count]
+        return (span, link), span[touching[: call.fields.count]]
+
+    @cached_property
+    def _walls(self) -> dict[str, Any]:
+        """What C knows of the walls, by its names."""
+        walls = self.question.workspace.wall_segments
+        return {
+            "least": self.question.least,
+            "segments": walls.ends,
+            "rounding": walls.rounding,
+            "largest_rounding": float(walls.rounding.max()),
+            "tree": walls.boxes.for_c(),
+            "solids": walls.solid_boxes.for_c(),
+            "first_segment": np.ascontiguousarray(walls.solids[:, 0], dtype=np.int64),
+            "past_segments": np.ascontiguousarray(walls.solids[:, 1], dtype=np.int64),
+        }
+
+
+UNIT = 2.0**-53
+"""Half the distance from 1 to the next number."""
+
+
+def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
+    """By how much a distance of an arm's axis from a wall, less its sag, may be off [m]; twice that between links.
+
+    Args:
+        arm: whose headings are at most those of joints that all bend by half a turn.
+        workspace: its walls.
+        depth: how often stretches are halved.
+    """
+    links = arm.links
+    headings = abs(arm.base_heading) + np.pi * links
+    # Headings are halved, sines are off by four units in the last place, and running sums of lengths lose digits.
+    along = (depth + 1) * UNIT * headings + 8.0 * UNIT + 1.01 * (links + 2) * UNIT
+    # The sag is a sum as well; turns of one interval are below a whole one, and an eighth of its square below five.
+    of_sag = 1.01 * (links + 4) * UNIT * 5.0
+    reach = float(np.max(np.abs(arm.base))) + arm.length
+    size = max(2.0 * reach, float(np.max(np.abs(workspace.boundary.bounds))))
+    return float(np.sqrt(2.0) * arm.length * along + arm.length * of_sag + 4.0 * UNIT * reach + 64.0 * UNIT * size)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Certifies motions of one arm in one workspace.
+
+    Attributes:
+        arm: the arm.
+        workspace: the workspace.
+        spare: gap beyond contact that is asked for [m].
+        settings: bisections and rounding.
+    """
+
+    arm: Arm
+    workspace: Workspace
+    spare: float = 0.0
+    settings: CertificateSettings = DEFAULT_CERTIFICATE
+
+    @classmethod
+    def allowing_contact(
+        cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
+    ) -> "Certificate":
+        """The certificate that lets an arm with some width touch."""
+        return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
+
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals of a piecewise-linear motion that cannot be certified.
+
+        Args:
+            headings: link headings at the keyframes, shape (K, links) [rad].
+            depth: bisections that are allowed; as many as the settings say when None.
+
+        Returns:
+            Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
+        """
+        depth = self.settings.depth if depth is None else depth
+        start = headings[:-1]
+        end = headings[1:]
+        owner = np.arange(len(headings) - 1)
+        spans = Stretches(self.arm, start, end, owner)
+
+        links: Links | None = None
+        pairs: Pairs | None = None
+        failed: list[IntArray] = []
+        for level in range(depth + 1):
+            links, touching_links = self._wall_proofs.unproved(spans, links)
+            pairs, touching_pairs = self._unproved_pairs(spans, pairs)
+            # What touches half-way is lost at once; what is merely unproved is lost after the last bisection.
+            last = level == depth
+            bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
+            failed.append(np.unique(spans.owner[bad.astype(int)]))
+            if last or (len(links[0]) == 0 and len(pairs[0]) == 0):
+                break
+            spans, links, pairs = self._halved(spans, links, pairs, failed[-1])
+        return np.unique(np.concatenate(failed))
+
+    def _halved(self, spans: Stretches, links: Links, pairs: Pairs, failed: IntArray) -> tuple[Stretches, Links, Pairs]:
+        """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
+        # An interval that has failed need not be looked at further: the caller only learns that it failed.
+        alive = ~np.isin(spans.owner, failed)
+        keep_link = alive[links[0]]
+        keep_pair = alive[pairs[0]]
+        links = (links[0][keep_link], links[1][keep_link])
+        pairs = (pairs[0][keep_pair], pairs[1][keep_pair], pairs[2][keep_pair])
+
+        # Only stretches that still have something to test are halved; ``place`` leads from a test to its stretch.
+        kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
+        start = spans.start[kept]
+        end = spans.end[kept]
+        middle = 0.5 * (start + end)
+        halves = Stretches(
+            self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
+        )
+
+        # First halves come first, second halves len(kept) later; every open test is repeated on both.
+        on_link = place[: len(links[0])]
+        on_pair = place[len(links[0]) :]
+        twice_links = (np.concatenate((on_link, on_link + len(kept))), np.tile(links[1], 2))
+        twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), np.tile(pairs[1], 2), np.tile(pairs[2], 2))
+        return halves, twice_links, twice_pairs
+
+    def _unproved_pairs(self, spans: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+        """Pairs of links not proved apart, of those given or of all, and the stretches in which a pair touches."""
+        if not self.arm.self_collision:
+            none = np.zeros(0, dtype=np.intp)
+            return (none, none, none), none
+        return self._pair_proofs.unproved(spans, pairs)
+
+    @cached_property
+    def _rounding(self) -> float:
+        """Distances are kept to this much more at least, so that rounding proves nothing that is not true."""
+        return proof_rounding(self.arm, self.workspace, self.settings.depth)
+
+    @cached_property
+    def _pair_proofs(self) -> PairProofs:
+        arm = self.arm
+        touch = max(self.settings.touch, 2.0 * self._rounding)
+        apart = 2.0 * arm.radius + self.spare + touch + arm.room_for_errors(np.arange(arm.links))
+        return PairProofs(arm.first_self_pair, apart)
+
+    @cached_property
+    def _wall_proofs(self) -> WallProofs:
+        arm = self.arm
+        room = arm.room_for_errors(np.arange(1, arm.links + 1))
+        least = arm.radius + self.workspace.clearance + self.spare + room + max(self.settings.touch, self._rounding)
+        return WallProofs(WallQuestion(self.workspace, least, self._mount))
+
+    @cached_property
+    def _mount(self) -> tuple[int, float]:
+        """Link on which the mount ends, and where on it in [0, 1]; past the last where it is the whole arm."""
+        links = self.arm.mount_length / self.arm.link_length
+        whole = min(int(links + 1e-9), self.arm.links)
+        return whole, max(0.0, links - whole) if whole < self.arm.links else 0.0
+
+
+def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
+    """Depth below contact that may be [m]: none for axes that would then touch walls or each other."""
+    widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
+    # Rounding must not refuse an arm that begins in contact, but an axis without width would be on the other side of
+    # the wall.
+    return settings.contact if min(widths) > 2.0 * settings.contact else 0.0

@@ -1,0 +1,323 @@
+"""Contacts of links with walls and with each other."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.length_words import short_length
+from ccm_opt.core.native import NativeCall
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, LinkMarginSettings
+from ccm_opt.scene.walls import Walls
+
+WALL = -1
+"""Stands for the second link of a contact with a wall."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Near pairs of one pose.
+
+    Attributes:
+        first: link of the point that ``normal`` pushes away, shape (m,).
+        first_at: its place on the link in [0, 1], shape (m,).
+        second: the other link, or ``WALL``, shape (m,).
+        second_at: place on the other link, shape (m,).
+        normal: unit direction from the other body to the first point, shape (m, 2).
+        gap: distance between the surfaces beyond the clearance asked for, shape (m,) [m].
+        margin: gap to keep while planning, shape (m,) [m].
+        wall: index of the wall, or the number of walls for self-contacts, shape (m,).
+    """
+
+    first: IntArray
+    first_at: FloatArray
+    second: IntArray
+    second_at: FloatArray
+    normal: FloatArray
+    gap: FloatArray
+    margin: FloatArray
+    wall: IntArray
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+    def take(self, mask: BoolArray) -> "Contacts":
+        """The contacts selected by a mask."""
+        return Contacts(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
+
+    def shortfall(self) -> float:
+        """Largest excess of the planning margin over the gap [m]; negative when every margin is kept."""
+        return float(np.max(self.margin - self.gap, initial=-np.inf))
+
+
+def joined_contacts(parts: list[Contacts]) -> Contacts:
+    """All contacts of several lists."""
+    return Contacts(*(np.concatenate([getattr(p, name) for p in parts]) for name in Contacts.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Numbers of the certificate.
+
+    Attributes:
+        depth: bisections of an interval before its certificate is refused. Taste: the sag falls four-fold at each.
+        touch: gap that even an arm of no width keeps [arm lengths]. Derived: above what rounding takes in a room of up
+            to a hundred thousand arm's lengths; where ``proof_rounding`` is more, that counts.
+        rounding: depth of contact in these units, and bend beyond a joint limit [rad], that counts as none at an end of
+            a motion. Derived: likewise.
+        contact: depth below contact that motions of an arm with some width may have where they begin or end in
+            contact, in these units. Derived: half of what the verifier allows; where the problem asks the verifier for
+            more or less, half of that.
+        contact_share: this half.
+    """
+
+    depth: int = 7
+    touch: float = 1e-9
+    rounding: float = 1e-9
+    contact: float = 5e-7
+    contact_share: float = 0.5
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Numbers of the search for near pairs.
+
+    Attributes:
+        slack: of the neighbour list beyond the reach, as a multiple of it. Taste: a longer list is renewed less often.
+        moved: share of that slack by which a coordinate of a joint may have moved before the list is renewed. Derived:
+            below 1/√8, so that two joints together move by less than the slack.
+        link_margins: of the margins between distant links.
+    """
+
+    slack: float = 1.5
+    moved: float = 0.35
+    link_margins: LinkMarginSettings = DEFAULT_LINK_MARGINS
+
+
+DEFAULT_CERTIFICATE = CertificateSettings()
+"""The numbers that are used unless others are given."""
+DEFAULT_CONTACTS = ContactSettings()
+"""Likewise."""
+
+
+_RUN = 8
+"""``RUN`` of near_pairs.c."""
+
+
+@dataclass(frozen=True)
+class PairQuestion:
+    """One arm among fixed walls, and which of its near pairs are wanted.
+
+    Attributes:
+        arm: the arm.
+        walls: the walls.
+        clearance: gap to keep to walls beyond the radius [m].
+        margin: planning margin on top of it [m].
+        reach: pairs with a gap below this are reported [m].
+        settings: of the neighbour list and of margins between links.
+    """
+
+    arm: Arm
+    walls: Walls
+    clearance: float
+    margin: float
+    reach: float
+    settings: ContactSettings
+
+    @cached_property
+    def wall_gap(self) -> FloatArray:
+        """Distance of the arm's axis from each wall's core where they touch, shape (walls,) [m]."""
+        return self.arm.radius + self.clearance + self.walls.rounding
+
+    @cached_property
+    def error_room(self) -> FloatArray:
+        """Room for errors between each link and a wall, which all joints up to the link move, shape (links,) [m]."""
+        return self.arm.room_for_errors(np.arange(1, self.arm.links + 1))
+
+    @cached_property
+    def pair_room(self) -> FloatArray:
+        """The same between two links, moved by the joints between them, by their distance j − i, shape (links,) [m]."""
+        return self.arm.room_for_errors(np.arange(self.arm.links))
+
+    @cached_property
+    def pair_margin(self) -> FloatArray:
+        """Margin between two links by their distance j − i, shape (links,) [m]."""
+        apart = np.arange(self.arm.links)
+        return self.arm.link_margins(np.zeros_like(apart), apart, self.margin, self.settings.link_margins)
+
+
+class PairSearch:
+    """Finds near pairs; not for use by two threads at once.
+
+    Args:
+        question: arm, walls, and which pairs are wanted.
+    """
+
+    def __init__(self, question: PairQuestion) -> None:
+        arm = question.arm
+        walls = question.walls
+        link, at = arm.mount_end
+        self._points = np.empty((arm.links + 1, 2))
+        self._call = NativeCall(
+            "near_pairs",
+            links=arm.links, mount_link=link, mount_at=at, link_length=arm.link_length, radius=arm.radius,
+            first_self_pair=arm.first_self_pair if arm.self_collision else arm.links,
+            reach=question.reach, margin=question.margin,
+            error_room=question.error_room, pair_room=question.pair_room, pair_margin=question.pair_margin,
+            edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
+            edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,
+            walls=len(walls.names), wall_gap=question.wall_gap, largest_gap=float(question.wall_gap.max()),
+            found=np.zeros(max(len(walls.edges), len(walls.vertices)), dtype=np.int64),
+            runs=np.zeros(4 * (arm.links // _RUN + 1)),
+            points=self._points,
+        )  # fmt: skip
+        self._latest: FloatArray | None = None
+        self._make_room(64)
+
+    def contacts(self, points: FloatArray) -> Contacts:
+        """All pairs of a pose with a gap below the reach; ``points`` has the shape (links + 1, 2) [m]."""
+        self._ask(points)
+        m = self._call.fields.count
+        results = {name: array[:m].copy() for name, array in self._results.items()}
+        return Contacts(
+            results["first"], results["first_at"], results["second"], results["second_at"], results["normal"],
+            results["gap"], results["pair_margins"], results["wall"],
+        )  # fmt: skip
+
+    def crosses(self, points: FloatArray) -> bool:
+        """Whether any link of a pose cuts an edge of a wall or a distant link."""
+        if self._latest is not points:
+            self._ask(points)
+        return bool(self._call.fields.crosses)
+
+    def _ask(self, points: FloatArray) -> None:
+        self._points[:] = points
+        self._call()
+        if self._call.fields.count > self._call.fields.capacity:
+            self._make_room(2 * self._call.fields.count)
+            self._call()
+        # By identity: whether a pose crosses anything is asked right after its contacts.
+        self._latest = points
+
+    def _make_room(self, capacity: int) -> None:
+        """Room for so many results."""
+        whole = np.empty((3, capacity), dtype=np.int64)
+        real = np.empty((4, capacity))
+        self._results: dict[str, npt.NDArray[Any]] = {
+            **dict(zip(("first", "second", "wall"), whole, strict=True)),
+            **dict(zip(("first_at", "second_at", "gap", "pair_margins"), real, strict=True)),
+            "normal": np.empty((capacity, 2)),
+        }
+        self._call.set(capacity=capacity, **self._results)
+
+
+class ContactFinder:
+    """Finds the contacts of poses of one arm among fixed walls.
+
+    Args:
+        arm: the arm.
+        walls: the walls.
+        clearance: gap to keep to walls beyond the radius [m].
+        margin: planning margin m on top of it [m].
+        reach: pairs with a gap below this are reported [m].
+        settings: of the neighbour list and of margins between links.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        walls: Walls,
+        clearance: float,
+        margin: float,
+        reach: float,
+        settings: ContactSettings = DEFAULT_CONTACTS,
+    ) -> None:
+        self.arm = arm
+        self.walls = walls
+        self.margin = margin
+        self.reach = reach
+        self.settings = settings
+        self._search = PairSearch(PairQuestion(arm, walls, clearance, margin, reach, settings))
+        self._latest: tuple[FloatArray, Contacts] | None = None
+
+    def find(self, points: FloatArray) -> Contacts:
+        """Contacts of a pose with a gap below the reach.
+
+        Args:
+            points: joint and tip positions, shape (links + 1, 2) [m].
+        """
+        # By identity, not by value: a step and its check ask for the same array twice. Arrays of points must not be
+        # changed in place.
+        if self._latest is not None and self._latest[0] is points:
+            return self._latest[1]
+        contacts = self._search.contacts(points)
+        self._latest = (points, contacts)
+        return contacts
+
+    def describe(self, contacts: Contacts) -> str:
+        """The contact that is furthest inside its margin, in words."""
+        tightest = self.tightest(contacts)
+        if tightest is None:
+            return "nothing near"
+        link, other, gap = tightest
+        return f"link {link} and {other}, gap {short_length(gap)}"
+
+    def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
+        """Of the contact that is furthest inside its margin: link from 1, what it is near to, gap [m]; None if none."""
+        if len(contacts) == 0:
+            return None
+        k = int(np.argmin(contacts.gap - contacts.margin))
+        wall = contacts.second[k] == WALL
+        other = f"'{self.walls.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
+        return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
+
+    def crosses(self, points: FloatArray) -> bool:
+        """Whether any link cuts an edge of a wall or a distant link."""
+        return self._search.crosses(points)
+
+
+def closest_on_segments(
+    p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Closest points of segments pq and rs that do not cross: the least of four end-to-segment distances.
+
+    Returns:
+        Place on pq, place on rs, and the vector from the point on rs to the point on pq; shapes (m,), (m,), (m, 2).
+    """
+    d = q - p
+    e = s - r
+    dd = np.maximum(np.einsum("ij,ij->i", d, d), 1e-30)
+    ee = np.maximum(np.einsum("ij,ij->i", e, e), 1e-30)
+
+    w = p - r
+    dw = np.einsum("ij,ij->i", d, w)
+    ew = np.einsum("ij,ij->i", e, w)
+    de = np.einsum("ij,ij->i", d, e)
+    zero = np.zeros_like(dw)
+    one = np.ones_like(dw)
+    # An end of one segment is nearest to the other at its projection, clipped; all four ends are tried.
+    on_first = np.stack((np.clip(-dw / dd, 0, 1), np.clip((de - dw) / dd, 0, 1), zero, one))
+    on_second = np.stack((zero, one, np.clip(ew / ee, 0, 1), np.clip((ew + de) / ee, 0, 1)))
+
+    apart = w + on_first[..., None] * d - on_second[..., None] * e
+    best = np.argmin(np.einsum("kij,kij->ki", apart, apart), axis=0)
+    columns = np.arange(len(p))
+    return on_first[best, columns], on_second[best, columns], apart[best, columns]
+
+
+def segments_cross(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
+    """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
+    # Each segment's ends lie on opposite sides of the other's line; an end that touches counts as no crossing.
+    opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
+    low = np.maximum(np.minimum(p, q), np.minimum(r, s))
+    high = np.minimum(np.maximum(p, q), np.maximum(r, s))
+    return np.asarray(opposite & np.all(low <= high, axis=1))
+
+
+def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
+    # Twice the signed area of the triangle: positive where r lies to the left of pq.
+    return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])

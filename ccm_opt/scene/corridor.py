@@ -1,0 +1,53 @@
+"""Routes through free space and the corridors of convex regions around them (section 4.1)."""
+
+from dataclasses import dataclass
+
+from ccm_opt.core.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class ConvexRegion:
+    """A convex polygon inside free space, also as half-planes ``normals @ x <= offsets``.
+
+    Attributes:
+        vertices: counter-clockwise, shape (m, 2) [m].
+        normals: unit outward normals of the edges, shape (m, 2).
+        offsets: shape (m,) [m].
+    """
+
+    vertices: FloatArray
+    normals: FloatArray
+    offsets: FloatArray
+
+
+@dataclass(frozen=True)
+class Route:
+    """One homotopy class of paths from a start to a goal, named by the triangles its taut string crosses.
+
+    Attributes:
+        sleeve: indices of the triangles crossed, in order, without immediate returns.
+        taut: the shortest path of the class, a polyline, shape (k, 2) [m].
+        length: of ``taut`` [m].
+        heading: that is asked for at its end [rad], or None.
+    """
+
+    sleeve: tuple[int, ...]
+    taut: FloatArray
+    length: float
+    heading: float | None = None
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """Overlapping convex regions along a route, first holds the start, last the goal.
+
+    Attributes:
+        route: the route the corridor was built on.
+        regions: in order along the route.
+        portals: directed crossings from region k to k + 1: left end, then right end as seen along the route, shape
+            (regions - 1, 2, 2) [m].
+    """
+
+    route: Route
+    regions: tuple[ConvexRegion, ...]
+    portals: FloatArray

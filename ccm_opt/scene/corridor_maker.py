@@ -1,0 +1,446 @@
+"""Convex regions of free space that cover a route.
+
+Each wall is shut out by one half-plane through its point nearest to the cell, nearest walls first, walls already
+outside left aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the
+result holds the cell.
+
+Candidates are the regions grown from the cells on the route and from the edges between them. Each covers a span of
+the taut string; as few as overlap well are kept, and each overlap gets a portal, a chord that the taut string
+crosses.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, BoolArray, FloatArray, IntArray
+from ccm_opt.core.polygons import (
+    after_each,
+    chords,
+    clip,
+    half_planes,
+    intersection,
+    nearest_on_segments,
+    signed_area,
+    without_short_edges,
+)
+from ccm_opt.scene.corridor import ConvexRegion, Corridor, Route
+from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
+from ccm_opt.scene.sleeve import TautString
+from ccm_opt.scene.triangulation import Partition, Triangulation, merge
+
+UNUSABLE = -1.0
+"""Marks a pair of regions whose overlap is away from the string: taken where nothing else leads on."""
+WORTHLESS = 1e-7
+"""Overlaps worse than this are as bad as none: rounding, 100 times what counts as touching [m]."""
+
+
+@dataclass(frozen=True)
+class RegionSpan:
+    """A region with the part of a taut string that it covers.
+
+    Attributes:
+        region: convex and free.
+        first: arc length of the taut string where it enters the region [m].
+        last: where it leaves [m].
+    """
+
+    region: ConvexRegion
+    first: float
+    last: float
+
+    @classmethod
+    def around(
+        cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
+    ) -> "RegionSpan":
+        """A region with all of the string that it covers around a span known to be covered.
+
+        Args:
+            region: the region.
+            first: where the known span begins [m].
+            last: where it ends [m].
+            taut: the string.
+            slack: how far outside the string may run and still count as covered, except at its ends [m].
+        """
+        slacks = np.full(len(taut.stations), max(slack, ROUNDING))
+        slacks[[0, -1]] = ROUNDING
+        outside = taut.stations[np.max(taut.points @ region.normals.T - region.offsets, axis=1) > slacks]
+
+        # The covered part reaches from the station after the last one outside before the known span to the station
+        # before the first one outside behind it.
+        entered = 0.0
+        left = taut.length
+        before = outside[outside < first]
+        if len(before):
+            entered = float(taut.stations[np.searchsorted(taut.stations, before[-1], side="right")])
+        after = outside[outside > last]
+        if len(after):
+            left = float(taut.stations[np.searchsorted(taut.stations, after[0]) - 1])
+        return cls(region, min(first, entered), max(last, left))
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Looks for a short sequence of candidates that cover a taut string and overlap well.
+
+    Attributes:
+        candidates: in order along the string; each one's span meets that of the next.
+        taut: the string.
+        slack: how far outside the regions the string may run, and how far beside the portals pass [m].
+        settings: numbers of the choice of portals.
+    """
+
+    candidates: Sequence[RegionSpan]
+    taut: TautString
+    slack: float = 0.0
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+
+    @cached_property
+    def _links(self) -> dict[tuple[int, int], "Link"]:
+        return {}
+
+    def link(self, here: int, there: int) -> "Link":
+        """How two candidates overlap."""
+        if (here, there) not in self._links:
+            pair = self.candidates[here], self.candidates[there]
+            self._links[here, there] = link_between(*pair, self.taut, self.slack, self.settings)
+        return self._links[here, there]
+
+    def portals(self, sequence: Sequence[int]) -> FloatArray:
+        """Portals between following candidates, left end then right end, in order; shape (n - 1, 2, 2) [m]."""
+        choices = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
+        return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
+
+    def sequence(self, wanted: float) -> list[int]:
+        """Candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is.
+
+        Raises:
+            ValueError: when the spans of following candidates do not meet.
+        """
+        # Wide overlaps serve the curve's planner best, so ask for less only when nothing else leads through.
+        wanted = min(wanted, self.taut.length)
+        while wanted > WORTHLESS:
+            found = self._search(wanted)
+            if found:
+                return found
+            wanted *= 0.5
+        found = self._search(0.0) or self._search(UNUSABLE)
+        if not found:
+            raise ValueError(f"got {len(self.candidates)} regions that leave gaps on a route, expected spans that meet")
+        return found
+
+    def _search(self, wanted: float) -> list[int]:
+        """Depth-first search that tries the candidate that leads farthest first and enters each once."""
+        seen: set[int] = set()
+        stack = [[k] for k in self._nearest_first(range(len(self.candidates)), 0.0)]
+        while stack:
+            path = stack.pop()
+            here = path[-1]
+            if here in seen or (len(path) > 1 and self.link(path[-2], here).quality < wanted):
+                continue
+            seen.add(here)
+            if self.candidates[here].last >= self.taut.length:
+                return path
+            onwards = self._nearest_first(range(here + 1, len(self.candidates)), self.candidates[here].last)
+            stack += [[*path, k] for k in onwards]
+        return []
+
+    def _nearest_first(self, which: Sequence[int], reached: float) -> list[int]:
+        """Those candidates that hold the string at ``reached`` [m], the one leading farthest last."""
+        # Spans of candidates that follow each other must meet, or the string is uncovered between them.
+        holding = [k for k in which if self.candidates[k].first <= reached <= self.candidates[k].last]
+        return sorted(holding, key=lambda k: self.candidates[k].last)
+
+
+@dataclass(frozen=True)
+class Chord:
+    """A chord of the overlap of two regions that a taut string crosses.
+
+    Attributes:
+        place: arc length of the string where it crosses [m].
+        ends: left and right end as seen along the string, shape (2, 2) [m].
+        score: width times squareness [m].
+    """
+
+    place: float
+    ends: FloatArray
+    score: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """How two regions overlap.
+
+    Attributes:
+        quality: width of the best portal, less when the overlap is thin [m].
+        chords: portals to choose from, by increasing place.
+    """
+
+    quality: float
+    chords: tuple[Chord, ...]
+
+
+def link_between(
+    here: RegionSpan,
+    there: RegionSpan,
+    taut: TautString,
+    beside: float,
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE,
+) -> Link:
+    """The overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
+    first = max(here.first, there.first)
+    last = min(here.last, there.last)
+    overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
+    normals = np.concatenate((here.region.normals, there.region.normals))
+    offsets = np.concatenate((here.region.offsets, there.region.offsets))
+
+    # Where the string runs beside the overlap, portals are tried at the nearest points of the overlap; they count in
+    # full only where they pass the string by no more than is allowed.
+    places = _trial_places(taut, first, last, settings.portal_trials)
+    points = [_nearest_within(overlap, normals, offsets, taut.at(place)) for place in places]
+    near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + ROUNDING]
+    trials = [
+        (places[k], points[k], direction, squareness)
+        for k in near or range(len(places))
+        for direction, squareness in taut.directions_across(places[k])
+    ]
+    found = _chords(trials, normals, offsets)
+    best = min(max(choice.score for choice in found), _thickness(overlap) / settings.overlap_thickness)
+    return Link(best if near else UNUSABLE, found)
+
+
+def _chords(
+    trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
+) -> tuple[Chord, ...]:
+    """Chords within half-planes, one for each place, point, direction and squareness tried."""
+    places, points, directions, squareness = zip(*trials, strict=True)
+    ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
+    scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    return tuple(Chord(place, pair, score) for place, pair, score in zip(places, ends, scores.tolist(), strict=True))
+
+
+def _trial_places(taut: TautString, first: float, last: float, trials: int) -> list[float]:
+    """Arc lengths where portals are tried: the ends and the middle of a span and some of the crossings in it."""
+    crossings = taut.crossings_within(first, last)
+    some = crossings[:: 1 + len(crossings) // trials]
+    places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
+    return places
+
+
+def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
+    """One chord of each link, places not decreasing, with the greatest product of scores (dynamic programming)."""
+    best: list[tuple[float, list[Chord]]] = [(0.0, [])]
+    for options in links:
+        # Options before every chain are of no use; should all be, the last is taken as it is.
+        reached = min((chosen[-1].place for _, chosen in best if chosen), default=0.0)
+        longer: list[tuple[float, list[Chord]]] = []
+        for choice in [c for c in options if c.place >= reached] or options[-1:]:
+            fitting = [pair for pair in best if not pair[1] or pair[1][-1].place <= choice.place] or best
+            total, chosen = max(fitting, key=lambda pair: pair[0])
+            longer.append((total + float(np.log(choice.score + WORTHLESS)), [*chosen, choice]))
+        best = longer
+    return max(best, key=lambda pair: pair[0])[1]
+
+
+def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
+    """The point (2,) if the half-planes hold it or the polygon (m, 2) is empty, else the nearest of the polygon."""
+    if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + ROUNDING)):
+        return point
+    feet = nearest_on_segments(point, np.stack((polygon, after_each(polygon)), axis=1))
+    nearest: FloatArray = feet[np.argmin(np.linalg.norm(feet - point, axis=1))]
+    return nearest
+
+
+def _thickness(overlap: FloatArray) -> float:
+    """Twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness; of a point 0."""
+    perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
+    return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0
+
+
+def region_of(vertices: FloatArray) -> ConvexRegion:
+    """A convex polygon, counter-clockwise vertices of shape (m, 2) [m], with its half-planes."""
+    vertices = without_short_edges(vertices, ROUNDING)
+    return ConvexRegion(vertices, *half_planes(vertices))
+
+
+def grow(
+    cell: FloatArray, walls: FloatArray, room: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> ConvexRegion:
+    """A convex free region that contains a convex free cell.
+
+    Args:
+        cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
+        walls: the edges of free space, free space on their left, shape (w, 2, 2) [m].
+        room: a convex polygon that holds free space, counter-clockwise, shape (r, 2) [m].
+        settings: number of walls to begin with.
+
+    Returns:
+        The region; it contains the cell and meets no wall, both within 1e-9 m.
+    """
+    near = _nearest_first(cell, walls)[: settings.walls_first]
+    region = _shut_out(cell, walls[near], room)
+    normals, offsets = half_planes(without_short_edges(region, ROUNDING))
+    left_over = ~np.any(np.all(walls @ normals.T >= offsets - ROUNDING, axis=1), axis=1)
+    return region_of(_shut_out(cell, walls[left_over], region) if np.any(left_over) else region)
+
+
+def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
+    """Walls in the order of a lower bound of their distance to the middle of the cell."""
+    middles = walls.mean(axis=1)
+    halves = 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
+    return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
+
+
+def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
+    """The part of a convex region around the cell that is left when each wall is shut out, nearest first."""
+    gaps, on_cell, on_wall = nearest_points(cell, walls)
+    inside = np.ones(len(walls), dtype=bool)
+    for wall in np.argsort(gaps, kind="stable"):
+        if not inside[wall]:
+            continue
+        # A nearer wall is shut out by an edge line: its nearest point gives no sharp direction.
+        if gaps[wall] > SHORTEST:
+            normal = (on_wall[wall] - on_cell[wall]) / gaps[wall]
+            offset = float(normal @ on_wall[wall])
+        else:
+            normal, offset = _touching_half_plane(cell, walls[wall], region)
+        region = clip(region, normal, offset)
+        # Walls that this half-plane shuts out as well need none of their own.
+        inside &= np.any(walls @ normal < offset - ROUNDING, axis=1)
+        inside[wall] = False
+    return region
+
+
+def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The gap between a convex cell and each wall that does not cross it, and where it is.
+
+    Args:
+        cell: vertices, shape (m, 2) [m].
+        walls: shape (w, 2, 2) [m].
+
+    Returns:
+        Gaps, shape (w,) [m], nearest points of the cell, shape (w, 2) [m], and of the walls, shape (w, 2) [m].
+    """
+    edges = np.stack((cell, after_each(cell)), axis=1)
+    feet_on_walls = nearest_on_segments(cell[:, None], walls[None])  # (m, w, 2)
+    feet_on_cell = nearest_on_segments(walls[None], edges[:, None, None])  # (m, w, 2 ends, 2)
+    cell_side = np.concatenate(
+        (np.broadcast_to(cell[:, None], feet_on_walls.shape), feet_on_cell[:, :, 0], feet_on_cell[:, :, 1])
+    )
+    wall_ends = np.broadcast_to(walls, (len(cell), *walls.shape))
+    wall_side = np.concatenate((feet_on_walls, wall_ends[:, :, 0], wall_ends[:, :, 1]))
+    gaps = np.linalg.norm(wall_side - cell_side, axis=2)
+    best = np.argmin(gaps, axis=0)
+    which = np.arange(len(walls))
+    return gaps[best, which], cell_side[best, which], wall_side[best, which]
+
+
+def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
+    """The half-plane between a cell and a wall that touch which leaves most of the region.
+
+    Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis
+    theorem); squares to the wall at its ends are tried as well. A line along a cell that is a segment would leave one
+    side of it only: the last resort.
+    """
+    normals, offsets = _separators(cell, wall)
+    overlap = np.maximum(
+        np.max(normals @ cell.T - offsets[:, None], axis=1), np.max(offsets[:, None] - normals @ wall.T, axis=1)
+    )
+    valid = np.flatnonzero(overlap <= max(ROUNDING, 1.01 * float(overlap.min())))
+    room_left = [_area(clip(region, normals[i], float(offsets[i]))) for i in valid]
+    one_sided = [bool(np.all(cell @ normals[i] >= offsets[i] - ROUNDING)) for i in valid]
+    best = valid[max(range(len(valid)), key=lambda k: (not one_sided[k], room_left[k]))]
+    return normals[best], float(offsets[best])
+
+
+def _separators(cell: FloatArray, wall: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half-planes (k, 2), (k,) worth trying between a cell (m, 2) and a wall (2, 2)."""
+    wall_normals, wall_offsets = half_planes(wall)
+    cell_normals, cell_offsets = half_planes(cell)
+    squares = wall_normals[:, ::-1] * (-1.0, 1.0)
+    normals = np.concatenate((wall_normals, cell_normals, squares))
+    return normals, np.concatenate((wall_offsets, cell_offsets, np.sum(squares * wall, axis=1)))
+
+
+def _area(vertices: FloatArray) -> float:
+    return signed_area(vertices) if len(vertices) > 2 else 0.0
+
+
+def contains(region: ConvexRegion, points: FloatArray, tolerance: float = ROUNDING) -> BoolArray:
+    """Which points (..., 2) lie in the region, within ``tolerance`` [m]; shape (...)."""
+    return np.asarray(np.all(points @ region.normals.T <= region.offsets + tolerance, axis=-1), dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class CorridorMaker:
+    """Makes corridors in one triangulated free space; cells and grown regions are kept for the next route.
+
+    Attributes:
+        triangulation: of free space.
+        slack: how far beside the regions the taut string may cut a corner [m]; must be less than the inflation by which
+            the obstacles were grown, so that no obstacle fits in between.
+        settings: numbers of the choice of regions.
+    """
+
+    triangulation: Triangulation
+    slack: float = 0.0
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+
+    @cached_property
+    def partition(self) -> Partition:
+        """The convex cells."""
+        return merge(self.triangulation)
+
+    @cached_property
+    def _room(self) -> FloatArray:
+        """The bounding box of free space, counter-clockwise, shape (4, 2) [m]."""
+        x0, y0 = self.triangulation.vertices.min(axis=0)
+        x1, y1 = self.triangulation.vertices.max(axis=0)
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+    @cached_property
+    def _grown(self) -> dict[bytes, ConvexRegion]:
+        return {}
+
+    def grown(self, seed: FloatArray) -> ConvexRegion:
+        """The region grown from a convex free polygon or segment, vertices (m, 2) [m]."""
+        key = seed.tobytes()
+        if key not in self._grown:
+            self._grown[key] = grow(seed, self.triangulation.walls, self._room, self.settings)
+        return self._grown[key]
+
+    def corridor_along(self, route: Route, path: FloatArray | None = None) -> Corridor:
+        """The corridor of a route, with as few regions as overlap well.
+
+        Args:
+            route: its sleeve names the cells.
+            path: the free part of the route's taut string, shape (k, 2) [m]; the whole string by default.
+
+        Returns:
+            Regions in order, the first holding the path's start, the last its end, and their directed portals.
+        """
+        edges = self.triangulation.portals(route.sleeve)
+        taut = TautString.through(edges, route.taut if path is None else path, self.settings)
+        # Portals need not be wider than the route allows; without an edge to cross any width is wide enough.
+        narrowest = float(np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=np.inf))
+        cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack, self.settings)
+        kept = cover.sequence(self.settings.portal_width * narrowest)
+        return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
+
+    def _candidates(self, sleeve: tuple[int, ...], edges: FloatArray, taut: TautString) -> list[RegionSpan]:
+        """Regions grown from the cells along a sleeve and, in between, from the edges where the cell changes."""
+        cells = self.partition.cell_of[list(sleeve)]
+        changes = np.flatnonzero(np.diff(cells))
+        times = np.concatenate(([0.0], taut.crossings[changes], [taut.length]))
+        found: list[RegionSpan] = []
+        for k, cell in enumerate(cells[np.concatenate((changes, [len(cells) - 1]))]):
+            inside = self.grown(self.partition.cells[cell])
+            found.append(RegionSpan.around(inside, times[k], times[k + 1], taut, self.slack))
+            if k < len(changes):
+                # A region grown from the edge itself overlaps both neighbours, where their own overlap may be thin.
+                across = self.grown(edges[changes[k]])
+                found.append(RegionSpan.around(across, times[k + 1], times[k + 1], taut, self.slack))
+        return found

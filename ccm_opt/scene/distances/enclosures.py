@@ -1,0 +1,95 @@
+"""Places inside of bodies: distances know surfaces alone, and to them a body is as free inside as a room."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.length_words import place
+from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.distances.insides import depth_inside, encloses
+from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.surfaces import box_about
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """A place inside of a body, or outside of the room.
+
+    Attributes:
+        name: of the body; empty outside of the room.
+        number: of the place among those that were asked of.
+        place: the place, shape (3,) [m].
+        depth: how far it is from the surface [m].
+    """
+
+    name: str
+    number: int
+    place: FloatArray
+    depth: float
+
+
+def deepest_enclosure(workspace: SpaceWorkspace, places: FloatArray, *, closed_only: bool = False) -> Enclosure | None:
+    """Return the place that is deepest inside of a body, or farthest outside of the room; None where none is.
+
+    An arm that touches no surface is inside of a body with all its places or with none, so that one of them tells.
+
+    Args:
+        workspace: the room.
+        places: shape (k, 3) [m].
+        closed_only: leave out open shells, through whose holes a place may be reached.
+    """
+    return max(_enclosures(workspace, places, closed_only=closed_only), key=lambda found: found.depth, default=None)
+
+
+def ways_out(workspace: SpaceWorkspace, name: str, what: str) -> tuple[str, ...]:
+    """Return what to do about something inside of a body.
+
+    Args:
+        workspace: the room.
+        name: of the body.
+        what: lies inside.
+    """
+    body = next((each.body for each in workspace.obstacles if each.name == name), None)
+    out = f"move {what} out of it"
+    if not isinstance(body, MeshBody):
+        return (out,)
+    opened = "" if body.closed else f", which {open_words(body)}"
+    return out, f"set solid = false for '{name}'{opened}, if its surface alone is meant"
+
+
+def open_words(body: MeshBody) -> str:
+    """Return how many edges of an open mesh belong to one triangle alone, and where one is, in words."""
+    edges = body.shells.open_edges
+    count = "1 open edge" if len(edges) == 1 else f"{len(edges)} open edges, one"
+    return f"has {count} near {place(edges[0].mean(axis=0))}"
+
+
+def _enclosures(workspace: SpaceWorkspace, places: FloatArray, *, closed_only: bool = False) -> Iterator[Enclosure]:
+    for obstacle in workspace.obstacles:
+        body = obstacle.body
+        if not body.solid:
+            continue
+        low, high = box_about(body.triangles)
+        within = (places >= low - body.rounding) & (places <= high + body.rounding)
+        for number in np.flatnonzero(np.all(within, axis=1)):
+            # How deep takes longer to find than whether at all; of what is rounded the depth itself says both.
+            if body.rounding or encloses(body, places[number], closed_only=closed_only):
+                depth = depth_inside(body, places[number], closed_only=closed_only)
+                if depth > 0.0:
+                    yield Enclosure(obstacle.name, int(number), places[number], depth)
+    yield from _outside_room(workspace, places)
+
+
+def _outside_room(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enclosure]:
+    if workspace.bounds is None:
+        return
+    beyond = np.maximum(np.maximum(workspace.bounds[0] - places, places - workspace.bounds[1]), 0.0)
+    for number in np.flatnonzero(np.any(beyond > 0.0, axis=1)):
+        yield Enclosure("", int(number), places[number], float(np.linalg.norm(beyond[number])))
+
+
+def enclosed(workspace: SpaceWorkspace, places: FloatArray) -> IntArray:
+    """Numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, 3)."""
+    return np.unique([found.number for found in _enclosures(workspace, places)]).astype(np.intp)

@@ -1,0 +1,258 @@
+"""Free space of a disc among walls, and what is asked of it.
+
+Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than the
+inflation from all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle
+by the tangents of a 12-gon.
+"""
+
+import itertools
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray
+from ccm_opt.core.polygons import cross, mitred
+from ccm_opt.core.polyline import heading_of, path_length, unit_vector
+from ccm_opt.scene import sleeve as sleeves
+from ccm_opt.scene.corridor import Corridor, Route
+from ccm_opt.scene.corridor_maker import CorridorMaker
+from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
+from ccm_opt.scene.narrow_gates import (
+    Bottleneck,
+    EdgeMetric,
+    GateRuns,
+    missing_link,
+    narrowest_passage,
+    straight_through_gates,
+)
+from ccm_opt.scene.routes import shortest_routes
+from ccm_opt.scene.sleeve import taut_string
+from ccm_opt.scene.triangulation import Triangulation, triangulate
+from ccm_opt.scene.workspace import Obstacle, Workspace
+
+
+def free_set(
+    workspace: Workspace, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> shapely.MultiPolygon:
+    """All places of the arm's axis farther than ``inflation`` from every wall, less a little at rounded corners.
+
+    Args:
+        workspace: the room and its obstacles.
+        inflation: the arm's radius plus clearance [m], positive; for an arm of no width a tiny number.
+        settings: how finely corners and circles are drawn.
+
+    Returns:
+        The free set; empty when nothing is free. Components may be several.
+
+    Raises:
+        ValueError: when ``inflation`` is not positive.
+    """
+    if inflation <= 0.0:
+        raise ValueError(f"got inflation = {inflation} m, expected a positive length: for an arm of no width pass 1e-6")
+    room = mitred(workspace.boundary, -inflation, settings.mitre_limit)
+    grown = shapely.union_all([grown_outline(obstacle, inflation, settings) for obstacle in workspace.obstacles])
+    pieces = shapely.get_parts(shapely.difference(room, grown))
+    dent = settings.dent * inflation
+    # Smaller pieces of free space [m²] are left over by rounding.
+    polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > TINY]
+    return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
+
+
+def grown_outline(
+    obstacle: Obstacle, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> shapely.Geometry:
+    """A polygon of few vertices that contains all points within ``inflation`` [m] of the obstacle."""
+    if settings.corner_quad_segs > 0:
+        return obstacle.outline(inflation, settings.corner_quad_segs)
+    radius = obstacle.rounding + inflation
+    core = obstacle.core
+    if isinstance(core, shapely.Point):
+        return obstacle.outline(inflation, settings.circle_quad_segs)
+    if isinstance(core, shapely.LineString):
+        points = shapely.get_coordinates(core)
+        return shapely.union_all([_capsule(a, b, radius) for a, b in itertools.pairwise(points)])
+    return mitred(core, radius, settings.mitre_limit)
+
+
+def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
+    """The octagon of tangents around the points within ``radius`` of the segment a–b."""
+    heading = heading_of(b - a)
+    angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
+    corners = radius / np.cos(np.pi / 8) * unit_vector(angles)
+    return shapely.Polygon(np.concatenate((b + corners, a - corners)))
+
+
+def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
+    """The polygon without those convex corners that stick out by less than ``depth`` [m]; a subset of it."""
+    oriented = shapely.orient_polygons(polygon)
+    shell = _cut_corners(shapely.get_coordinates(oriented.exterior)[:-1], depth)
+    holes = [_cut_corners(shapely.get_coordinates(ring)[:-1], depth) for ring in oriented.interiors]
+    simpler = shapely.Polygon(shell, holes)
+    return simpler if simpler.is_valid and polygon.covers(simpler) else oriented
+
+
+def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
+    """A ring (m, 2), free space on its left, less its flat and barely convex vertices, no two neighbours at once."""
+    before = np.roll(ring, 1, axis=0)
+    after = np.roll(ring, -1, axis=0)
+    base = np.linalg.norm(after - before, axis=1)
+    height = cross(ring - before, after - ring) / np.maximum(base, 1e-300)
+    drop = (height >= 0.0) & (height < depth)
+    # Heights hold for one vertex at a time: without its neighbour too the ring might leave free space.
+    drop &= ~np.roll(drop, 1)
+    return ring[~drop] if np.count_nonzero(~drop) >= 3 else ring
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """The places of the arm's axis farther than its inflation from all walls; parts are made when first needed.
+
+    Points a little outside, for example a base that stands on a wall, count as the nearest free points.
+
+    Attributes:
+        workspace: the room and its obstacles.
+        inflation: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
+        settings: numbers of the method.
+        gate_runs: taut paths run straight through gates that are so narrow; None for paths that are taut throughout.
+
+    Raises:
+        ValueError: when the inflation is not positive.
+    """
+
+    workspace: Workspace
+    inflation: float
+    settings: FreeSpaceSettings = field(default=DEFAULT_FREE_SPACE, kw_only=True)
+    gate_runs: GateRuns | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not self.inflation > 0.0:
+            raise ValueError(
+                f"got inflation = {self.inflation} m, expected a positive length: for an arm of no width pass 1e-6"
+            )
+
+    @cached_property
+    def polygons(self) -> shapely.MultiPolygon:
+        """Free space as polygons; a subset of the exact free set."""
+        polygons = free_set(self.workspace, self.inflation, self.settings)
+        shapely.prepare(polygons)
+        return polygons
+
+    @cached_property
+    def triangulation(self) -> Triangulation:
+        """The triangles that tile free space."""
+        return triangulate(self.polygons)
+
+    @cached_property
+    def corridor_maker(self) -> CorridorMaker:
+        """Convex cells and the regions grown from them."""
+        return CorridorMaker(self.triangulation, self.settings.corner_slack * self.inflation, self.settings)
+
+    @cached_property
+    def _metric(self) -> EdgeMetric:
+        return EdgeMetric(self.triangulation, self.settings.edge_samples)
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Which points (m, 2) [m] are free; shape (m,)."""
+        points = np.asarray(points, dtype=np.float64)
+        return np.asarray(shapely.intersects_xy(self.polygons, points[:, 0], points[:, 1]), dtype=np.bool_)
+
+    def snapped(self, points: FloatArray) -> FloatArray:
+        """The nearest free points to points (m, 2) [m]; shape (m, 2)."""
+        return self.triangulation.nearest(np.asarray(points, dtype=np.float64))[1]
+
+    def component(self, point: FloatArray) -> int:
+        """The number of the connected component that a point (2,) [m] belongs to."""
+        triangle = self.triangulation.nearest(np.asarray(point, dtype=np.float64)[None])[0][0]
+        return int(self.triangulation.components[triangle])
+
+    def sleeve_of(self, polyline: FloatArray) -> tuple[int, ...]:
+        """The homotopy class of a polyline (m, 2) [m]: the reduced sequence of triangles it crosses.
+
+        Raises:
+            UnreachableGoal: when its ends lie in different components.
+        """
+        return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
+
+    def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
+        """Whether two polylines (m, 2), (k, 2) [m] with the same ends are homotopic in free space."""
+        return self.sleeve_of(one) == self.sleeve_of(other)
+
+    def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
+        """The shortest path with the ends and of the homotopy class of a polyline, straight through narrow gates.
+
+        Args:
+            polyline: shape (m, 2) [m]; may leave free space a little and run back over itself.
+            shrink: distance kept from corners where there is room [m].
+
+        Returns:
+            Vertices, shape (k, 2) [m].
+
+        Raises:
+            UnreachableGoal: when its ends lie in different components.
+        """
+
+        def taut(line: FloatArray) -> FloatArray:
+            return self.path_of_sleeve(self.sleeve_of(line), line[0], line[-1], shrink)
+
+        polyline = np.asarray(polyline, dtype=np.float64)
+        sleeve = self.sleeve_of(polyline)
+        path = self.path_of_sleeve(sleeve, polyline[0], polyline[-1], shrink)
+        if self.gate_runs is None:
+            return path
+        return straight_through_gates(path, self.triangulation.portals(sleeve), self.gate_runs, taut, self.contains)
+
+    def path_of_sleeve(
+        self, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float = 0.0
+    ) -> FloatArray:
+        """The shortest path from start to goal, each (2,) [m], through the triangles of a sleeve; shape (k, 2) [m]."""
+        ends = np.array([start, goal], dtype=np.float64)
+        free = self.snapped(ends)
+        return _with_ends(taut_string(self.triangulation.portals(sleeve), free[0], free[1], shrink), ends)
+
+    def routes(
+        self, start: FloatArray, goal: FloatArray, count: int, longest: float = np.inf, shrink: float = 0.0
+    ) -> tuple[Route, ...]:
+        """Routes in different homotopy classes by increasing taut length, none of which passes a triangle twice.
+
+        Args:
+            start: shape (2,) [m].
+            goal: shape (2,) [m].
+            count: number of routes wanted.
+            longest: longer ones are left out [m].
+            shrink: distance kept from corners where there is room [m].
+
+        Returns:
+            At most ``count`` routes; none when start and goal are not connected or all routes are too long.
+        """
+        ends = np.array([start, goal], dtype=np.float64)
+        triangles, free = self.triangulation.nearest(ends)
+        # The pieces from the ends to their nearest free points belong to every route.
+        allowed = longest - float(np.linalg.norm(ends - free, axis=1).sum())
+        found = shortest_routes(self._metric, triangles, free, count, allowed, shrink, self.settings)
+        strings = [_with_ends(route.taut, ends) for route in found]
+        return tuple(Route(r.sleeve, taut, path_length(taut)) for r, taut in zip(found, strings, strict=True))
+
+    def corridor(self, route: Route) -> Corridor:
+        """Overlapping convex regions along a route, from its first free point to its last."""
+        free = self.snapped(route.taut[[0, -1]])
+        # Ends that are not free are no part of the corridor.
+        moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > ROUNDING
+        path = route.taut[int(moved[0]) : len(route.taut) - int(moved[1])]
+        return self.corridor_maker.corridor_along(route, path if len(path) > 1 else np.repeat(path, 2, axis=0))
+
+    def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
+        """The narrowest place on the shortest route between two points (2,) [m], or the gap that keeps them apart."""
+        ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
+        routes = shortest_routes(self._metric, ends, free, 1, settings=self.settings)
+        if not routes:
+            return missing_link(self.workspace, self.triangulation, int(ends[0]), int(ends[1]))
+        return narrowest_passage(self.workspace, self.triangulation, routes[0].sleeve)
+
+
+def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
+    """A path (k, 2) between free points, led on to the ends (2, 2) that they stand for."""
+    first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > ROUNDING else ends[:0]
+    last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > ROUNDING else ends[:0]
+    return np.concatenate((first, path, last))

@@ -1,0 +1,319 @@
+"""Narrow gates of free space, the junctions of its triangles and the widths between walls.
+
+A link is stiff. Where it has next to no play it passes only if it lies square to the gate, and so must the link that
+follows it; a taut string, which bends in the very gate, leads it in askew.
+
+Lengths are measured over a few sample points on every edge: from the sample points of one edge to those of another
+edge of the same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the
+taut length from above, within 0.03 (mostly 0.01) of it in clutter, more coarsely in near-empty rooms: enough to put
+homotopy classes nearly in order before their taut strings are known.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE
+from ccm_opt.scene.triangulation import WALL, Triangulation
+from ccm_opt.scene.workspace import Workspace
+
+Tautening = Callable[[FloatArray], FloatArray]
+"""Draws a polyline (m, 2) [m] taut."""
+Membership = Callable[[FloatArray], BoolArray]
+"""Tells which places (m, 2) [m] are free."""
+
+
+@dataclass(frozen=True)
+class GateRuns:
+    """Which gates are narrow, and how far paths run straight on either side of them.
+
+    Attributes:
+        narrow: width of free space below which a passage is such a gate [m].
+        run: length of the straight runs, where they are free [m].
+        base: of the arm, round which space is narrow for no link, shape (2,) [m].
+        about_base: distance from the base within which that holds [m].
+        samples: places of a run that have to be free.
+        shortenings: shares of the run that are tried.
+    """
+
+    narrow: float
+    run: float
+    base: FloatArray
+    about_base: float
+    samples: int = 9
+    shortenings: tuple[float, ...] = (1.0, 0.7, 0.4)
+
+    def gates(self, portals: FloatArray) -> list[tuple[int, int]]:
+        """First and last portal, shape (n, 2, 2) [m], of each narrow gate."""
+        if len(portals) == 0:
+            return []
+        widths = np.linalg.norm(portals[:, 0] - portals[:, 1], axis=1)
+        beside_base = np.linalg.norm(portals - self.base, axis=2).min(axis=1) < self.about_base
+        narrow = np.flatnonzero((widths < self.narrow) & ~beside_base)
+        # Between the two ends of a thick gate a path crosses its diagonal.
+        groups = np.split(narrow, np.flatnonzero(np.diff(narrow) > 2) + 1)
+        return [(int(group[0]), int(group[-1])) for group in groups if len(group)]
+
+    def places(self, portals: FloatArray) -> FloatArray:
+        """Places along the middles of all narrow gates, shape (m, 2) [m]; portals of shape (n, 2, 2) [m]."""
+        ways = [portals[first : last + 1].mean(axis=1) for first, last in self.gates(portals)]
+        share = np.linspace(0.0, 1.0, self.samples)[:, None]
+        legs = [(1.0 - share) * a + share * b for way in ways for a, b in itertools.pairwise(way)]
+        return np.vstack([np.zeros((0, 2)), *ways, *legs])
+
+
+@dataclass(frozen=True)
+class _Gate:
+    """One gate on a path.
+
+    Attributes:
+        first: number of the first portal.
+        last: number of the last.
+        before: where the straight run towards it begins, shape (2,) [m].
+        behind: where the straight run out of it ends, shape (2,) [m].
+    """
+
+    first: int
+    last: int
+    before: FloatArray
+    behind: FloatArray
+
+
+def straight_through_gates(
+    path: FloatArray, portals: FloatArray, runs: GateRuns, taut: Tautening, free: Membership
+) -> FloatArray:
+    """A taut path with straight runs through the narrow gates that it crosses; the same path where it crosses none.
+
+    Args:
+        path: shape (k, 2) [m].
+        portals: that it crosses, shape (n, 2, 2) [m].
+        runs: which gates are narrow.
+        taut: draws what is between the gates.
+        free: places that runs may pass.
+    """
+    gates = _gates(path, portals, runs, free)
+    if not gates:
+        return path
+    middles = portals.mean(axis=1)
+    pieces = []
+    here = path[:1]
+    crossed = 0
+    for gate in gates:
+        # From portal to portal the polyline stays within triangles, so that its class is that of the path.
+        pieces.append(taut(np.vstack((here, middles[crossed : gate.first + 1], gate.before))))
+        pieces.append(middles[gate.first : gate.last + 1])
+        here = gate.behind[None]
+        crossed = gate.last
+    pieces.append(taut(np.vstack((here, middles[crossed:], path[-1:]))))
+    return np.vstack(pieces)
+
+
+def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> tuple[FloatArray, ...]:
+    """The middle lines of the gates on a path with their runs, each of shape (k, 2) [m]; arguments as above."""
+    middles = portals.mean(axis=1)
+    gates = _gates(path, portals, runs, free)
+    return tuple(np.vstack((gate.before, middles[gate.first : gate.last + 1], gate.behind)) for gate in gates)
+
+
+def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
+    """The gates of a path with their runs, each at most half of the way to the next."""
+    groups = runs.gates(portals)
+    if not groups:
+        return []
+    middles = portals.mean(axis=1)
+    entries = np.vstack([middles[first] for first, _ in groups] + [path[-1]])
+    exits = np.vstack([path[0]] + [middles[last] for _, last in groups])
+    between = np.linalg.norm(entries - exits, axis=1)
+    # The path's ends have no run of their own.
+    share = np.where(np.isin(np.arange(len(between)), (0, len(between) - 1)), 0.9, 0.45)
+    lengths = np.minimum(runs.run, share * between)
+    gates = []
+    for k, (first, last) in enumerate(groups):
+        inwards = _direction(portals[first : last + 1])
+        outwards = -_direction(portals[first : last + 1][::-1, ::-1])
+        before = _run(middles[first], -lengths[k] * inwards, runs, free)
+        behind = _run(middles[last], lengths[k + 1] * outwards, runs, free)
+        gates.append(_Gate(first, last, before, behind))
+    return gates
+
+
+def _direction(portals: FloatArray) -> FloatArray:
+    """In which direction a gate is entered at its first portal, shape (2,): on to the next, or square to it."""
+    middles = portals.mean(axis=1)
+    width = float(np.linalg.norm(portals[0, 0] - portals[0, 1]))
+    onward = middles - middles[0]
+    distance = np.linalg.norm(onward, axis=1)
+    far = np.flatnonzero(distance > width)
+    if len(far):
+        return np.asarray(onward[far[0]] / distance[far[0]])
+    narrowest = portals[int(np.argmin(np.linalg.norm(portals[:, 0] - portals[:, 1], axis=1)))]
+    across = narrowest[0] - narrowest[1]
+    return np.asarray(np.array([across[1], -across[0]]) / np.hypot(*across))
+
+
+def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -> FloatArray:
+    """The end of the longest free run from a place, the place itself where none is free, shape (2,) [m]."""
+    for share in runs.shortenings:
+        end = place + share * run
+        if free(np.linspace(place, end, runs.samples)).all():
+            return end
+    return place
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A directed way from one node of the junction graph to the next.
+
+    Attributes:
+        triangles: all triangles, both nodes included.
+        entry: the last triangle's edge that is crossed into it.
+        exit: the first triangle's edge that is crossed out of it.
+        lengths: least length from the sample points of the first edge crossed to those of the last, shape (m, m) [m].
+    """
+
+    triangles: tuple[int, ...]
+    entry: int
+    exit: int
+    lengths: FloatArray
+
+    @property
+    def head(self) -> int:
+        """The node it leads to."""
+        return self.triangles[-1]
+
+
+@dataclass(frozen=True)
+class EdgeMetric:
+    """Sample points on the edges of a triangulation and the distances between them within triangles.
+
+    Attributes:
+        triangulation: of free space.
+        samples: points on each edge, ends included; m in the shapes of all arrays.
+    """
+
+    triangulation: Triangulation
+    samples: int = DEFAULT_FREE_SPACE.edge_samples
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Sample points of each triangle's edges, alike seen from either side, shape (T, 3, m, 2) [m]."""
+        mesh = self.triangulation
+        forward = mesh.triangles < np.roll(mesh.triangles, -1, axis=1)
+        tails = mesh.corners
+        heads = np.roll(mesh.corners, -1, axis=1)
+        # From the vertex of the lower number, so that both triangles of an edge see the same points.
+        first = np.where(forward[..., None], tails, heads)[:, :, None]
+        last = np.where(forward[..., None], heads, tails)[:, :, None]
+        fraction = np.linspace(0.0, 1.0, self.samples)[:, None]
+        return np.asarray(first + fraction * (last - first), dtype=np.float64)
+
+    @cached_property
+    def across(self) -> FloatArray:
+        """Distances from the points of edge e to those of edge f of the same triangle, shape (T, 3, 3, m, m) [m]."""
+        gaps = self.points[:, :, None, :, None] - self.points[:, None, :, None]
+        return np.asarray(np.hypot(gaps[..., 0], gaps[..., 1]), dtype=np.float64)
+
+
+def min_plus(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Least sums over the middle index: (a ⊗ b)_ij = min_k a_ik + b_kj; a (..., i, k), b (..., k, j)."""
+    return np.asarray((a[..., :, :, None] + b[..., None, :, :]).min(axis=-2), dtype=np.float64)
+
+
+def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
+    """All directed chains of the junction graph, dead ends left out.
+
+    Args:
+        metric: of the triangulation.
+        terminals: triangles that are nodes whatever their degree, the start's and the goal's.
+    """
+    neighbours = _pruned(metric.triangulation, set(terminals))
+    degrees = [sum(t != WALL for t in row) for row in neighbours]
+    nodes = {t for t, degree in enumerate(degrees) if degree == 3} | set(terminals)
+    return [
+        _follow(metric, neighbours, nodes, t, edge)
+        for t in sorted(nodes)
+        for edge in range(3)
+        if neighbours[t][edge] != WALL
+    ]
+
+
+def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
+    """Neighbour lists with dead ends cut off, except those that lead to a terminal."""
+    neighbours = [list(row) for row in mesh.adjacency]
+    leaves = [t for t, row in enumerate(neighbours) if row.count(WALL) >= 2]
+    while leaves:
+        leaf = leaves.pop()
+        if leaf in terminals or neighbours[leaf].count(WALL) != 2:
+            continue
+        stem = next(t for t in neighbours[leaf] if t != WALL)
+        # Cutting off a leaf may make a leaf of what it hung on.
+        neighbours[leaf] = [WALL] * 3
+        neighbours[stem][neighbours[stem].index(leaf)] = WALL
+        leaves.append(stem)
+    return neighbours
+
+
+def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], node: int, exit_edge: int) -> Chain:
+    """The chain that leaves ``node`` across its edge ``exit_edge``."""
+    triangles = [node, neighbours[node][exit_edge]]
+    # The unit of min-plus products: no way from a sample point but to itself.
+    lengths = np.where(np.eye(metric.samples, dtype=bool), 0.0, np.inf)
+    while triangles[-1] not in nodes:
+        row = neighbours[triangles[-1]]
+        entry = row.index(triangles[-2])
+        leave = next(e for e in range(3) if e != entry and row[e] != WALL)
+        lengths = min_plus(lengths, metric.across[triangles[-1], entry, leave])
+        triangles.append(row[leave])
+    return Chain(tuple(triangles), neighbours[triangles[-1]].index(triangles[-2]), exit_edge, lengths)
+
+
+@dataclass(frozen=True)
+class Bottleneck:
+    """The narrowest place between a start and a goal.
+
+    Attributes:
+        connected: whether a route exists.
+        width: of the free passage for the arm's axis there [m]; 0 when not connected.
+        place: the middle of the narrowest place, or of the missing link, shape (2,) [m].
+        walls: names of the two walls nearest to it.
+    """
+
+    connected: bool
+    width: float
+    place: FloatArray
+    walls: tuple[str, ...]
+
+
+def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[int, ...]) -> Bottleneck:
+    """The narrowest edge that a sleeve crosses; a sleeve of one triangle has none and infinite width."""
+    edges = mesh.portals(sleeve)
+    if len(edges) == 0:
+        place = mesh.centroids[sleeve[0]]
+        return Bottleneck(connected=True, width=np.inf, place=place, walls=nearest_walls(workspace, place))
+    widths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
+    place = edges[np.argmin(widths)].mean(axis=0)
+    return Bottleneck(connected=True, width=float(widths.min()), place=place, walls=nearest_walls(workspace, place))
+
+
+def missing_link(workspace: Workspace, mesh: Triangulation, start: int, goal: int) -> Bottleneck:
+    """The shortest gap between the components of two triangles."""
+    around = [_component(mesh, mesh.components[triangle]) for triangle in (start, goal)]
+    place = shapely.get_coordinates(shapely.shortest_line(*around)).mean(axis=0)
+    return Bottleneck(connected=False, width=0.0, place=place, walls=nearest_walls(workspace, place))
+
+
+def nearest_walls(workspace: Workspace, place: FloatArray, count: int = 2) -> tuple[str, ...]:
+    """Names of the walls nearest to a place (2,) [m], nearest first."""
+    order = np.argsort(workspace.apart(shapely.Point(place)), kind="stable")
+    return tuple(workspace.walls[k].name for k in order[:count])
+
+
+def _component(mesh: Triangulation, number: int) -> shapely.Geometry:
+    """All triangles of one component."""
+    triangles: shapely.Geometry = shapely.multipolygons(shapely.polygons(mesh.corners[mesh.components == number]))
+    return triangles

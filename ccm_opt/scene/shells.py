@@ -1,0 +1,316 @@
+"""Shells of a mesh: pieces of surface whose triangles join over edges, each turned alike, and whether it is closed.
+
+Edges are matched by their vertices. Where some stay without a partner, vertices that are one but for rounding are
+welded, and edges that lie on each other are cut at each other's vertices (T-junctions). Neither moves the surface.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+
+ROUNDING_SHARE = 1e-6
+"""Of a mesh's extent: vertices so near count as one. Eight roundings of a coordinate in single precision, far below any
+gap that an arm could pass."""
+_MOST_OPEN = 200_000
+"""Edges without a partner from which on none is mended: a mesh with more is a soup of triangles, and open."""
+_WHOLE_NUMBERS = 2**64
+"""That many fit into 64 bits."""
+_MOST_AT_VERTEX = 64
+"""Edges without a partner at one vertex that are compared with each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shells:
+    """The shells of a mesh with m triangles.
+
+    Attributes:
+        number: shell of each triangle, shape (m,).
+        turned: whether a triangle is turned against most of its shell, shape (m,).
+        closed: whether every edge of a shell joins two of its triangles, shape (s,).
+        orientable: whether the triangles of a shell can be turned alike, shape (s,).
+        open_edges: edges without a partner, shape (k, 2, 3) [as the vertices].
+        copies: triangles that are there before and that no shell needs, shape (m,).
+    """
+
+    number: IntArray
+    turned: BoolArray
+    closed: BoolArray
+    orientable: BoolArray
+    open_edges: FloatArray
+    copies: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class _HalfEdges:
+    """Directed edges of triangles: where each starts and ends, and its triangle, shape (e,) each."""
+
+    start: IntArray
+    end: IntArray
+    face: IntArray
+
+    def where(self, chosen: BoolArray | IntArray) -> "_HalfEdges":
+        return _HalfEdges(self.start[chosen], self.end[chosen], self.face[chosen])
+
+    def joined(self, other: "_HalfEdges") -> "_HalfEdges":
+        return _HalfEdges(
+            np.concatenate((self.start, other.start)),
+            np.concatenate((self.end, other.end)),
+            np.concatenate((self.face, other.face)),
+        )
+
+    def keys(self, count: int) -> IntArray:
+        """Number of the edge that each lies on, whichever way it runs, of so many vertices."""
+        # 64 bits hold the product: a mesh has far fewer than 2^31 vertices.
+        return np.asarray(np.minimum(self.start, self.end) * count + np.maximum(self.start, self.end))
+
+    def grouped(self) -> tuple[IntArray, IntArray]:
+        """Sort by the edge they lie on, each edge's in the order of the file: that order, and where edges begin."""
+        keys = self.keys(max(self.start.max(initial=0), self.end.max(initial=0)) + 1)
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        return order, np.flatnonzero(np.append(True, keys[1:] != keys[:-1])[: len(keys)])
+
+    def unpaired(self) -> IntArray:
+        """Return the last half-edge of every edge that an odd number of triangles has."""
+        order, begins = self.grouped()
+        ends = np.append(begins[1:], len(order))
+        return np.asarray(order[ends[(ends - begins) % 2 == 1] - 1])
+
+
+def find_shells(vertices: FloatArray, faces: IntArray) -> Shells:
+    """Split a mesh into shells.
+
+    Touching bodies stay shells of their own: where more than two triangles meet in an edge, those that run opposite
+    ways are paired in the order of the file. Whatever the pairs, places that an odd number of crossings separates from
+    the outside are inside some shell.
+
+    Args:
+        vertices: shape (v, 3).
+        faces: vertices of each triangle, shape (m, 3).
+    """
+    before = repeated(faces)
+    copies = before > 0
+    edges = _half_edges(faces, before == 0)
+    odd = edges.unpaired()
+    if 0 < len(odd) <= _MOST_OPEN:
+        reach = ROUNDING_SHARE * float(np.ptp(vertices[np.unique(faces)], axis=0).max())
+        welded = _welded(vertices, edges.where(odd), reach)[faces]
+        edges = _cut(vertices, _half_edges(welded, before == 0), reach)
+        again = _half_edges(welded, before == 1)
+        if len(again.face):
+            needed = _needed(vertices, edges, again, reach)
+            copies[needed] = False
+            edges = _cut(vertices, edges.joined(again.where(np.isin(again.face, needed))), reach)
+    first, second, odd = _pairs(edges)
+    alike = edges.start[first] == edges.start[second]
+    number, turned, orientable = _turned_alike(len(faces), edges.face[first], edges.face[second], alike)
+    closed = np.ones(len(orientable), dtype=np.bool_)
+    closed[number[edges.face[odd]]] = False
+    open_edges = vertices[np.column_stack((edges.start[odd], edges.end[odd]))]
+    return Shells(number, turned, closed, orientable, open_edges, copies)
+
+
+def repeated(faces: IntArray) -> IntArray:
+    """Return how many triangles before each one have the same three vertices, shape (m,)."""
+    low, middle, high = np.sort(faces, axis=1).T.astype(np.uint64)
+    count = int(faces.max(initial=0)) + 1
+    if count**3 < _WHOLE_NUMBERS:
+        # Three small numbers make one, which is sorted far faster.
+        step = np.uint64(count)
+        order = np.argsort((low * step + middle) * step + high, kind="stable")
+    else:
+        order = np.lexsort((high, middle, low))
+    changes = np.zeros(len(faces), dtype=np.bool_)
+    for column in (low, middle, high):
+        changes[1:] |= np.diff(column[order]) != 0
+    place = np.arange(len(faces))
+    before = np.empty(len(faces), dtype=np.intp)
+    before[order] = place - np.maximum.accumulate(np.where(changes, place, 0))
+    return before
+
+
+def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
+    """Half-edges of some triangles; those that are an edge or a vertex join nothing, and have none."""
+    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    numbers = np.flatnonzero(chosen & proper)
+    some = faces[numbers].astype(np.int64)
+    return _HalfEdges(some.ravel(), np.roll(some, -1, axis=1).ravel(), np.repeat(numbers, 3))
+
+
+def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
+    """Of triangles that are there for the second time those of bodies that touch: each has its own there.
+
+    From the border of such a piece inwards: of edges that one undecided triangle alone has, it is needed if most lack
+    a partner without it, and needless if they do not. What is left, such as whole bodies told twice, is needless.
+    """
+    open_ones = edges.where(edges.unpaired())
+    decided = np.zeros(0, dtype=np.intp)
+    while len(again.face) and len(open_ones.face):
+        count = len(open_ones.face)
+        line = _lines(vertices, open_ones.joined(again), reach, overlapping=True)
+        lacks = np.isin(line[count:], line[:count])
+        _, edge, times = np.unique(again.keys(len(vertices)), return_inverse=True, return_counts=True)
+        vote = np.where(times[edge.ravel()] == 1, np.where(lacks, 1, -1), 0).reshape(-1, 3)
+        ripe = np.any(vote, axis=1)
+        if not ripe.any():
+            break
+        needed = np.repeat(vote.sum(axis=1) > 0, 3)
+        decided = np.concatenate((decided, again.face[needed][::3]))
+        open_ones = _cut(vertices, open_ones.joined(again.where(needed)), reach)
+        open_ones = open_ones.where(open_ones.unpaired())
+        again = again.where(np.repeat(~ripe, 3))
+    return decided
+
+
+def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
+    """Number of each vertex, the same for those at edges without a partner that are one but for rounding."""
+    known = np.arange(len(vertices), dtype=np.intp)
+    border = np.unique((odd.start, odd.end))
+    near = cKDTree(vertices[border]).query_pairs(reach, output_type="ndarray")
+    names = _components(near[:, 0], near[:, 1], len(border))
+    # A chain of vertices each near the next may be as long as it likes: it is not one vertex.
+    order = np.argsort(names, kind="stable")
+    begins = np.flatnonzero(np.diff(names[order], prepend=-1))
+    places = vertices[border[order]]
+    spread = np.maximum.reduceat(places, begins) - np.minimum.reduceat(places, begins)
+    single = (spread.max(axis=1) <= 2.0 * reach)[names]
+    known[border[single]] = border[order[begins]][names[single]]
+    return known
+
+
+def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
+    """Cut edges without a partner at the vertices of others that lie on the same line and hang together with them."""
+    odd = edges.unpaired()
+    if not 0 < len(odd) <= _MOST_OPEN:
+        return edges
+    start, end = edges.start[odd], edges.end[odd]
+    line = _lines(vertices, edges.where(odd), reach)
+    # Each line's places, in order along it.
+    way = vertices[end] - vertices[start]
+    length = np.linalg.norm(way, axis=1)
+    longest = np.lexsort((-length, line))
+    longest = longest[np.flatnonzero(np.diff(line[longest], prepend=-1))]
+    origin, along = vertices[start[longest]], way[longest] / np.maximum(length[longest], np.finfo(float).tiny)[:, None]
+    on_line = np.repeat(line, 2)
+    vertex = np.column_stack((start, end)).ravel()
+    from_origin = vertices[vertex] - origin[on_line]
+    share = np.einsum("ij,ij->i", from_origin, along[on_line])
+    beside = np.linalg.norm(from_origin - share[:, None] * along[on_line], axis=1)
+    off = np.zeros(len(longest))
+    np.maximum.at(off, on_line, beside)
+    order = np.lexsort((vertex, share, on_line))
+    new = np.append(True, (np.diff(on_line[order]) != 0) | (np.diff(vertex[order]) != 0))
+    rank = np.zeros(len(order), dtype=np.int64)
+    rank[order] = np.cumsum(new) - 1
+    in_order = vertex[order][new]
+    from_rank, to_rank = rank[::2], rank[1::2]
+    straight = off[line] <= reach
+    steps = np.where(straight, np.abs(to_rank - from_rank), 1)
+    # One half-edge from each place to the next, the way the whole one runs.
+    whole = np.repeat(np.arange(len(odd)), steps)
+    step = np.arange(len(whole)) - np.repeat(np.cumsum(steps) - steps, steps)
+    ahead = np.sign(to_rank - from_rank)[whole]
+    here = from_rank[whole] + step * ahead
+    cut = straight[whole]
+    parts = _HalfEdges(
+        np.where(cut, in_order[here], start[whole]),
+        np.where(cut, in_order[np.where(cut, here + ahead, here)], end[whole]),
+        edges.face[odd][whole],
+    )
+    kept = np.ones(len(edges.start), dtype=np.bool_)
+    kept[odd] = False
+    return edges.where(kept).joined(parts)
+
+
+def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float, *, overlapping: bool = False) -> IntArray:
+    """Number the lines that edges lie on: edges that share a vertex and run along each other are on one.
+
+    Args:
+        vertices: shape (v, 3).
+        edges: any.
+        reach: by which an edge may be off a line.
+        overlapping: whether edges that go on where another ends are on other lines.
+    """
+    count = len(edges.start)
+    at = np.concatenate((edges.start, edges.end))
+    order = np.argsort(at, kind="stable")
+    at = at[order]
+    edge = order % count
+    way = (vertices[edges.end] - vertices[edges.start])[edge] * np.where(order < count, 1.0, -1.0)[:, None]
+    length = np.linalg.norm(way, axis=1)
+    joined = []
+    for apart in range(1, _MOST_AT_VERTEX):
+        one = np.flatnonzero(at[apart:] == at[:-apart])
+        if not len(one):
+            break
+        other = one + apart
+        # The end of the shorter lies on the line of the longer.
+        off = np.linalg.norm(np.cross(way[one], way[other]), axis=1)
+        along = off <= reach * np.maximum(length[one], length[other])
+        if overlapping:
+            along &= np.einsum("ij,ij->i", way[one], way[other]) > 0.0
+        joined.append(np.column_stack((edge[one[along]], edge[other[along]])))
+    pairs = np.concatenate(joined) if joined else np.zeros((0, 2), dtype=np.intp)
+    return _components(pairs[:, 0], pairs[:, 1], count)
+
+
+def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
+    """Pair the half-edges of every edge: the first of each pair, the second, and those that stay alone."""
+    order, begins = edges.grouped()
+    counts = np.diff(np.append(begins, len(order)))
+    crowded = np.repeat(counts > 2, counts)
+    if crowded.any():
+        some = order[crowded]
+        group = np.repeat(np.arange(np.count_nonzero(counts > 2)), counts[counts > 2])
+        size = np.bincount(group)
+        back = edges.start[some] > edges.end[some]
+        # The first that runs forth with the first that runs back, unless the mesh is turned every which way.
+        sign = np.sign(edges.end[order] - edges.start[order])
+        balanced = (size % 2 == 0)[group] & (not np.any(np.add.reduceat(sign, begins)[counts % 2 == 0]))
+        by_way = np.lexsort((edges.face[some], back & balanced, group))
+        place = np.arange(len(some)) - (np.cumsum(size) - size)[group]
+        half = (size // 2)[group]
+        slot = np.where(balanced, np.where(place < half, 2 * place, 2 * (place - half) + 1), place)
+        paired_up = np.empty_like(some)
+        paired_up[np.arange(len(some)) - place + slot] = some[by_way]
+        order[crowded] = paired_up
+    alone = (begins + counts - 1)[counts % 2 == 1]
+    paired = order[np.delete(np.arange(len(order)), alone)] if len(alone) else order
+    return paired[::2], paired[1::2], order[alone]
+
+
+def _turned_alike(
+    count: int, first: IntArray, second: IntArray, alike: BoolArray
+) -> tuple[IntArray, BoolArray, BoolArray]:
+    """Join triangles that share an edge, and turn them so that its two half-edges run opposite ways.
+
+    Every triangle stands for two nodes, as it is and turned over; an edge joins those that agree. A shell whose two
+    copies hang together cannot be turned alike.
+
+    Returns:
+        Shell of each triangle, which are turned against most of it, and which shells are orientable.
+    """
+    if not alike.any():
+        number = _components(first, second, count)
+        shells = int(number.max(initial=-1)) + 1
+        return number, np.zeros(count, dtype=np.bool_), np.ones(shells, dtype=np.bool_)
+    flip = np.where(alike, count, 0)
+    sheet = _components(
+        np.concatenate((first, first + count)), np.concatenate((second + flip, second + count - flip)), 2 * count
+    )
+    as_is, over = sheet[:count], sheet[count:]
+    _, one, number = np.unique(np.minimum(as_is, over), return_index=True, return_inverse=True)
+    turned = as_is > over
+    most = np.bincount(number, turned) > 0.5 * np.bincount(number)
+    return number, turned ^ most[number], np.asarray((as_is != over)[one])
+
+
+def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
+    """Number of the connected component of each of so many nodes."""
+    graph = sparse.coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
+    return np.asarray(csgraph.connected_components(graph, directed=False)[1], dtype=np.intp)

@@ -1,0 +1,207 @@
+"""Walls of the workspace as segments with rounding.
+
+The items are ordered along a Morton curve (Morton, 1966), so that neighbours in the order are neighbours in the plane;
+every box of a level encloses two boxes of the level below. Nothing is balanced or stored as pointers: the children of
+box k are boxes 2 k and 2 k + 1 of the level below.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ccm_opt.scene.workspace import Obstacle
+
+_BITS = 16
+
+
+@dataclass(frozen=True)
+class BoxTree:
+    """Boxes about boxes about items.
+
+    Attributes:
+        items: the items in the order of the lowest level, shape (n,).
+        boxes: all levels from the top, each box as x low, y low, x high, y high, shape (nodes, 4) [m].
+        offsets: index of the first box of every level, then the number of boxes, shape (levels + 1,).
+    """
+
+    items: IntArray
+    boxes: FloatArray
+    offsets: IntArray
+
+    @classmethod
+    def over(cls, low: FloatArray, high: FloatArray) -> "BoxTree":
+        """Over items with bounding boxes from low to high, each of shape (n, 2) [m]."""
+        items = np.argsort(_morton(0.5 * (low + high)), kind="stable")
+        levels = [np.hstack((low[items], high[items]))]
+        while len(levels[-1]) > 1:
+            below = levels[-1]
+            if len(below) % 2:
+                below = np.vstack((below, below[-1]))
+            pairs = below.reshape(-1, 2, 4)
+            levels.append(np.hstack((pairs[:, :, :2].min(axis=1), pairs[:, :, 2:].max(axis=1))))
+        levels.reverse()
+        offsets = np.cumsum([0, *(len(level) for level in levels)])
+        return cls(items, np.ascontiguousarray(np.concatenate(levels)), offsets)
+
+    def for_c(self) -> dict[str, Any]:
+        """The tree as ``Tree`` of box_tree.h."""
+        levels = len(self.offsets) - 1 if len(self.items) else 0
+        return {"levels": levels, "items": self.items, "boxes": self.boxes, "offsets": self.offsets}
+
+    def meeting(self, low: FloatArray, high: FloatArray) -> IntArray:
+        """The items whose boxes meet a box from low to high, each of shape (2,) [m]; sorted, shape (m,)."""
+        level = len(self.offsets) - 2
+        nodes = np.zeros(min(1, len(self.boxes)), dtype=np.intp)
+        for k in range(level + 1):
+            boxes = self.boxes[self.offsets[k] + nodes]
+            nodes = nodes[np.all((boxes[:, :2] <= high) & (boxes[:, 2:] >= low), axis=1)]
+            if k < level:
+                nodes = (2 * nodes[:, None] + np.arange(2)).ravel()
+                nodes = nodes[nodes < self.offsets[k + 2] - self.offsets[k + 1]]
+        return np.sort(self.items[nodes])
+
+
+def _morton(places: FloatArray) -> IntArray:
+    """Numbers along the Morton curve through the bounding box of places (n, 2), shape (n,)."""
+    if len(places) == 0:
+        return np.zeros(0, dtype=np.intp)
+    low = places.min(axis=0)
+    span = max(float(np.max(places.max(axis=0) - low)), np.finfo(np.float64).tiny)
+    cells = ((places - low) / span * (2**_BITS - 1)).astype(np.int64)
+    number = np.zeros(len(places), dtype=np.int64)
+    for bit in range(_BITS):
+        number |= ((cells[:, 0] >> bit) & 1) << (2 * bit) | ((cells[:, 1] >> bit) & 1) << (2 * bit + 1)
+    return number
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Edges and vertices of every wall of a workspace.
+
+    Attributes:
+        names: of the walls.
+        edges: end points, shape (E, 2, 2) [m].
+        edge_wall: wall of each edge, shape (E,).
+        vertices: shape (V, 2) [m].
+        vertex_wall: wall of each vertex, shape (V,).
+        rounding: radius of the disc that sweeps each wall's core, shape (walls,) [m].
+    """
+
+    names: tuple[str, ...]
+    edges: FloatArray
+    edge_wall: IntArray
+    vertices: FloatArray
+    vertex_wall: IntArray
+    rounding: FloatArray
+
+    @classmethod
+    def of(cls, walls: "Sequence[Obstacle]") -> "Walls":
+        """Flatten walls: polygons with their rings, lines, and points."""
+        cores: Any = np.array([wall.core for wall in walls])
+        lines, owner = _lines_and_points(cores)
+        points, line = shapely.get_coordinates(lines, return_index=True)
+        joined = line[1:] == line[:-1]
+        edges = np.stack((points[:-1][joined], points[1:][joined]), axis=1)
+
+        # A ring repeats its first point at the end; every line's points are sorted, and repeats left out.
+        order = np.lexsort((points[:, 1], points[:, 0], line))
+        same = (line[order][1:] == line[order][:-1]) & np.all(points[order][1:] == points[order][:-1], axis=1)
+        kept = order[np.concatenate(([True], ~same))]
+        return cls(
+            tuple(wall.name for wall in walls),
+            edges,
+            owner[line[:-1][joined]],
+            points[kept],
+            owner[line[kept]],
+            np.array([wall.rounding for wall in walls]),
+        )
+
+    @cached_property
+    def edge_tree(self) -> BoxTree:
+        """Index of the edges."""
+        return BoxTree.over(self.edges.min(axis=1), self.edges.max(axis=1))
+
+    @cached_property
+    def edge_lines(self) -> shapely.STRtree:
+        """The edges as lines, for questions about what crosses them."""
+        return shapely.STRtree(np.asarray(shapely.linestrings(self.edges)))
+
+    @cached_property
+    def vertex_tree(self) -> BoxTree:
+        """Index of the vertices."""
+        return BoxTree.over(self.vertices, self.vertices)
+
+
+def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
+    """The rings of polygons, and all else as it is, with the number of the core that each belongs to; in order."""
+    kinds = shapely.get_type_id(cores)
+    areas = np.flatnonzero(kinds == shapely.GeometryType.POLYGON)
+    others = np.flatnonzero(kinds != shapely.GeometryType.POLYGON)
+    rings, ring_of = shapely.get_rings(cores[areas], return_index=True)
+    owner = np.concatenate((areas[ring_of], others)).astype(np.intp)
+    order = np.argsort(owner, kind="stable")
+    return np.concatenate((rings, cores[others]))[order], owner[order]
+
+
+@dataclass(frozen=True)
+class WallSegments:
+    """The edges of all walls, and the points of those that have no edge.
+
+    Attributes:
+        ends: shape (E, 2, 2) [m].
+        rounding: radius of the disc that sweeps each, shape (E,) [m].
+        solids: first segment of every wall whose core has an inside, and the one past its last, shape (S, 2).
+    """
+
+    ends: FloatArray
+    rounding: FloatArray
+    solids: IntArray
+
+    @classmethod
+    def of(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
+        """The segments of walls, given as they are and as arrays of edges and vertices."""
+        # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of length 0.
+        lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
+        points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
+        owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))
+
+        # The edges come wall by wall; the edge of the room is a line.
+        cores: Any = np.array([obstacle.core for obstacle in obstacles])
+        solid = np.flatnonzero(shapely.get_type_id(cores) == shapely.GeometryType.POLYGON)
+        solids = np.stack([np.searchsorted(walls.edge_wall, solid, side=side) for side in ("left", "right")], axis=1)
+        return cls(np.concatenate((walls.edges, points)), walls.rounding[owner], solids)
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Spatial index of the segments."""
+        # A line of length 0 is no valid geometry, so such segments enter the tree as points.
+        lone = np.all(self.ends[:, 0] == self.ends[:, 1], axis=1)
+        lines: Any = shapely.linestrings(self.ends)
+        lines[lone] = shapely.points(self.ends[lone, 0])
+        return shapely.STRtree(lines)
+
+    @cached_property
+    def boxes(self) -> BoxTree:
+        """The same index as flat arrays, for C."""
+        return BoxTree.over(self.ends.min(axis=1), self.ends.max(axis=1))
+
+    @cached_property
+    def solid_boxes(self) -> BoxTree:
+        """Index of the solids."""
+        if len(self.solids) == 0:
+            return BoxTree.over(np.zeros((0, 2)), np.zeros((0, 2)))
+        # Outlines are closed: the places where their segments begin are all there are. Between the runs of two solids
+        # may be other segments: every other run is a solid.
+        places = self.ends[: self.solids[-1, 1], 0]
+        runs = self.solids.ravel()[:-1]
+        low = np.minimum.reduceat(places, runs)[::2]
+        high = np.maximum.reduceat(places, runs)[::2]
+        return BoxTree.over(low, high)

@@ -1,0 +1,290 @@
+"""Separation of links from bodies, and on which side of them a link is.
+
+Any direction n proves a distance: every point of the segment is at n · p or beyond on one side, every point of the
+triangle at n · q or beyond on the other, and corners decide both. The direction is that between the nearest pair of
+points out of a list that holds the nearest of all; were the list wrong, the proof would fail, not lie.
+
+Triangles that turn alike enclose a place that they wind round by more than a half. Of others rays from the place tell:
+most of them cross an odd number of triangles. This is asked of all triangles together, which may be open, and, since
+bodies that overlap may cancel, of the pieces that hang together by corners.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+
+
+def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bounds on the distances of segments from triangles.
+
+    Args:
+        start: of the segments, shape (P, 3) [m].
+        end: of the segments, shape (P, 3) [m].
+        triangles: corners, shape (P, 3, 3) [m].
+
+    Returns:
+        Distances that are proved, and those of a pair of points, which no distance exceeds; each of shape (P,) [m].
+    """
+    best = np.full(len(start), np.inf)
+    apart = np.zeros_like(start)
+    for difference, valid in _candidates(start, end - start, triangles):
+        square = np.where(valid, np.einsum("pd,pd->p", difference, difference), np.inf)
+        nearer = square < best
+        best = np.where(nearer, square, best)
+        apart[nearer] = difference[nearer]
+    upper = np.sqrt(best)
+    normal = apart / np.where(upper > 0.0, upper, 1.0)[:, None]
+    # Heights are taken from a corner, so that places far from the origin lose no digits.
+    origin = triangles[:, 0]
+    ends = np.stack((start - origin, end - origin), axis=1)
+    lowest = np.min(np.einsum("ped,pd->pe", ends, normal), axis=1)
+    highest = np.max(np.einsum("pcd,pd->pc", triangles - origin[:, None], normal), axis=1)
+    return np.maximum(lowest - highest, 0.0), upper
+
+
+def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
+    """Differences of pairs of points, shape (P, 3), with whether both points lie on their bodies, shape (P,)."""
+    everywhere = np.ones(len(start), dtype=bool)
+    found: list[tuple[FloatArray, BoolArray]] = []
+    corners = [triangles[:, k] for k in range(3)]
+    for k in range(3):
+        corner = corners[k]
+        edge = corners[(k + 1) % 3] - corner
+        found.append((start + _clipped_foot(corner - start, line)[:, None] * line - corner, everywhere))
+        for offset in (start - corner, start + line - corner):
+            on_edge = offset - _clipped_foot(offset, edge)[:, None] * edge
+            found.append((on_edge, everywhere))
+        found.append(_between_lines(start - corner, line, edge))
+    return found + _through_face(start, line, corners[0], corners[1] - corners[0], corners[2] - corners[0])
+
+
+def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
+    """Where the foot of a point on a line from the origin is, as a share of it within [0, 1]."""
+    square = np.einsum("pd,pd->p", line, line)
+    share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
+    return np.asarray(np.clip(share, 0.0, 1.0))
+
+
+def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Where two lines are nearest, by their common normal; valid where that is on both segments."""
+    normal = np.cross(line, edge)
+    square = np.einsum("pd,pd->p", normal, normal)
+    safe = np.where(square > 0.0, square, 1.0)
+    share = -np.einsum("pd,pd->p", np.cross(offset, edge), normal) / safe
+    at = -np.einsum("pd,pd->p", np.cross(offset, line), normal) / safe
+    valid = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
+    return offset + share[:, None] * line - at[:, None] * edge, valid
+
+
+def _through_face(
+    start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
+) -> list[tuple[FloatArray, BoolArray]]:
+    """Ends over the inside of the triangle, and the place where the segment goes through it."""
+    normal = np.cross(one, other)
+    square = np.einsum("pd,pd->p", normal, normal)
+    safe = np.where(square > 0.0, square, 1.0)
+    begins = np.einsum("pd,pd->p", start - corner, normal)
+    rises = np.einsum("pd,pd->p", line, normal)
+
+    def inside(offset: FloatArray) -> BoolArray:
+        first = np.einsum("pd,pd->p", np.cross(offset, other), normal)
+        second = np.einsum("pd,pd->p", np.cross(one, offset), normal)
+        within = (first >= 0.0) & (second >= 0.0) & (first + second <= square)
+        return np.asarray((square > 0.0) & within)
+
+    found = []
+    for end, height in ((start, begins), (start + line, begins + rises)):
+        found.append(((height / safe)[:, None] * normal, inside(end - corner)))
+    share = -begins / np.where(rises == 0.0, 1.0, rises)
+    crosses = (rises != 0.0) & (share >= 0.0) & (share <= 1.0)
+    through = start + share[:, None] * line - corner
+    found.append((np.zeros_like(start), crosses & inside(through)))
+    return found
+
+
+_GRID = 1e-6
+"""Corners in one cell of a grid so wide, as a share of the extent, hang together."""
+_RAYS = 9
+_MOST = 0.75
+"""Share of the rays that decides where triangles do not turn alike; closed pieces meet all or none, but for those that
+graze an edge."""
+_WHOLE = 1e-3
+"""From a whole number of turns a closed piece is not farther off, whatever cracks it has."""
+_PROBES = 200
+"""Corners of a piece that must lie inside of the piece about it, for it to be its cavity."""
+
+
+def depth_enclosed(triangles: FloatArray, point: FloatArray) -> float:
+    """Return how deep a point lies inside of what triangles enclose, 0 outside [m].
+
+    Args:
+        triangles: of one body, shape (m, 3, 3) [m].
+        point: shape (3,) [m].
+    """
+    corners = triangles.reshape(-1, 3)
+    if np.any(point < corners.min(axis=0)) or np.any(point > corners.max(axis=0)):
+        return 0.0
+    if not _is_enclosed(triangles, point):
+        return 0.0
+    both = np.broadcast_to(point, (len(triangles), 3))
+    return float(np.min(separations(both, both, triangles)[1]))
+
+
+def _is_enclosed(triangles: FloatArray, point: FloatArray) -> bool:
+    triangles = triangles[_heights(triangles) > _GRID * float(np.max(np.ptp(triangles, axis=(0, 1))))]
+    if not len(triangles):
+        return False
+    corner = _corner_numbers(triangles)
+    if _Piece(triangles, corner).encloses(point):
+        return True
+    piece = _piece_numbers(corner)
+    order = np.argsort(piece, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(piece))[:-1])
+    if len(parts) == 1:
+        return False
+    about = [each for part in parts if (each := _Piece(triangles[part], corner[part])).goes_round(point)]
+    return bool(about) and not _leave_a_cavity(about, point)
+
+
+def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
+    """Whether pieces about a place, from the outermost on, lie in each other, each turned against the one about it."""
+    about.sort(key=lambda each: -abs(each.volume))
+    return len(about) % 2 == 0 and all(
+        outer.alike and inner.alike and outer.turns(point) * inner.turns(point) < 0.0 and outer.contains(inner)
+        for outer, inner in pairwise(about)
+    )
+
+
+class _Piece:
+    """Triangles that hang together.
+
+    Args:
+        triangles: shape (m, 3, 3) [m].
+        corner: number of each corner, shape (m, 3).
+    """
+
+    def __init__(self, triangles: FloatArray, corner: IntArray) -> None:
+        self.triangles = triangles
+        self.alike = _turn_alike(corner)
+
+    @property
+    def volume(self) -> float:
+        """That it encloses, negative where it is turned inwards [m³]."""
+        a, b, c = (self.triangles[:, k] - self.triangles[0, 0] for k in range(3))
+        return float(np.einsum("md,md->", a, np.cross(b, c))) / 6.0
+
+    def encloses(self, point: FloatArray) -> bool:
+        """Whether a place is inside, as most directions tell."""
+        if self._is_beyond(point):
+            return False
+        return abs(self.turns(point)) > 0.5 if self.alike else _odd_share(self.triangles, point) > _MOST
+
+    def goes_round(self, point: FloatArray) -> bool:
+        """Whether a place is inside in all directions, as it is of closed pieces alone."""
+        if self._is_beyond(point):
+            return False
+        if not self.alike:
+            return _odd_share(self.triangles, point) == 1.0
+        turns = abs(self.turns(point))
+        return turns > 0.5 and abs(turns - round(turns)) < _WHOLE
+
+    def _is_beyond(self, point: FloatArray) -> bool:
+        return bool(np.any(point < self.triangles.min(axis=(0, 1))) or np.any(point > self.triangles.max(axis=(0, 1))))
+
+    def contains(self, other: "_Piece") -> bool:
+        """Whether another piece is inside, as far as a number of its corners and middles tell."""
+        places = np.concatenate((other.triangles[:, 0], other.triangles.mean(axis=1)))
+        return all(self.encloses(place) for place in places[:: max(len(places) // _PROBES, 1)])
+
+    def turns(self, point: FloatArray) -> float:
+        """How often the triangles go round a place.
+
+        Seen from inside, they fill the whole sphere of directions, 4 π; from outside they cancel (A. Van Oosterom and
+        J. Strackee, The solid angle of a plane triangle, 1983).
+        """
+        a, b, c = (self.triangles[:, k] - point for k in range(3))
+        lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]
+        volume = np.einsum("md,md->m", a, np.cross(b, c))
+        level = lengths[0] * lengths[1] * lengths[2]
+        for first, second, third in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
+            level += np.einsum("md,md->m", first, second) * third
+        return float(np.sum(2.0 * np.arctan2(volume, level)) / (4.0 * np.pi))
+
+
+def _heights(triangles: FloatArray) -> FloatArray:
+    """Least height of each triangle, shape (m,) [m]; those that are lines enclose nothing and have no side."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    longest = np.max(np.linalg.norm(sides, axis=2), axis=1)
+    return np.asarray(area / np.maximum(longest, np.finfo(float).tiny))
+
+
+def _corner_numbers(triangles: FloatArray) -> IntArray:
+    """Numbers of the corners, shape (m, 3); those in one cell of a grid, or in cells that touch, are one."""
+    corners = triangles.reshape(-1, 3)
+    low = corners.min(axis=0)
+    width = _GRID * float(np.max(corners.max(axis=0) - low))
+    cell = np.floor((corners - low) / max(width, np.finfo(float).tiny)).astype(np.int64)
+    # Three numbers up to a million make one of 60 bits.
+    key = (cell[:, 0] << 40) + (cell[:, 1] << 20) + cell[:, 2]
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    near = cKDTree(cell[first]).query_pairs(1.8, output_type="ndarray")
+    return _components(near[:, 0], near[:, 1], len(first))[number].reshape(-1, 3)
+
+
+def _piece_numbers(corner: IntArray) -> IntArray:
+    """Number of the piece that each triangle belongs to, shape (m,).
+
+    Triangles with a corner in common are in one piece, unless that comes apart at edges of four triangles or more into
+    pieces of which every edge has two.
+    """
+    by_corner = _components(corner[:, [0, 1]].ravel(), corner[:, [1, 2]].ravel(), int(corner.max()) + 1)[corner[:, 0]]
+    start = corner.ravel()
+    end = np.roll(corner, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (int(corner.max()) + 1) + np.maximum(start, end)
+    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
+    edge = edge.ravel()
+    triangle = np.argsort(edge, kind="stable")[np.repeat(count == 2, count)] // 3
+    by_edge = _components(triangle[::2], triangle[1::2], len(corner))
+    _, own, own_count = np.unique(edge * len(corner) + np.repeat(by_edge, 3), return_inverse=True, return_counts=True)
+    unclear = np.zeros(int(by_corner.max()) + 1, dtype=np.bool_)
+    unclear[np.repeat(by_corner, 3)[own_count[own.ravel()] != 2]] = True
+    return np.unique(np.where(unclear[by_corner], by_corner, len(corner) + by_edge), return_inverse=True)[1]
+
+
+def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
+    graph = sparse.coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
+    return np.asarray(csgraph.connected_components(graph, directed=False)[1], dtype=np.intp)
+
+
+def _turn_alike(corner: IntArray) -> bool:
+    """Whether at every edge of two triangles or more as many run one way as the other."""
+    start = corner.ravel()
+    end = np.roll(corner, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (int(corner.max()) + 1) + np.maximum(start, end)
+    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
+    return bool(np.all((np.bincount(edge.ravel(), np.sign(end - start)) == 0.0) | (count == 1)))
+
+
+def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
+    """Share of rays from a place, evenly over all directions, that cross an odd number of triangles."""
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_RAYS) + 0.3
+    height = 1.0 - (2.0 * np.arange(_RAYS) + 1.0) / _RAYS
+    beside = np.sqrt(1.0 - height**2)
+    rays = np.column_stack((beside * np.cos(turn), beside * np.sin(turn), height))
+    corners = triangles - point
+    return float(np.mean([np.count_nonzero(_meets(corners, ray)) % 2 for ray in rays]))
+
+
+def _meets(corners: FloatArray, ray: FloatArray) -> BoolArray:
+    """Whether a ray from the origin meets triangles: it is on the same side of the planes through it and each edge."""
+    sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
+    volume = np.einsum("md,md->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    positive = (sides[0] > 0.0) & (sides[1] > 0.0) & (sides[2] > 0.0) & (volume > 0.0)
+    negative = (sides[0] < 0.0) & (sides[1] < 0.0) & (sides[2] < 0.0) & (volume < 0.0)
+    return np.asarray(positive | negative)

@@ -1,0 +1,247 @@
+"""How links in space move between samples."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.space_arm import SpaceArm
+
+
+@dataclass(frozen=True)
+class LinkFrames:
+    """How the links are turned in T poses.
+
+    Attributes:
+        first_axes: about which the joints turn first, the z axes of the links before, shape (T, links, 3).
+        second_axes: about which they turn then, the y axes of the links themselves, likewise.
+        along: directions of the links, likewise.
+        across: their z axes, likewise.
+    """
+
+    first_axes: FloatArray
+    second_axes: FloatArray
+    along: FloatArray
+    across: FloatArray
+
+    @classmethod
+    def of(cls, arm: SpaceArm, positions: FloatArray) -> "LinkFrames":
+        """The frames of configurations, shape (T, c)."""
+        shape = (len(positions), arm.links, 3)
+        frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
+        # Left, up and ahead of the base make a frame that turns right: ahead × left = up.
+        ahead = np.broadcast_to(arm.direction, (len(positions), 3))
+        up = np.broadcast_to(arm.up, ahead.shape)
+        left = np.cross(up, ahead)
+        bends = np.ascontiguousarray(positions[:, : 2 * arm.links].T)
+        cosines = np.cos(bends)[:, :, None]
+        sines = np.sin(bends)[:, :, None]
+        for link in range(arm.links):
+            frames.first_axes[:, link] = up
+            cosine, sine = cosines[2 * link], sines[2 * link]
+            turned = cosine * ahead + sine * left
+            left = cosine * left - sine * ahead
+            frames.second_axes[:, link] = left
+            cosine, sine = cosines[2 * link + 1], sines[2 * link + 1]
+            # About left a turn brings up towards ahead, and ahead down.
+            ahead = cosine * turned - sine * up
+            up = cosine * up + sine * turned
+            frames.along[:, link] = ahead
+            frames.across[:, link] = up
+        return frames
+
+
+def carried(arm: SpaceArm, positions: FloatArray) -> FloatArray:
+    """How far the base is carried along its direction, shape (T,) [m]; linear, so it serves rates too."""
+    return np.asarray(np.sum(positions[:, 2 * arm.links :], axis=1))
+
+
+def chain_of(arm: SpaceArm, positions: FloatArray) -> FloatArray:
+    """Base, joints and tip in configurations (T, c), shape (T, links + 1, 3) [m]."""
+    along = LinkFrames.of(arm, positions).along
+    points = np.empty((len(positions), arm.links + 1, 3))
+    points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
+    points[:, 1:] = points[:, :1] + arm.link_length * np.cumsum(along, axis=1)
+    return points
+
+
+def lengths_of(vectors: FloatArray) -> FloatArray:
+    """Lengths of vectors, shape (..., 3) to (...); numpy's norm along a short axis takes three times as long."""
+    return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
+
+
+_UNIT = 2.0**-53
+
+
+@dataclass(frozen=True)
+class TimeStretches:
+    """Stretches of time, counted in samples: from sample 2 to the middle between samples 2 and 3 is 2 to 2.5.
+
+    A stretch begins and ends at samples, or lies between two neighbours.
+
+    Attributes:
+        low: begin, shape (S,).
+        high: end, shape (S,).
+    """
+
+    low: FloatArray
+    high: FloatArray
+
+    @classmethod
+    def blocks(cls, samples: int, size: int) -> "TimeStretches":
+        """So many intervals between samples a stretch."""
+        low = np.arange(0.0, samples - 1, size)
+        return cls(low, np.minimum(low + size, samples - 1.0))
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+    @property
+    def middle(self) -> FloatArray:
+        """The middle; of stretches of several intervals a sample near it, shape (S,)."""
+        middle = 0.5 * (self.low + self.high)
+        return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
+
+    def take(self, index: IntArray) -> "TimeStretches":
+        """Some of the stretches."""
+        return TimeStretches(self.low[index], self.high[index])
+
+    def halves(self) -> "TimeStretches":
+        """The first halves of all, and then the second."""
+        middle = self.middle
+        return TimeStretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
+
+
+@dataclass(frozen=True)
+class SpaceChainMotion:
+    """An arm whose coordinates are linear in time between samples.
+
+    Attributes:
+        arm: the arm.
+        time: sample times, shape (T,) [s].
+        positions: coordinates at the samples, shape (T, c) [rad, m].
+    """
+
+    arm: SpaceArm
+    time: FloatArray
+    positions: FloatArray
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Base, joints and tip at the samples, shape (T, links + 1, 3) [m]."""
+        return chain_of(self.arm, self.positions)
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """What changes in each interval, shape (T − 1, c) [rad, m]."""
+        return np.diff(self.positions, axis=0)
+
+    @cached_property
+    def chords(self) -> FloatArray:
+        """From where a joint is at one sample to where it is at the next, shape (T − 1, links + 1, 3) [m]."""
+        return np.diff(self.points, axis=0)
+
+    @cached_property
+    def bows(self) -> FloatArray:
+        """Bound on the second derivative of the joints' places over an interval, shape (T − 1, links + 1) [m]."""
+        return bows_of(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
+
+    @cached_property
+    def rounding(self) -> float:
+        """What rounding may take from a place of the arm [m].
+
+        Each link's frame is that before, turned twice: some thirty operations with errors of a unit in the last place,
+        which add up along the arm, as do the places.
+        """
+        reach = np.max(np.abs(self.points)) + self.arm.length + np.max(np.abs(self.positions))
+        return float(64.0 * _UNIT * (self.arm.links + 2) * reach)
+
+    def poses(self, at: FloatArray) -> FloatArray:
+        """Base, joints and tip at times counted in samples, shape (S, links + 1, 3) [m]."""
+        between = at != np.floor(at)
+        poses = self.points[np.floor(at).astype(np.intp)]
+        poses[between] = chain_of(self.arm, self._places(at[between]))
+        return poses
+
+    def _places(self, at: FloatArray) -> FloatArray:
+        """Coordinates at times counted in samples that are none, shape (S, c) [rad, m]."""
+        interval = at.astype(np.intp)
+        return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
+
+    def when(self, at: float) -> float:
+        """Time of what is counted in samples [s]."""
+        return float(np.interp(at, np.arange(len(self.time)), self.time))
+
+    def travels(self, stretches: TimeStretches) -> FloatArray:
+        """How far each joint goes at most from where it is at the middle, shape (S, links + 1) [m]."""
+        length = stretches.high - stretches.low
+        travels = np.zeros((len(stretches), self.arm.links + 1))
+        for some, of_kind in (
+            (length > 1.0, self._travels_over_samples),
+            (length == 1.0, self._travels_of_intervals),
+            ((length > 0.0) & (length < 1.0), self._travels_within),
+        ):
+            if np.any(some):
+                travels[some] = of_kind(stretches.take(np.flatnonzero(some)))
+        return travels
+
+    def _travels_of_intervals(self, stretches: TimeStretches) -> FloatArray:
+        """The same for whole intervals."""
+        interval = stretches.low.astype(np.intp)
+        return half_travels(self.chords[interval], self.bows[interval])
+
+    def _travels_within(self, stretches: TimeStretches) -> FloatArray:
+        """The same for parts of intervals, in which as much less changes."""
+        steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
+        chords = self.poses(stretches.high) - self.poses(stretches.low)
+        return half_travels(chords, bows_of(self.arm, self._places(stretches.middle), steps))
+
+    def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
+        """The same for stretches of several intervals: the farthest sample, and what a path leaves its chords by."""
+        low = stretches.low.astype(np.intp)
+        count = stretches.high.astype(np.intp) - low + 1
+        starts = np.cumsum(count) - count
+        stretch = np.repeat(np.arange(len(low)), count)
+        sample = np.arange(int(count.sum())) - starts[stretch] + low[stretch]
+        middle = self.points[stretches.middle.astype(np.intp)]
+        away = lengths_of(self.points[sample] - middle[stretch])
+        # The last sample of a stretch begins no interval of it, but to count it does no harm.
+        bows = self.bows[np.minimum(sample, len(self.bows) - 1)]
+        return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
+
+
+def bows_of(arm: SpaceArm, middle: FloatArray, steps: FloatArray) -> FloatArray:
+    """Bound on the second derivative of the joints' places over a stretch of unit length, shape (N, links + 1) [m].
+
+    With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of joint j
+    turn with what carries them; S_j = |ω_j at the middle| + ½ D_j is never less than |ω_j|. A link adds
+    l (ω' × t + ω × (ω × t)) to the second derivative of what is beyond it.
+
+    Args:
+        arm: the arm.
+        middle: configurations in the middle, shape (N, c) [rad, m].
+        steps: what changes over the stretch, evenly, shape (N, c) [rad, m].
+    """
+    bends = steps[:, : 2 * arm.links].reshape(-1, arm.links, 2)
+    frames = LinkFrames.of(arm, middle)
+    turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
+    rates = lengths_of(np.cumsum(turns, axis=1))
+    each = np.hypot(bends[..., 0], bends[..., 1])
+    both = np.abs(bends[..., 0] * bends[..., 1])
+    bows = np.zeros((len(bends), arm.links + 1))
+    fastest = np.zeros(len(bends))
+    gain = np.zeros(len(bends))
+    for link in range(arm.links):
+        gain = gain + fastest * each[:, link] + both[:, link]
+        fastest = rates[:, link] + 0.5 * gain
+        bows[:, link + 1] = bows[:, link] + arm.link_length * (fastest**2 + gain)
+    return bows
+
+
+def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
+    """How far joints go from the middle of a stretch to its ends at most, shape (N, links + 1) [m].
+
+    The mean of the velocity is the chord, from which it is away by half of its greatest change at most.
+    """
+    return np.asarray(0.5 * (lengths_of(chords) + 0.5 * bows))

@@ -1,0 +1,221 @@
+"""Draws arms and workspaces in the plane."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Problem
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.solution import JointTrajectory, NearPlace, Solution
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.settings import PICTURES, PictureSettings
+
+_NAME_SIZE = 6.5
+"""[points]."""
+_WIDTH_OF_LETTER = 0.62
+"""Of a letter, as a share of its size, on average and a little more."""
+_INSIDE = 0.9
+"""Share of a name that lies in what it names."""
+
+
+def draw_workspace(
+    axes: Axes,
+    workspace: Workspace,
+    settings: PictureSettings = PICTURES,
+    window: tuple[float, float, float, float] | None = None,
+) -> None:
+    """Draw boundary and obstacles; names only when they are few, and where they have room in what they name.
+
+    Args:
+        axes: where to draw; their size and place in the figure are known.
+        workspace: the room.
+        settings: how many names.
+        window: (xmin, ymin, xmax, ymax) that is shown [m]; the whole room when None.
+    """
+    _frame(axes, workspace.boundary, window or _whole_room(workspace, settings))
+    for obstacle in workspace.obstacles:
+        draw_obstacle(axes, obstacle)
+    if len(workspace.obstacles) <= settings.most_named_obstacles:
+        for obstacle in workspace.obstacles:
+            _name(axes, obstacle)
+
+
+def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
+    """Draw one obstacle, to its true outline."""
+    outline = obstacle.outline()
+    if isinstance(outline, shapely.Polygon):
+        patch = polygon_patch(outline, facecolor=style.WALL, edgecolor=style.WALL_EDGE, linewidth=0.8, zorder=1)
+        axes.add_patch(patch)
+    else:  # a wall of no thickness
+        xy = shapely.get_coordinates(outline)
+        axes.plot(xy[:, 0], xy[:, 1], color=style.WALL_EDGE, linewidth=1.2, zorder=1)
+
+
+def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
+    """A filled polygon with its holes."""
+    rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
+    return PathPatch(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)), **look)
+
+
+def _whole_room(workspace: Workspace, settings: PictureSettings) -> tuple[float, float, float, float]:
+    xmin, ymin, xmax, ymax = workspace.boundary.bounds
+    margin = settings.beside_room * max(xmax - xmin, ymax - ymin)
+    return xmin - margin, ymin - margin, xmax + margin, ymax + margin
+
+
+def _frame(axes: Axes, boundary: shapely.Polygon, window: tuple[float, float, float, float]) -> None:
+    axes.set_xlim(window[0], window[2])
+    axes.set_ylim(window[1], window[3])
+    axes.set_aspect("equal")
+    axes.add_patch(polygon_patch(boundary, facecolor="white", edgecolor=style.BOUNDARY, linewidth=1.6, zorder=0))
+
+
+def _name(axes: Axes, obstacle: Obstacle) -> None:
+    """The obstacle's name in the part of it that is seen, upright when that is; none where it has no room."""
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
+    outline = obstacle.outline()
+    seen = shapely.intersection(outline, shapely.box(left, low, right, high))
+    if seen.is_empty:
+        return
+    # A point inside it that is as far from its edge as can be: there the name is least in the way.
+    if isinstance(seen, shapely.Polygon):
+        place = shapely.get_coordinates(shapely.maximum_inscribed_circle(seen))[0]
+    else:
+        place = shapely.get_coordinates(shapely.point_on_surface(seen))[0]
+    xmin, ymin, xmax, ymax = shapely.bounds(seen)
+    upright = ymax - ymin > 1.5 * (xmax - xmin)
+    along, across = (ymax - ymin, xmax - xmin) if upright else (xmax - xmin, ymax - ymin)
+    pixels = min(axes.bbox.width / (right - left), axes.bbox.height / (high - low))
+    points = 72.0 / float(axes.figure.dpi) * pixels
+    length = _NAME_SIZE * _WIDTH_OF_LETTER * len(obstacle.name)
+    if along * points < length or across * points < _NAME_SIZE:
+        return
+    # In a box the middle looks better than the first of the many places that are as far from its edge.
+    box = seen.area > 0.95 * (xmax - xmin) * (ymax - ymin)
+    x, y = (0.5 * (xmin + xmax), 0.5 * (ymin + ymax)) if box else place
+    # A name that runs out of a narrow or crooked shape hides its outline, and what is beside it.
+    wide, high = (_NAME_SIZE, length) if upright else (length, _NAME_SIZE)
+    half = 0.5 * np.array([wide, high]) / points
+    words = shapely.box(x - half[0], y - half[1], x + half[0], y + half[1])
+    if shapely.intersection(seen, words).area < _INSIDE * words.area:
+        return
+    axes.text(
+        x,
+        y,
+        obstacle.name,
+        rotation=90 if upright else 0,
+        ha="center",
+        va="center",
+        fontsize=_NAME_SIZE,
+        color=style.BOUNDARY,
+        clip_on=True,
+        zorder=2,
+    )
+
+
+def draw_body(
+    axes: Axes, points: FloatArray, radius: float, face: str, edge: str, *, label: str, zorder: float
+) -> None:
+    """Draw the arm in one pose.
+
+    Args:
+        axes: where to draw.
+        points: joint and tip positions, shape (links + 1, 2) [m].
+        radius: of the capsules [m]; a line stands for zero.
+        face: colour of the body.
+        edge: colour of its outline, links and joints.
+        label: in the legend.
+        zorder: higher is nearer the eye.
+    """
+    body = shapely.buffer(shapely.LineString(points), radius) if radius > 0.0 else shapely.Polygon()
+    for part in getattr(body, "geoms", [body]):
+        axes.add_patch(
+            polygon_patch(part, facecolor=face, edgecolor=edge, linewidth=0.8, alpha=0.85, zorder=zorder, label=label)
+        )
+    width = 0.7 if radius > 0.0 else 1.5
+    axes.plot(
+        points[:, 0],
+        points[:, 1],
+        color=edge,
+        linewidth=width,
+        marker="o",
+        markersize=min(1.8, 40.0 / len(points)),
+        zorder=zorder + 0.1,
+    )
+
+
+def draw_poses(axes: Axes, poses: FloatArray) -> None:
+    """Draw poses on the way as thin lines coloured from early to late; ``poses`` has shape (k, links + 1, 2) [m]."""
+    shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(poses)))
+    axes.add_collection(LineCollection(list(poses), colors=shades, linewidths=1.1, alpha=0.9, zorder=5))
+    middle = shades[len(shades) // 2]
+    axes.plot([], [], color=middle, linewidth=1.1, label="on the way, early to late")
+
+
+def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
+    """Draw where the tip goes; ``tips`` has shape (T, 2) [m]."""
+    axes.plot(
+        tips[:, 0],
+        tips[:, 1],
+        color=style.TIP_PATH,
+        linewidth=1.3,
+        linestyle=(0, (4, 2)),
+        zorder=7,
+        label="path of the tip",
+    )
+
+
+@dataclass(frozen=True)
+class DrawnPlan:
+    """What pictures show of a plan.
+
+    Attributes:
+        problem: what was asked.
+        trajectory: the motion.
+        points: joints and tip at every sample, shape (T, links + 1, 2) [m].
+        curves: behind the planner's keyframes, in order; may be none.
+        nearest: where the least gap is; None where nobody measured it or nothing is near.
+        simulated: joints and tip of the simulated arm in space, shape (T, links + 1, 3) [m]; None where it was not.
+    """
+
+    problem: Problem
+    trajectory: JointTrajectory
+    points: FloatArray
+    curves: tuple[Configuration, ...] = ()
+    nearest: NearPlace | None = None
+    simulated: FloatArray | None = None
+
+    @classmethod
+    def from_solution(cls, solution: Solution) -> "DrawnPlan":
+        """What a solution shows."""
+        near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
+        return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
+
+    @property
+    def nearest_point(self) -> FloatArray | None:
+        """Half-way between the two bodies at the time of their least gap, shape (2,) [m]."""
+        near = self.nearest
+        if near is None:
+            return None
+        at = [np.interp(near.time, self.trajectory.time, column) for column in self.trajectory.positions.T]
+        pose = self.problem.arm.joint_positions_at(np.array(at))
+        link = shapely.LineString(pose[near.link - 1 : near.link + 1])
+        if near.second_link:
+            other: shapely.Geometry = shapely.LineString(pose[near.second_link - 1 : near.second_link + 1])
+        else:
+            walls = (wall for wall in self.problem.workspace.walls if wall.name == near.obstacle)
+            wall = next(walls, None)
+            if wall is None:
+                return None
+            other = wall.core
+        middle: FloatArray = shapely.get_coordinates(shapely.shortest_line(link, other)).mean(axis=0)
+        return middle

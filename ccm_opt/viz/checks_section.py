@@ -1,0 +1,236 @@
+"""The section of the page on checks."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.solution import Check, SimulationVerdict
+from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.viz.document import Child, Markup, element, joined, table
+from ccm_opt.viz.page_units import PageUnits
+
+_WORDS = {
+    "wall clearance": "Gap to walls",
+    "self-collision": "Gap between links",
+    "joint limit": "Joint bends",
+    "joint velocity": "Joint velocities",
+    "joint acceleration": "Joint accelerations",
+    "joint jerk": "Joint jerks",
+    "joint torque": "Joint torques",
+    "feed range": "Feed axis beyond its range",
+    "joints inside the guide": "Bends in guide, of allowed",
+    "goal position": "Tip at the goal, off by",
+    "goal heading": "Heading at the goal, off by",
+    "goal direction": "Direction at the goal, off by",
+    "goal joints": "Joints at the goal, off by",
+    "goal feed": "Feed axis at the goal, off by",
+    "free side": "Links beyond a wall",
+    "start joints": "Joints at the start, off by",
+    "start feed": "Feed axis at the start, off by",
+    "start tip": "Tip at the start, off by",
+    "start on the curve": "Joints off the curve at the start",
+    "rest": "Speed of joints at rest",
+    "samples": "Longest step between samples",
+    "joint names": "Names of joints that differ",
+    "message limits": "Limits between points of the message",
+    "message deviation": "Message off the plan, of what it spares",
+}
+_ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
+"""How the names of checks begin that a user cares about, the most important first."""
+_OF_ITSELF = re.compile(
+    r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
+)
+"""Checks of the plan against itself, and of what planning leaves to the controller."""
+_PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
+"""Where on the path a constraint comes nearest to its bounds, which says something only where there is no time."""
+_TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
+_PAUSE = re.compile(r"stop (\d+) pause")
+"""The only check whose value must be no less than its limit."""
+
+
+_BOUND = 1e-5
+"""What is no farther from its bound stands at it; a constraint may be missed by a tenth of that."""
+
+
+@dataclass(frozen=True)
+class CheckWords:
+    """One check for people.
+
+    Attributes:
+        title: what was checked.
+        worst: the worst value that was met, with its unit.
+        limit: what it is held against, in words.
+        used: share of the limit that is used, from 0; None where the limit is a least gap, or is 0.
+        where: link or joint, obstacle.
+        time: when [s], or None.
+        passed: whether it holds.
+        of_itself: whether the plan is checked against itself only.
+    """
+
+    title: str
+    worst: str
+    limit: str
+    used: float | None
+    where: str
+    time: float | None
+    passed: bool
+    of_itself: bool
+
+
+def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
+    """All checks for people, the most important first, those of the plan against itself last.
+
+    Args:
+        checks: of the verifier.
+        units: of the page.
+        in_space: whether joints have two bends, which are told apart.
+    """
+    ordered = sorted(checks, key=lambda check: (_of_itself(check), check.passed, _rank(check.name)))
+    return [_in_words(check, units, in_space=in_space) for check in ordered]
+
+
+def _of_itself(check: Check) -> bool:
+    return bool(_OF_ITSELF.fullmatch(check.name))
+
+
+def _rank(name: str) -> int:
+    return next((k for k, begin in enumerate(_ORDER) if name.startswith(begin)), len(_ORDER))
+
+
+def joint_in_words(where: str, *, in_space: bool) -> str:
+    """A place with its revolutes' names as people say them: in the plane a joint has one bend, in space a and b.
+
+    Args:
+        where: such as ``joint 3 (ball03_yaw)``.
+        in_space: whether joints have two bends.
+    """
+    if in_space:
+        return re.sub(r" \(ball\d+_(yaw|bend)\)", lambda name: " a" if name[1] == "yaw" else " b", where)
+    return re.sub(r" \(ball\d+_bend\)", "", where)
+
+
+def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
+    gap = check.name in {"wall clearance", "self-collision"}
+    rest = _PAUSE.fullmatch(check.name) is not None
+    bound = units.given(check.limit, check.unit)
+    if "constraint " in check.name:
+        # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
+        worst = _constraint_kept(check)
+        limit = "soft" if check.name.startswith("soft") else "must be kept"
+    elif gap:
+        # Only what is beyond the clearance is told, as everywhere else; the limit is the clearance.
+        worst = units.shown(check.worst - check.limit, check.unit, check.limit)
+        limit = "no contact"
+    elif check.unit == "tolerances":
+        worst = units.shown(check.worst, "of the limit")
+        limit = "at most 100 %"
+    else:
+        worst = units.shown(check.worst, check.unit, check.limit)
+        limit = f"at least {bound}" if rest else f"at most {bound}"
+    bounded = 0.0 < check.limit < float("inf") and not gap and not rest and "constraint " not in check.name
+    used = abs(check.worst) / check.limit if bounded else None
+    when = _TIME.search(check.where)
+    # The time is a field of its own.
+    where = _PATH.sub(lambda u: "" if when else f"{100.0 * float(u[1]):.0f} % of the path", check.where)
+    where = joint_in_words(re.sub(r"\s*,?\s*((at|from) )?t = \S+ s", "", where), in_space=in_space)
+    return CheckWords(
+        title=f"{title_of(check.name)} beyond {bound}" if gap and check.limit else title_of(check.name),
+        worst=worst if check.worst != float("inf") else "nothing near",
+        limit=limit,
+        used=used,
+        where=where,
+        time=float(when[1]) if when else None,
+        passed=check.passed,
+        of_itself=_of_itself(check),
+    )
+
+
+def title_of(name: str) -> str:
+    """The name of a check for people."""
+    if name in _WORDS:
+        return _WORDS[name]
+    if stop := _PAUSE.fullmatch(name):
+        return f"Rest at goal {stop[1]}"
+    if stop := re.fullmatch(r"stop (\d+) (position|heading|direction|joints|feed)", name):
+        what = {"position": "Tip", "feed": "Feed axis"}.get(stop[2], stop[2].capitalize())
+        return f"{what} at goal {stop[1]}, off by"
+    if way := re.fullmatch(r"(?:goal|stop (\d+)) via (\d+)", name):
+        return f"Tip from via {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
+    for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
+        if name.startswith(begin):
+            return f"{words} “{name.removeprefix(begin)}”"
+    return name[:1].upper() + name[1:]
+
+
+def _constraint_kept(check: Check) -> str:
+    """How far a user's constraint is from its bounds; a soft one may be missed by anything, and is kept only if not."""
+    allowed = 0.0 if check.name.startswith("soft") else check.limit
+    if not check.worst <= allowed:
+        return f"missed by {check.worst:.3g}"
+    return "at its bound" if check.worst > -_BOUND else f"{-check.worst:.3g} to spare"
+
+
+def checks_section(solution: AnySolution, units: PageUnits) -> Markup:
+    """The section with its heading.
+
+    Args:
+        solution: the plan.
+        units: of the page.
+    """
+    checks = checks_in_words(solution.checks, units, in_space=isinstance(solution.problem, SpaceProblem))
+    asked = [check for check in checks if not check.of_itself]
+    own = [check for check in checks if check.of_itself]
+    failed = sum(not check.passed for check in own)
+    words = f"{len(own)} checks of the plan against itself" + (f", {failed} fail" if failed else ", all hold")
+    folded = element("details", element("summary", words), _table(own), open=failed > 0) if own else None
+    verdict = solution.simulation.verdict
+    return element(
+        "section",
+        element("h2", "Every limit, and how nearly it was met"),
+        _table(asked),
+        _simulation(verdict),
+        folded,
+    )
+
+
+def _table(checks: Sequence[CheckWords]) -> Markup:
+    rows = [_row(check) for check in checks]
+    return table(("", "worst", "limit", "used", "where", ""), rows, cls="checks", numbers=(1, 2))
+
+
+def _row(check: CheckWords) -> tuple[Child, ...]:
+    verdict = element("span", "holds" if check.passed else "fails", cls="holds" if check.passed else "fails")
+    return (check.title, check.worst, check.limit, used_bar(check.used), _place(check), verdict)
+
+
+def _place(check: CheckWords) -> Markup:
+    """Where the worst was met; its time is a button that goes there."""
+    if check.time is None:
+        return joined((check.where,))
+    between = ", " if check.where else ""
+    return joined((check.where, between, time_button(check.time)))
+
+
+def time_button(time: float) -> Markup:
+    """A time on which a click shows the arm at that time."""
+    return element("button", f"{time:.2f} s", type="button", cls="link", data_time=f"{time:.4f}")
+
+
+def used_bar(share: float | None) -> Markup | None:
+    """A share of a limit as a bar with its number; nothing where there is no such share."""
+    if share is None:
+        return None
+    width = 100.0 * min(share, 1.0)
+    bar = element("span", element("i", style=f"width:{width:.0f}%"), cls="used")
+    return joined((bar, f"{100.0 * share:.0f} %"))
+
+
+def _simulation(verdict: SimulationVerdict) -> Markup:
+    """What the simulation says of the plan, and what would help where the arm did not follow."""
+    step = f"with steps of {1e3 * verdict.step:g} ms"
+    if verdict.followed:
+        return element("p", element("span", "Followed", cls="holds"), f" in the simulation, {step}.")
+    reason = element("span", verdict.outcome, cls="fails")
+    advice = element("ul", *(element("li", line) for line in verdict.advice)) if verdict.advice else None
+    return joined((element("p", "Simulation, ", step, ": ", reason, f". {verdict.reason}"), advice))

@@ -1,0 +1,329 @@
+"""The page of a problem without a plan."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import Diagnosis, Finding, sentences
+from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.viz.document import COMMON, Markup, badge, element, html_document, joined, page_header, table
+from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.problem_section import problem_section, timings_table
+from ccm_opt.viz.scene_data import goals_data, scene_data
+from ccm_opt.viz.settings import REPORT, ReportSettings
+from ccm_opt.viz.stage_section import stage_section
+
+Mark = dict[str, object]
+"""A mark of the scene: its ``kind``, its places [m], and perhaps words with the place ``at`` which they stand."""
+_IN_A_WORD = {"contact": "in contact", "blocked": "no way leads through", "hemmed in": "hemmed in"}
+"""Kinds of findings that say enough by their name and their place."""
+_CURVE_PLACES = 200
+"""Points by which a pose that is given as a curve is drawn."""
+
+
+def pose_points(problem: Problem, pose: object) -> FloatArray | None:
+    """Where a pose of the whole arm is, shape (m, 2) [m]: joints and tip, or points of its curve; None for a tip."""
+    arm = problem.arm
+    if isinstance(pose, JointPose):
+        return arm.joint_positions_at(pose.configuration(arm))
+    if isinstance(pose, CurvePose):
+        curve = pose.configuration
+        along = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
+        return np.asarray(along + pose.feed * arm.feed_direction if pose.feed else along)
+    return None
+
+
+def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
+    """Marks for every finding; the first one has words in the scene, the others say theirs under the mouse.
+
+    Args:
+        problem: what was asked.
+        diagnosis: why there is no plan.
+        units: of the page.
+    """
+    marks: list[Mark] = []
+    for number, finding in enumerate(diagnosis.findings):
+        for mark in _marks(problem, finding, units):
+            if number:
+                mark.pop("at", None)
+            marks.append(mark)
+    pose = best_attempt(problem, diagnosis)
+    if pose is not None:
+        marks.append({"kind": "arm", "points": pose.round(6).tolist()})
+        marks.append({"kind": "words", "at": _listed(pose[-1]), "words": "the best attempt ended here"})
+    return marks
+
+
+def best_attempt(problem: AnyProblem, diagnosis: Diagnosis) -> FloatArray | None:
+    """Return joints and tip where the best attempt of a search in vain ended, shape (links + 1, d) [m].
+
+    Returns:
+        None where nothing was searched for, or where it is proved that nothing could have been found.
+    """
+    found = diagnosis.evidence.get("nearest_pose")
+    if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
+        return None
+    pose = np.asarray(found, dtype=float)
+    if isinstance(problem, SpaceProblem):
+        fits = len(pose) == 2 * problem.arm.links + len(problem.arm.base_axes)
+        return np.asarray(joint_positions(problem.arm, pose)) if fits else None
+    return problem.arm.joint_positions(pose) if len(pose) == problem.arm.links else None
+
+
+def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    if finding.kind == "too short":
+        yield from _too_short(problem, finding, units)
+    elif finding.kind == "too thick":
+        yield from _too_thick(problem, finding, units)
+    elif finding.kind == "too stiff":
+        yield from _too_stiff(problem, finding, units)
+    elif finding.place is not None:
+        place = _listed(finding.place)
+        yield {"kind": "place", "place": place, "words": finding.reason}
+        if finding.kind in _IN_A_WORD:
+            yield {"kind": "words", "at": place, "words": _IN_A_WORD[finding.kind]}
+
+
+def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    """The way that is longer than the arm, or the circle that it can reach with what is missing to the goal."""
+    if finding.measured is None or finding.place is None:
+        return
+    missing = f"{units.length(finding.measured - problem.arm.length)} too short"
+    if finding.way:
+        yield {"kind": "way", "points": [_listed(place) for place in finding.way]}
+        words = f"shortest way {units.length(finding.measured)}, arm {units.length(problem.arm.length)}"
+        yield {"kind": "words", "at": _listed(finding.place), "words": words}
+        return
+    base = nearest_base(problem, finding.place)
+    yield {"kind": "circle", "place": base, "radius": problem.arm.length}
+    goal = np.array(finding.place)
+    towards = (goal - base) / np.hypot(*(goal - base))
+    edge = np.array(base) + problem.arm.length * towards
+    yield {"kind": "gap", "points": [_listed(edge), _listed(goal)]}
+    yield {"kind": "words", "at": _listed(0.5 * (edge + goal)), "words": missing}
+
+
+def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
+    """The place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
+    arm = problem.arm
+    low, high = arm.base_range
+    along = float(np.clip((np.array(place) - arm.base) @ arm.feed_direction, low, high)) if arm.feed else 0.0
+    return _listed(arm.base + along * arm.feed_direction)
+
+
+def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    """The gap between the two walls beside it, and the arm with its clearance as a disc that does not fit."""
+    if finding.place is None or finding.measured is None or finding.allowed is None:
+        return
+    place = shapely.Point(finding.place)
+    feet = []
+    for wall in problem.workspace.walls:
+        line = shapely.shortest_line(place, wall.core)
+        ends = shapely.get_coordinates(line)
+        away = float(np.hypot(*(ends[1] - ends[0])))
+        foot = ends[1] + (ends[0] - ends[1]) * min(wall.rounding / away, 1.0) if away > 0.0 else ends[1]
+        feet.append((away - wall.rounding, _listed(foot)))
+    feet.sort(key=lambda pair: pair[0])
+    yield {"kind": "disc", "place": _listed(finding.place), "radius": 0.5 * finding.allowed}
+    yield {"kind": "gap", "points": [foot for _, foot in feet[:2]]}
+    needed = "arm with clearance" if problem.workspace.clearance else "arm"
+    words = f"gap {units.length(finding.measured)}, {needed} {units.length(finding.allowed)}"
+    yield {"kind": "words", "at": _listed(finding.place), "words": words}
+
+
+def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    """The circle inside which the tip never comes, or the arm with every joint at its limit."""
+    arm = problem.arm
+    if finding.unit == "m" and finding.allowed is not None:
+        base = _listed(arm.base)
+        yield {"kind": "circle", "place": base, "radius": finding.allowed}
+        if finding.place is not None:
+            words = f"{units.length(finding.allowed)} from the base at least"
+            yield {"kind": "words", "at": _listed(finding.place), "words": words}
+        return
+    for side in (-1.0, 1.0):
+        bends = side * np.minimum(arm.bend_limits, arm.joint_limit)
+        points = arm.joint_positions(arm.headings(bends))
+        yield {"kind": "arm", "points": np.round(points, 6).tolist()}
+    if finding.measured is not None and finding.allowed is not None:
+        words = f"turn {units.shown(finding.measured, 'rad')}, all joints {units.shown(finding.allowed, 'rad')}"
+        yield {"kind": "words", "at": _listed(arm.base), "words": words}
+
+
+def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
+    """Points that the first look at the scene has to hold: start, goals, what stands in the way, shape (m, 2) [m]."""
+    arm = problem.arm
+    found = [arm.base[None]]
+    for pose in (problem.start, *(stop.goal for stop in problem.stops), problem.goal):
+        points = pose.position[None] if isinstance(pose, TipGoal) else pose_points(problem, pose)
+        if points is not None:
+            found.append(points)
+    found += [np.array(finding.place)[None] for finding in diagnosis.findings if finding.place is not None]
+    found += [np.array(finding.way) for finding in diagnosis.findings if finding.way]
+    attempt = best_attempt(problem, diagnosis)
+    found += [] if attempt is None else [attempt]
+    return np.concatenate(found)
+
+
+def _listed(place: FloatArray | tuple[float, ...]) -> list[float]:
+    return [float(value) for value in place]
+
+
+SCRIPTS = (*COMMON, "failure_page")
+"""Scripts of the page of a failure, in the order in which they are needed."""
+STATUS = {
+    "infeasible": "proved: there is no plan",
+    "timed-out": "no plan within the time",
+    "cancelled": "cancelled",
+}
+
+
+def failure_html(
+    problem: Problem,
+    status: str,
+    diagnosis: Diagnosis,
+    timings: Mapping[str, float] | None = None,
+    settings: ReportSettings = REPORT,
+) -> str:
+    """The report of a problem without a plan.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended, as in ``solution.json``.
+        diagnosis: why there is no plan.
+        timings: of the stages that ran [s].
+        settings: how exact the scene is.
+
+    Returns:
+        A whole HTML page that loads nothing.
+    """
+    units = PageUnits.of_page(problem)
+    facts = (
+        reason_section(diagnosis),
+        help_section(diagnosis),
+        problem_section(problem, units),
+        search_section(problem, diagnosis, timings or {}),
+    )
+    header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
+    stage = stage_section(f"The problem {problem.name}, and what stands in its way", moves=False)
+    body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
+    return html_document(f"{problem.name}: {status}", body, failure_data(problem, diagnosis, units, settings), SCRIPTS)
+
+
+def failure_data(
+    problem: Problem, diagnosis: Diagnosis, units: PageUnits, settings: ReportSettings = REPORT
+) -> dict[str, object]:
+    """Everything that the scripts of a failure's page read."""
+    start = pose_points(problem, problem.start)
+    poses = [_end_pose(problem, goal) for goal in (*(stop.goal for stop in problem.stops), problem.goal)]
+    blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
+    return {
+        "unit": {"name": units.name, "metres": units.metres, "decimals": units.decimals},
+        "scene": scene_data(problem, first_look(problem, diagnosis), settings),
+        "start": None if start is None else start.round(6).tolist(),
+        "goals": goals_data(problem, poses),
+        "blocking": blocking,
+        "marks": drawn_findings(problem, diagnosis, units),
+    }
+
+
+def _end_pose(problem: Problem, goal: Goal) -> FloatArray | None:
+    return None if isinstance(goal, TipGoal) else pose_points(problem, goal)
+
+
+def reason_section(diagnosis: Diagnosis) -> Markup:
+    """Why there is no plan, and what else is in the way."""
+    others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
+    first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
+    also = [element("h3", "Also in the way")] if others else []
+    return element(
+        "section",
+        element("h2", "Why there is no plan"),
+        element(
+            "div",
+            *_sentences(diagnosis.reason),
+            cls="finding" if first is None or first.proved else "finding perhaps",
+        ),
+        *also,
+        *(_finding(finding) for finding in others),
+        element("p", f"Found at this stage: {diagnosis.stage}.", cls="soft"),
+    )
+
+
+def _sentences(reason: str, before: Markup | None = None) -> Iterator[Markup]:
+    """What a reason says: its first sentence, and the details as a list."""
+    first, *details = sentences(reason)
+    yield element("p", before, f"{first}.")
+    if details:
+        yield element("ul", *(element("li", line) for line in details))
+
+
+def _finding(finding: Finding) -> Markup:
+    words = "Proved: " if finding.proved else "Perhaps: "
+    return element(
+        "div",
+        *_sentences(finding.reason, element("b", words)),
+        cls="finding" if finding.proved else "finding perhaps",
+    )
+
+
+def help_section(diagnosis: Diagnosis) -> Markup:
+    """What would help: what was tried, and what was not."""
+    solved = [element("li", relaxation.words) for relaxation in diagnosis.relaxations]
+    tried = [element("li", line) for line in diagnosis.advice]
+    parts: list[Markup] = []
+    if solved:
+        words = "With one of these changes the problem was planned, timed and verified:"
+        parts += [element("p", words), element("ul", *solved, cls="helps")]
+    if tried:
+        parts += [element("p", "Not tried, but promising:"), element("ul", *tried, cls="helps")]
+    if not parts:
+        parts = [element("p", "No change of one thing alone is known to help.")]
+    return element("section", element("h2", "What would help"), *parts)
+
+
+def search_section(problem: AnyProblem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
+    """How a plan was looked for: options, times, the figures behind the reason."""
+    evidence = None
+    if diagnosis.evidence:
+        text = json.dumps(diagnosis.evidence, indent=2, ensure_ascii=False, default=str)
+        evidence = element("details", element("summary", "The figures behind the reason"), element("pre", text))
+    rows = [("method", problem.planner.method), ("seed", str(problem.planner.seed))]
+    rows.append(("time limit", f"{problem.planner.time_limit:g} s"))
+    link = element("a", "solution.json", href="solution.json")
+    return element(
+        "section",
+        element("h2", "How it was looked for"),
+        table((), rows, cls="pairs"),
+        timings_table(timings),
+        evidence,
+        element("p", link, ": what was asked, and all of this as data"),
+    )
+
+
+def findings_in_space(diagnosis: Diagnosis) -> list[dict[str, object]]:
+    """What is drawn of every finding that has a place.
+
+    Args:
+        diagnosis: why there is no plan.
+
+    Returns:
+        For each its place; of a gap that is too narrow the radius of what would have to pass and of what passes [m],
+        else none; and places along its way.
+    """
+    return [_drawn(finding) for finding in diagnosis.findings if finding.place is not None]
+
+
+def _drawn(finding: Finding) -> dict[str, object]:
+    narrow = finding.kind == "too thick" and finding.allowed is not None and finding.measured is not None
+    return {
+        "place": list(finding.place or ()),
+        "needed": 0.5 * (finding.allowed or 0.0) if narrow else None,
+        "room": 0.5 * (finding.measured or 0.0) if narrow else None,
+        "way": [list(place) for place in finding.way],
+    }

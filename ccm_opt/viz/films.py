@@ -1,0 +1,264 @@
+"""Films of a motion."""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from PIL import Image
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.solution.space_solution import SpacePlan
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import DrawnPlan, draw_tip_path, draw_workspace
+from ccm_opt.viz.plan import action_window, draw_goals
+from ccm_opt.viz.settings import FILM, SPACE_FILM, SPACE_PICTURES, FilmSettings
+from ccm_opt.viz.space_plan import draw_goals_in_space
+from ccm_opt.viz.space_views import SLANTED, SeenScene, seen_window, window_of
+
+_HUNDREDTH = 10
+"""Shortest time that a film in GIF can tell [ms]."""
+_DOTS_PER_INCH = 100.0
+"""Of a film of the usual size; larger ones are the same picture, larger."""
+_STRIP = 32
+"""Height of the strip below the drawing, for the time and the bar [pixel of a film of the usual size]."""
+
+
+def film_figure(low: FloatArray, high: FloatArray, settings: FilmSettings) -> tuple[Figure, Axes]:
+    """Make a figure of even sides, as a video needs, whose axes show a window above a strip for the time.
+
+    Args:
+        low: lower left corner of the window [m].
+        high: upper right corner [m].
+        settings: sizes.
+    """
+    times = settings.longest_side / FILM.longest_side
+    width, height = settings.longest_side * (high - low) / float(np.max(high - low))
+    whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
+    dots = times * _DOTS_PER_INCH
+    figure = Figure(figsize=tuple(whole / dots), dpi=dots)
+    axes = figure.add_axes((0.0, 1.0 - height / whole[1], width / whole[0], height / whole[1]))
+    axes.set_axis_off()
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    return figure, axes
+
+
+@dataclass(frozen=True)
+class Film:
+    """The frames of a motion.
+
+    Attributes:
+        figure: what is drawn behind the arm, as ``film_figure`` makes it.
+        axes: of the figure, in which the arm is drawn.
+        points: joints and tip in the drawing at the samples of the motion, shape (T, links + 1, 2) [m].
+        time: of the samples, shape (T,) [s].
+        radius: of the arm [m].
+        settings: sizes.
+        shown: samples that are shown, one a frame.
+        seconds: for which all frames but the last are shown [s].
+    """
+
+    figure: Figure
+    axes: Axes
+    points: FloatArray
+    time: FloatArray
+    radius: float
+    settings: FilmSettings
+    shown: IntArray
+    seconds: float
+
+    @classmethod
+    def of_motion(
+        cls, drawn: tuple[Figure, Axes], points: FloatArray, time: FloatArray, radius: float, settings: FilmSettings
+    ) -> "Film":
+        """The film of a motion, in real time unless that takes more frames than the settings allow."""
+        _arm(drawn[1], points[0], radius, (style.START, style.START_EDGE), 0.43)
+        rate = settings.frames_a_second
+        wanted = int(np.ceil(rate * time[-1])) + 1
+        count = int(np.clip(wanted, 2, settings.most_frames))
+        shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
+        seconds = float(time[-1]) if count == wanted else (count - 1) / rate
+        return cls(*drawn, points, time, radius, settings, shown, seconds)
+
+    def frames(self) -> Iterator[Image.Image]:
+        """Draw the frames, RGB, all of one size."""
+        figure, axes = self.figure, self.axes
+        arm = _arm(axes, self.points[0], self.radius, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
+        for line in arm:
+            line.set_animated(True)
+        end = float(self.time[-1])
+        faster = end / self.seconds if self.seconds > 0.0 else 1.0
+        note = f"  {faster:.2g} times as fast" if faster > self.settings.told_factor else ""
+        strip = 1.0 - axes.get_position().height
+        clock = figure.text(0.015, 0.55 * strip, "", size=10.0, family=style.FONT_FAMILY, va="center", animated=True)
+        clock.set_color(style.BOUNDARY)
+        bar = Rectangle((0.0, 0.0), 0.0, 0.12 * strip, color=style.GOAL_ARM, animated=True)
+        figure.add_artist(bar)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        still = canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
+        for k in self.shown:
+            canvas.restore_region(still)  # type: ignore[no-untyped-call]
+            for line in arm:
+                line.set_data(*self.points[k].T)
+            clock.set_text(f"{self.time[k]:.2f} s{note}")
+            bar.set_width(float(self.time[k]) / max(end, 1e-12))
+            for artist in (*arm, clock, bar):
+                figure.draw_artist(artist)
+            yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
+
+    def gif(self) -> bytes:
+        """The film as the content of an animated GIF file."""
+        frames = list(self.frames())
+        # One palette for all frames: a palette each would make the colours flicker.
+        palette = frames[-1].quantize(self.settings.colours)
+        flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        # Every frame ends at a whole hundredth of a second, so that what is lost in one is won back in the next.
+        ends = np.round(np.linspace(0.0, 1e3 * self.seconds, len(flat))[1:] / _HUNDREDTH) * _HUNDREDTH
+        durations = [*np.maximum(np.diff(ends, prepend=0.0), _HUNDREDTH).astype(int).tolist(), self.settings.last_frame]
+        buffer = BytesIO()
+        flat[0].save(buffer, "GIF", save_all=True, append_images=flat[1:], duration=durations, loop=0, optimize=False)
+        return buffer.getvalue()
+
+
+def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str], opacity: float) -> list[Line2D]:
+    """Draw an arm's body, the union of capsules that it is, and its axis."""
+    left, right = axes.transData.transform([(0.0, 0.0), (2.0 * radius, 0.0)])[:, 0]
+    width = max(72.0 / axes.figure.dpi * float(right - left), 1.0)
+    body, axis = (
+        axes.plot(*points.T, color=colour, zorder=9, solid_capstyle="round", solid_joinstyle="round")[0]
+        for colour in colours
+    )
+    body.set(linewidth=width, alpha=opacity)
+    axis.set(linewidth=1.0)
+    return [body, axis]
+
+
+def plane_film(plan: DrawnPlan, settings: FilmSettings = FILM) -> Film:
+    """The motion of a plan as a film, in real time unless it is too long for that."""
+    window = action_window(plan.problem, plan.points)
+    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
+        figure, axes = film_figure(np.array(window[:2]), np.array(window[2:]), settings)
+        draw_workspace(axes, plan.problem.workspace, window=window)
+        draw_tip_path(axes, plan.points[:, -1])
+        draw_goals(axes, plan, poses=False)
+        axes.plot(*plan.points[0, 0], marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
+    return Film.of_motion((figure, axes), plan.points, plan.trajectory.time, plan.problem.arm.radius, settings)
+
+
+def space_film(plan: SpacePlan, settings: FilmSettings = SPACE_FILM, scene: SeenScene | None = None) -> Film:
+    """The motion of a plan in space as a film, in real time unless it is too long for that.
+
+    Args:
+        plan: the plan.
+        settings: sizes.
+        scene: the bodies as another picture of the problem shows them; None: they are made ready.
+    """
+    points = plan.joint_positions
+    bodies = scene or SeenScene(plan.problem, SPACE_PICTURES)
+    low, high = seen_window(SLANTED, window_of(plan.problem, points))
+    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
+        figure, axes = film_figure(low, high, settings)
+        bodies.draw_room(axes, SLANTED)
+        bodies.draw(axes, SLANTED)
+        axes.plot(*SLANTED(points[:, -1]).T, color=style.TIP_PATH, linewidth=1.0, linestyle=(0, (4, 2)), zorder=7)
+        draw_goals_in_space(axes, plan, SLANTED, points)
+    return Film.of_motion((figure, axes), SLANTED(points), plan.trajectory.time, plan.problem.arm.radius, settings)
+
+
+_QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
+
+
+def encoder() -> str | None:
+    """Where ffmpeg is; None where it is not."""
+    return shutil.which("ffmpeg")
+
+
+def video_settings(settings: FilmSettings = FILM) -> FilmSettings:
+    """The settings of a film with the size and the frames of a video."""
+    return replace(
+        settings,
+        longest_side=settings.video_side,
+        frames_a_second=settings.video_frames_a_second,
+        most_frames=settings.most_video_frames,
+    )
+
+
+def film_mp4(film: Film) -> bytes:
+    """A film as a video.
+
+    Args:
+        film: with the settings of `video_settings`.
+
+    Returns:
+        The content of an MP4 file.
+
+    Raises:
+        ProblemError: there is no ffmpeg, or it cannot encode.
+    """
+    program = encoder()
+    if program is None:
+        raise ProblemError("a video needs the program ffmpeg, which is not found; install it, or leave out 'mp4'")
+    settings = film.settings
+    rate = settings.frames_a_second
+    frames = list(film.frames())
+    still = frames[-1:] * round(rate * settings.last_frame / 1e3)
+    width, height = frames[0].size
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-")
+    with tempfile.TemporaryDirectory() as folder:
+        # The index of an MP4 stands at its beginning, so that it cannot be written into a pipe.
+        out = Path(folder) / "motion.mp4"
+        content = b"".join(frame.tobytes() for frame in (*frames, *still))
+        command = [program, "-loglevel", "error", "-y", *raw, *_QUALITY, str(out)]
+        done = subprocess.run(command, input=content, capture_output=True, check=False)  # noqa: S603 - no shell
+        if done.returncode != 0:
+            raise ProblemError(f"ffmpeg cannot encode the video: {done.stderr.decode(errors='replace').strip()}")
+        return out.read_bytes()
+
+
+def motion_gif(plan: DrawnPlan | SpacePlan, settings: FilmSettings | None = None) -> bytes:
+    """The motion of a plan as an animated GIF, in real time unless it is too long for that.
+
+    Args:
+        plan: the plan.
+        settings: size and number of the frames; None stands for those of the plane, or of space.
+
+    Returns:
+        The content of a GIF file.
+    """
+    return _film(plan, settings or _usual(plan)).gif()
+
+
+def motion_mp4(plan: DrawnPlan | SpacePlan, settings: FilmSettings | None = None) -> bytes:
+    """The motion of a plan as a video, in real time unless it is too long for that.
+
+    Args:
+        plan: the plan.
+        settings: size and number of the frames; None stands for those of the plane, or of space.
+
+    Returns:
+        The content of an MP4 file.
+
+    Raises:
+        ProblemError: there is no ffmpeg, or it cannot encode.
+    """
+    return film_mp4(_film(plan, video_settings(settings or _usual(plan))))
+
+
+def _usual(plan: DrawnPlan | SpacePlan) -> FilmSettings:
+    return FILM if isinstance(plan, DrawnPlan) else SPACE_FILM
+
+
+def _film(plan: DrawnPlan | SpacePlan, settings: FilmSettings) -> Film:
+    return plane_film(plan, settings) if isinstance(plan, DrawnPlan) else space_film(plan, settings)

@@ -1,0 +1,313 @@
+"""Figures like the paper's.
+
+A. Hayashi, J. Park and B. J. Kuipers, *Toward Planning and Control of Highly Redundant Manipulators* (1990): curves
+like Figures 3 and 4, steps like Figure 5, links like Figure 7, space like Figures 8 to 10.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.length_words import LengthUnit
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.errors import ProblemError
+from ccm_opt.problem import TipGoal
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_obstacle, draw_workspace
+from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
+from ccm_opt.viz.plan import action_window, draw_goals, even_steps
+from ccm_opt.viz.settings import PAPER_FIGURES, PICTURES, PaperFigureSettings, PictureSettings
+
+_SIDE = 2.5
+"""Width and height of one drawing [inch]."""
+_POINTS = 161
+"""Points along a curve."""
+
+
+@dataclass(frozen=True)
+class SchemaPanel:
+    """One part of a figure.
+
+    Attributes:
+        title: above it.
+        configurations: in the order of the motion.
+        goal: drawn as an arrow, or None.
+        workspace: the room, or None in open space.
+        subgoal: drawn as a hollow arrow, or None.
+        unit: of lengths on its axes.
+    """
+
+    title: str
+    configurations: tuple[Configuration, ...]
+    goal: TipGoal | None
+    workspace: Workspace | None = None
+    subgoal: TipGoal | None = None
+    unit: LengthUnit = "m"
+
+
+def schemas_png(
+    panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14, settings: PictureSettings = PICTURES
+) -> bytes:
+    """The picture of some schemas.
+
+    Args:
+        panels: its parts, row by row.
+        columns: parts in a row.
+        shown: configurations drawn in each part at most, evenly chosen; the first and the last always.
+        settings: resolution.
+
+    Returns:
+        The content of a PNG file.
+    """
+    return figure_png(lambda: schemas_figure(panels, columns, shown, settings=settings))
+
+
+def schemas_figure(
+    panels: Sequence[SchemaPanel],
+    columns: int = 1,
+    shown: int = 14,
+    side: float = _SIDE,
+    settings: PictureSettings = PICTURES,
+) -> Figure:
+    """The same picture as a matplotlib figure; ``side`` is the width and height of one drawing [inch]."""
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(2.0 * side * columns, side * rows), dpi=settings.dots_per_inch, layout="constrained")
+    grid = figure.subplots(rows, 2 * columns, squeeze=False)
+    for k, panel in enumerate(panels):
+        row, column = divmod(k, columns)
+        _draw_configurations(grid[row, 2 * column], panel, shown)
+        _draw_curvature(grid[row, 2 * column + 1], panel, shown)
+    for axes in grid.ravel()[2 * len(panels) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _draw_configurations(axes: Axes, panel: SchemaPanel, shown: int) -> None:
+    axes.set_title(panel.title, fontsize=8, loc="left")
+    axes.set_aspect("equal")
+    if panel.workspace is not None:
+        for obstacle in panel.workspace.obstacles:
+            draw_obstacle(axes, obstacle)
+        xmin, ymin, xmax, ymax = panel.workspace.boundary.bounds
+        axes.set_xlim(xmin, xmax)
+        axes.set_ylim(ymin, ymax)
+    drawn = _chosen(panel.configurations, shown)
+    for configuration, colour in zip(drawn, _colours(len(drawn)), strict=True):
+        points = configuration.positions_at(np.linspace(0.0, configuration.length, _POINTS))
+        axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
+    axes.plot(*panel.configurations[0].base, marker="s", markersize=4, color=style.BOUNDARY)
+    for goal, face in ((panel.goal, style.GOAL_MARK), (panel.subgoal, "none")):
+        if goal is not None:
+            _draw_arrow(axes, goal, 0.16 * panel.configurations[0].length, face)
+    label_axis(axes.xaxis, "x", panel.unit)
+    label_axis(axes.yaxis, "y", panel.unit)
+
+
+def _draw_arrow(axes: Axes, goal: TipGoal, reach: float, face: str) -> None:
+    axes.plot(*goal.position, marker="o", markersize=5, markerfacecolor=face, markeredgecolor=style.GOAL_MARK, zorder=9)
+    if goal.heading is not None:
+        ahead = goal.position + reach * unit_vector(goal.heading)
+        arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
+        axes.plot(*ahead, linestyle="none", marker="")  # so that the arrow counts for the limits
+        axes.annotate("", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9)
+
+
+def _draw_curvature(axes: Axes, panel: SchemaPanel, shown: int) -> None:
+    drawn = _chosen(panel.configurations, shown)
+    for configuration, colour in zip(drawn, _colours(len(drawn)), strict=True):
+        arc = np.linspace(0.0, configuration.length, _POINTS)
+        axes.plot(arc, configuration.curvature_at(arc), color=colour, linewidth=0.9)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -1.0), max(high, 1.0))
+    axes.axhline(0.0, color=style.WALL_EDGE, linewidth=0.6)
+    label_axis(axes.xaxis, "arc length", panel.unit)
+    axes.set_ylabel("curvature [1/m]")
+
+
+def _chosen(configurations: Sequence[Configuration], shown: int) -> list[Configuration]:
+    which = np.unique(np.linspace(0, len(configurations) - 1, shown).round().astype(int))
+    return [configurations[k] for k in which]
+
+
+def _colours(count: int) -> FloatArray:
+    colours: FloatArray = colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, count))
+    return colours
+
+
+def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+    """The curves behind the keyframes beside their curvatures, early to late.
+
+    Args:
+        plan: the plan.
+        kind: format of the file.
+        settings: sizes.
+
+    Raises:
+        ProblemError: the plan was made without curves.
+    """
+    if not plan.curves:
+        raise ProblemError("the plan has no curves behind its keyframes; draw other figures")
+    goal = plan.problem.goal if isinstance(plan.problem.goal, TipGoal) else None
+    title = f"{plan.problem.name}: {len(plan.curves)} keyframes"
+    panel = SchemaPanel(title, plan.curves, goal, plan.problem.workspace, unit=plan.problem.length_unit)
+    return figure_file(lambda: schemas_figure([panel], shown=settings.curves, side=settings.curves_side), kind)
+
+
+def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+    """The motion in numbered steps: start and goals, one stretch after the other, and all movements.
+
+    Args:
+        plan: the plan.
+        kind: format of the file.
+        settings: sizes.
+    """
+    return figure_file(lambda: _steps_figure(plan, settings), kind)
+
+
+def _steps_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
+    ends = _ends_of_steps(plan, settings.steps)
+    columns = min(3, len(ends) + 1)
+    rows = -(-(len(ends) + 1) // columns)
+    window = action_window(plan.problem, plan.points)
+    height = settings.step_width * (window[3] - window[1]) / (window[2] - window[0])
+    size = (settings.step_width * columns, (height + 0.45) * rows)
+    figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    _draw_step(grid[0], plan, np.zeros(1, dtype=np.intp), f"(1) {plan.problem.name}: start and goal")
+    time = plan.trajectory.time
+    for number, (begin, end) in enumerate(pairwise(ends), start=2):
+        samples = begin + even_steps(plan.points[begin : end + 1], settings.poses_a_step, ends=True)
+        _draw_step(grid[number - 1], plan, samples, f"({number}) {time[begin]:.2f} to {time[end]:.2f} s")
+    whole = even_steps(plan.points, settings.all_poses, ends=True)
+    _draw_step(grid[len(ends)], plan, whole, f"({len(ends) + 1}) all movements")
+    for axes in grid[len(ends) + 1 :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _ends_of_steps(plan: DrawnPlan, count: int) -> IntArray:
+    """Samples between which the steps are: the stops of a tour, else such that all steps travel equally far."""
+    stops = plan.trajectory.stops
+    last = len(plan.points) - 1
+    if stops:
+        return np.array([0, *stops, last], dtype=np.intp)
+    return np.unique(np.concatenate(([0], even_steps(plan.points, count - 1), [last])))
+
+
+def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> None:
+    """Poses of one step, the first grey, the last in colour."""
+    problem = plan.problem
+    draw_workspace(axes, problem.workspace, window=action_window(problem, plan.points))
+    shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
+    first = plan.points[samples[0]]
+    draw_body(axes, first, problem.arm.radius, style.START, style.START_EDGE, label="", zorder=3)
+    for k, shade in zip(samples[1:-1], shades[1:-1], strict=True):
+        axes.plot(*plan.points[k].T, color=shade, linewidth=0.9, zorder=5)
+    if len(samples) > 1:
+        last = plan.points[samples[-1]]
+        draw_body(axes, last, problem.arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
+    draw_goals(axes, plan, poses=False)
+    axes.set_title(title, fontsize=8, loc="left")
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def links_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+    """The jointed arm, link by link, in poses that are equally far apart.
+
+    Args:
+        plan: the plan.
+        kind: format of the file.
+        settings: sizes.
+    """
+    return figure_file(lambda: _links_figure(plan, settings), kind)
+
+
+def _links_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
+    problem = plan.problem
+    window = action_window(problem, plan.points)
+    across = window[2] - window[0]
+    up = window[3] - window[1]
+    scale = settings.links_side / max(across, up)
+    figure = Figure(figsize=(scale * across + 0.9, scale * up + 0.9), dpi=PICTURES.dots_per_inch, layout="constrained")
+    axes = figure.add_subplot()
+    draw_workspace(axes, problem.workspace, window=window)
+    samples = even_steps(plan.points, settings.link_poses, ends=True)
+    shades = colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(samples)))
+    size = min(2.6, 60.0 / problem.arm.links)
+    for k, shade in zip(samples, shades, strict=True):
+        axes.plot(*plan.points[k].T, color=shade, linewidth=0.9, marker="o", markersize=size, zorder=5)
+    axes.plot(*plan.points[0, 0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8)
+    draw_goals(axes, plan, poses=False)
+    label_axes(axes, problem)
+    title = f"{problem.name}: {problem.arm.links} links in {len(samples)} poses, early (dark) to late"
+    axes.set_title(title, fontsize=9, loc="left")
+    return figure
+
+
+def space_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+    """The simulated arm in space, a third of the time in each of three pictures; as planned where it was not simulated.
+
+    Args:
+        plan: the plan.
+        kind: format of the file.
+        settings: sizes.
+    """
+    return figure_file(lambda: _space_figure(plan, settings), kind)
+
+
+def _space_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
+    points = plan.simulated
+    if points is None:
+        flat = plan.points
+        points = np.stack((flat[..., 0], np.zeros_like(flat[..., 0]), flat[..., 1]), axis=-1)
+    time = plan.trajectory.time
+    side = settings.space_side
+    figure = Figure(figsize=(3.0 * side, 1.08 * side), dpi=PICTURES.dots_per_inch)
+    for k in range(3):
+        axes: Any = figure.add_axes((k / 3.0, 0.0, 1.0 / 3.0, 0.92), projection="3d")
+        begin, end = (time[-1] * share for share in (k / 3.0, (k + 1) / 3.0))
+        shown = np.searchsorted(time, np.linspace(begin, end, settings.space_poses))
+        _draw_in_space(axes, plan, points[np.minimum(shown, len(time) - 1)])
+        axes.set_title(f"({k + 1}) {begin:.2f} to {end:.2f} s", fontsize=9, y=1.0)
+    words = "simulated" if plan.simulated is not None else "as planned"
+    figure.suptitle(f"{plan.problem.name}: {words}", fontsize=10, x=0.01, ha="left")
+    return figure
+
+
+def _draw_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
+    """Poses early to late, the last at its full width, with the outlines of what is near in the arm's plane."""
+    window = action_window(plan.problem, plan.points)
+    seen = shapely.box(*window)
+    for obstacle in plan.problem.workspace.obstacles:
+        outline = shapely.intersection(shapely.boundary(obstacle.outline()), seen)
+        for line in shapely.get_parts(outline):
+            x, z = shapely.get_coordinates(line).T
+            axes.plot(x, np.zeros_like(x), z, color=style.WALL_EDGE, linewidth=0.8)
+    middle = np.array([0.5 * (window[0] + window[2]), 0.0, 0.5 * (window[1] + window[3])])
+    reach = 0.5 * max(window[2] - window[0], window[3] - window[1])
+    # Points of a line's width to a metre, near enough in the middle of the picture.
+    width = 0.55 * 72.0 * PAPER_FIGURES.space_side / (2.0 * reach) * 2.0 * plan.problem.arm.radius
+    shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, len(poses)))
+    for pose, shade in zip(poses[:-1], shades[:-1], strict=True):
+        axes.plot(*pose.T, color=shade, linewidth=0.9)
+    axes.plot(*poses[-1].T, color=style.GOAL_ARM, linewidth=max(width, 1.5), solid_capstyle="round", alpha=0.85)
+    axes.plot(*poses[-1].T, color=style.GOAL_ARM_EDGE, linewidth=0.8, marker="o", markersize=1.8)
+    axes.plot(*poses[0, 0], marker="s", markersize=5, color=style.BOUNDARY)
+    low = middle - reach
+    high = middle + reach
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.1)
+    axes.view_init(16.0, -68.0)
+    axes.tick_params(labelsize=6, pad=-2)
+    axes.locator_params(nbins=5)

@@ -1,0 +1,328 @@
+"""The picture of a plan."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Wedge
+from matplotlib.patheffects import withStroke
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.length_words import short_length, words_in
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_poses, draw_tip_path, draw_workspace
+from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes
+from ccm_opt.viz.settings import PICTURES, PictureSettings
+
+Box = tuple[float, float, float, float]
+"""(xmin, ymin, xmax, ymax) [m]."""
+
+
+def action_window(problem: Problem, points: FloatArray, settings: PictureSettings = PICTURES) -> Box:
+    """Bounds of a picture.
+
+    Args:
+        problem: its room bounds the picture, its goals are in it.
+        points: of the arm in all poses, shape (..., 2) [m].
+        settings: how much is left round them.
+
+    Returns:
+        The whole room where the action takes up most of it.
+    """
+    goals = [stop.goal for stop in problem.stops] + [problem.goal]
+    tips = [goal for goal in goals if isinstance(goal, TipGoal)]
+    shown = np.concatenate((points.reshape(-1, 2), np.array([goal.position for goal in tips]).reshape(-1, 2)))
+    # An arrow points from a goal along its heading, and is to be seen too.
+    arrow = settings.arrow_share * float(np.ptp(shown, axis=0).max())
+    ahead = [goal.position + arrow * unit_vector(goal.heading) for goal in tips if goal.heading is not None]
+    shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
+    room = np.array(problem.workspace.boundary.bounds)
+    low = shown.min(axis=0)
+    high = shown.max(axis=0)
+    margin = problem.arm.radius + settings.beside_action * float((high - low).max())
+    low = low - margin
+    high = high + margin
+    # A long and narrow strip would show nothing of what is beside it.
+    lack = np.maximum(settings.least_aspect * (high - low).max() - (high - low), 0.0)
+    margin_of_room = settings.beside_room * float((room[2:] - room[:2]).max())
+    low = np.maximum(low - 0.5 * lack, room[:2] - margin_of_room)
+    high = np.minimum(high + 0.5 * lack, room[2:] + margin_of_room)
+    if np.all(high - low > settings.most_of_room * (room[2:] - room[:2])):
+        low = room[:2] - margin_of_room
+        high = room[2:] + margin_of_room
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+_DIRECTIONS = 24
+_DISTANCES = (10.0, 18.0, 28.0, 42.0, 60.0, 84.0)
+"""From the place to the label [points]."""
+_LETTER = 0.58
+"""Width of a letter, as a share of its size, on average."""
+_EDGE = 3.0
+"""Round what is drawn a label had better keep off, too [points]."""
+_OFF_EDGES = 5
+"""How much worse it is to stand over an edge of a wall than over poses and paths."""
+_OUTSIDE = 6.0
+"""How much worse it is to leave the picture than to cover what is drawn."""
+
+
+@dataclass
+class LabelPlaces:
+    """Places of labels in one picture.
+
+    Attributes:
+        axes: with their limits, size and place in the figure known.
+        drawn: what had better not be covered [points].
+    """
+
+    axes: Axes
+    drawn: list[shapely.Geometry] = field(default_factory=list)
+
+    def keep_off(self, shape: shapely.Geometry) -> None:
+        """Note something whose edges would run through letters, in the coordinates of the plane [m]."""
+        for _ in range(_OFF_EDGES):
+            self.keep_free(shape)
+
+    def keep_free(self, shape: shapely.Geometry) -> None:
+        """Note something that is drawn, in the coordinates of the plane [m]."""
+        # Thin things count with a margin, or a label would gladly stand over an edge.
+        self.drawn.append(shapely.buffer(shapely.transform(shape, self._to_points), _EDGE))
+
+    def keep_names_free(self) -> None:
+        """Note all texts that stand in the middle of their place already, such as names of obstacles."""
+        for text in self.axes.texts:
+            if text.get_horizontalalignment() != "center":
+                continue
+            x, y = self._to_points(np.array([text.get_position()]))[0]
+            along = 0.5 * _LETTER * float(text.get_fontsize()) * len(text.get_text())
+            across = 0.65 * float(text.get_fontsize())
+            wide, high = (across, along) if text.get_rotation() else (along, across)
+            self.drawn.append(shapely.box(x - wide, y - high, x + wide, y + high))
+
+    def write(self, place: FloatArray, text: str, colour: str, size: float) -> None:
+        """Write a label beside a place (2,) [m], with a thin line to it."""
+        anchor = self._to_points(np.asarray(place)[None])[0]
+        width = _LETTER * size * max(len(line) for line in text.splitlines())
+        height = 1.3 * size * len(text.splitlines())
+        best = min(self._candidates(anchor, width, height), key=lambda box: self._cost(anchor, box))
+        self.drawn.append(best)
+        middle = np.array([best.centroid.x, best.centroid.y]) - anchor
+        self.axes.annotate(
+            text, xy=tuple(place), xytext=tuple(middle), textcoords="offset points", ha="center", va="center",
+            fontsize=size, color=colour, zorder=12, linespacing=1.1,
+            # Round the letters only: a white box would cut a piece out of what it covers.
+            path_effects=[withStroke(linewidth=2.4, foreground="white", alpha=0.85)],
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 4.0},
+        )  # fmt: skip
+
+    def _candidates(self, anchor: FloatArray, width: float, height: float) -> list[shapely.Polygon]:
+        """Boxes all round the place."""
+        found = []
+        for distance in _DISTANCES:
+            for angle in 2.0 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS:
+                across = (distance + 0.5 * width) * np.cos(angle)
+                up = (distance + 0.5 * height) * np.sin(angle)
+                x = anchor[0] + across
+                y = anchor[1] + up
+                found.append(shapely.box(x - 0.5 * width, y - 0.5 * height, x + 0.5 * width, y + 0.5 * height))
+        return found
+
+    def _cost(self, anchor: FloatArray, box: shapely.Polygon) -> float:
+        """What a box covers of what is drawn and how much of it leaves the picture [points²], and how far it is."""
+        covered = sum(shapely.intersection(box, shape).area for shape in self.drawn if shapely.intersects(box, shape))
+        outside = float(shapely.difference(box, self._window()).area)
+        return covered + _OUTSIDE * outside + 0.5 * float(shapely.distance(box, shapely.Point(anchor)))
+
+    def _window(self) -> shapely.Polygon:
+        low, high = self._to_points(np.array([[self.axes.get_xlim()[k], self.axes.get_ylim()[k]] for k in (0, 1)]))
+        window: shapely.Polygon = shapely.box(low[0], low[1], high[0], high[1])
+        return window
+
+    def _to_points(self, places: FloatArray) -> FloatArray:
+        left, right = self.axes.get_xlim()
+        low, high = self.axes.get_ylim()
+        pixels = min(self.axes.bbox.width / (right - left), self.axes.bbox.height / (high - low))
+        scale = 72.0 / float(self.axes.figure.dpi) * pixels
+        return np.asarray(scale * (np.asarray(places) - np.array([left, low])))
+
+
+def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: int, size: float) -> None:
+    """The number of a goal in a disc, behind the goal's arrow."""
+    away = 0.5 * np.pi if heading is None else heading + np.pi
+    offset = (11.0 * np.cos(away), 11.0 * np.sin(away))
+    axes.annotate(
+        str(number), xy=tuple(place), xytext=offset, textcoords="offset points", ha="center", va="center",
+        fontsize=size, color="white", weight="bold", zorder=11,
+        bbox={"boxstyle": "circle,pad=0.18", "facecolor": style.GOAL_MARK, "edgecolor": "white", "linewidth": 0.6},
+    )  # fmt: skip
+
+
+def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PictureSettings = PICTURES) -> bytes:
+    """The picture of a plan: room, start, poses on the way, goals, path of the tip, least gap.
+
+    Args:
+        plan: the plan.
+        kind: format of the file.
+        settings: sizes.
+
+    Returns:
+        The content of a file of that format.
+    """
+    return figure_file(lambda: plan_figure(plan, settings), kind)
+
+
+def plan_figure(plan: DrawnPlan, settings: PictureSettings = PICTURES) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    problem = plan.problem
+    points = plan.points
+    window = action_window(problem, points, settings)
+    layout = layout_of(window, settings)
+    figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
+    axes = figure.add_axes(layout.place)
+    draw_workspace(axes, problem.workspace, settings, window)
+    _draw_motion(axes, points, problem.arm.radius, settings.poses_on_the_way)
+    draw_goals(axes, plan, settings)
+    _mark_least_gap(axes, plan, settings)
+    dress(figure, axes, f"{problem.name}: {plan.trajectory.duration:.2f} s", problem)
+    return figure
+
+
+def draw_goals(axes: Axes, plan: DrawnPlan, settings: PictureSettings = PICTURES, *, poses: bool = True) -> None:
+    """All goals, with their numbers where there are several, and perhaps the arm at those on the way."""
+    problem = plan.problem
+    samples = [*plan.trajectory.stops, len(plan.points) - 1]
+    asked: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
+    asked.append((problem.goal, problem.tolerances))
+    for number, ((goal, tolerances), k) in enumerate(zip(asked, samples, strict=True), start=1):
+        last = number == len(asked)
+        label = ("goals" if len(asked) > 1 else "goal") if last else ""
+        if poses and not last:
+            draw_body(axes, plan.points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
+        draw_goal(axes, goal, tolerances, plan.points[k], label, settings)
+        if len(asked) > 1:
+            place = goal.position if isinstance(goal, TipGoal) else plan.points[k, -1]
+            heading = goal.heading if isinstance(goal, TipGoal) else None
+            number_goal(axes, place, heading, number, settings.label_size - 0.5)
+
+
+def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> None:
+    """A ring where the arm is nearest to something, with the gap."""
+    place = plan.nearest_point
+    if place is None or plan.nearest is None:
+        return
+    axes.plot(
+        *place, marker="o", markersize=10, markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP,
+        zorder=10, linestyle="none",
+    )  # fmt: skip
+    places = LabelPlaces(axes)
+    shown = plan.points[even_steps(plan.points, settings.poses_on_the_way)]
+    radius = max(plan.problem.arm.radius, 1e-3 * plan.problem.arm.length)
+    for pose in (plan.points[0], plan.points[-1]):
+        places.keep_off(shapely.LineString(pose).buffer(radius))
+    bodies = [shapely.LineString(pose).buffer(radius) for pose in shown]
+    places.keep_free(shapely.union_all([*bodies, shapely.LineString(plan.points[:, -1]).buffer(0.5 * radius)]))
+    places.keep_names_free()
+    seen = shapely.box(*action_window(plan.problem, plan.points, settings))
+    outlines = [obstacle.outline() for obstacle in plan.problem.workspace.near(seen, 0.0).obstacles]
+    for outline in outlines[: settings.most_named_obstacles]:
+        places.keep_off(outline)
+    with words_in(plan.problem.length_unit):
+        gap = short_length(plan.nearest.gap)
+    counted = plan.problem.workspace.clearance and not plan.nearest.second_link
+    lines = (f"least gap {gap}", *(["beyond the clearance"] if counted else []), f"at {plan.nearest.time:.2f} s")
+    places.write(place, "\n".join(lines), style.LEAST_GAP, settings.label_size)
+
+
+@dataclass(frozen=True)
+class PictureLayout:
+    """Size of the figure [inch] and place of the drawing in it (left, bottom, width, height as shares)."""
+
+    size: tuple[float, float]
+    place: tuple[float, float, float, float]
+
+
+def layout_of(bounds: tuple[float, float, float, float], settings: PictureSettings) -> PictureLayout:
+    """A figure as large as the room at its scale, with margins for labels, title and legend."""
+    xmin, ymin, xmax, ymax = bounds
+    scale = settings.longest_side / max(xmax - xmin, ymax - ymin)
+    width = max(settings.least_width, scale * (xmax - xmin))
+    height = max(settings.least_height, scale * (ymax - ymin))
+    across = settings.left + width + settings.right
+    up = settings.bottom + height + settings.top
+    return PictureLayout((across, up), (settings.left / across, settings.bottom / up, width / across, height / up))
+
+
+def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int) -> None:
+    """Start, poses on the way, end, path of the tip."""
+    draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="start", zorder=3)
+    draw_poses(axes, points[even_steps(points, on_the_way)])
+    draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="end", zorder=6)
+    draw_tip_path(axes, points[:, -1])
+    axes.plot(*points[0, 0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
+
+
+def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
+    """So many samples between start and end that are about equally far apart, by the distance that all joints travel.
+
+    Args:
+        points: of the arm at all samples, shape (T, links + 1, 2) [m].
+        count: between the ends.
+        ends: whether the first and the last sample are among them, besides.
+    """
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
+    travelled = np.concatenate(([0.0], np.cumsum(moved)))
+    wanted = np.linspace(0.0, travelled[-1], count + 2)
+    return np.unique(np.searchsorted(travelled, wanted if ends else wanted[1:-1]))
+
+
+def draw_goal(
+    axes: Axes, goal: Goal, tolerances: Tolerances, end: FloatArray, label: str, settings: PictureSettings = PICTURES
+) -> None:
+    """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose.
+
+    Tolerances that are wide enough to be seen are drawn too: the disc that the tip may end in, and the headings that it
+    may have there.
+    """
+    wanted = goal.position if isinstance(goal, TipGoal) else end[-1]
+    axes.plot(
+        *wanted, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
+        zorder=9, linestyle="none", label=label,
+    )  # fmt: skip
+    if not isinstance(goal, TipGoal):
+        return
+    width = float(np.ptp(axes.get_xlim()))
+    if tolerances.position > settings.least_disc * width:
+        look = {"facecolor": style.GOAL_TINT, "edgecolor": style.GOAL_MARK, "linewidth": 0.8, "linestyle": "--"}
+        axes.add_patch(Circle(tuple(goal.position), tolerances.position, zorder=1.5, **look))
+    if goal.heading is None:
+        return
+    reach = settings.arrow_share * width
+    if settings.least_wedge < tolerances.heading < np.pi:
+        ends = np.rad2deg(goal.heading + tolerances.heading * np.array([-1.0, 1.0]))
+        wedge = Wedge(tuple(goal.position), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
+        axes.add_patch(wedge)
+    if tolerances.heading < np.pi:
+        ahead = goal.position + reach * unit_vector(goal.heading)
+        arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.8, "shrinkA": 0.0, "shrinkB": 0.0}
+        axes.annotate(
+            "", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9, annotation_clip=False
+        )
+
+
+def dress(figure: Figure, axes: Axes, title: str, problem: Problem) -> None:
+    """Title, axes in the unit of the problem's file, and the legend below the drawing."""
+    axes.set_title(title, fontsize=10, loc="left", pad=8)
+    label_axes(axes, problem)
+    # Sizes are given here, for a figure may be drawn where the package's fonts are not in force.
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    axes.xaxis.label.set_fontsize(style.FONT_SIZE)
+    axes.yaxis.label.set_fontsize(style.FONT_SIZE)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    figure.legend(
+        loc="lower center", ncols=3, frameon=False, handlelength=1.8, columnspacing=1.6, fontsize=style.FONT_SIZE
+    )

@@ -1,0 +1,220 @@
+"""What pages say of clearance and survived errors."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.solution import PossibleGap, RoomRecord, ShortStretch, Solution, SurvivedError
+from ccm_opt.viz.checks_section import joint_in_words
+from ccm_opt.viz.document import Markup, coded, element, step_for
+from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.settings import REPORT, ReportSettings
+
+_BOUNDS = {
+    "start": "the start pose has no more",
+    "goal": "what the goal fixes has no more",
+    "passage": "the widest way to the goal leaves no more",
+}
+_CAUSES = {
+    "start": "the start pose has",
+    "stop": "the pose at a stop has",
+    "goal": "the goal pose has",
+    "passage": "on the way there are",
+}
+
+
+def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
+    """What a person wants to know of a motion's room, the most important first.
+
+    Args:
+        room: the record.
+        units: in which lengths are told.
+        most: stretches with less than the wanted gap that are named, those that miss most.
+    """
+    words = _RoomWords(units)
+    yield words.least_gap(room)
+    worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]
+    for part in sorted(worst, key=lambda part: part.begin):
+        yield words.short_stretch(part)
+    left = len(room.short) - len(worst)
+    if left:
+        yield f"and {left} more stretch{'es' if left > 1 else ''} with less than the wanted gap"
+    if room.short and room.possible is not None and room.possible.by != "wanted gap":
+        yield words.bound(room.possible)
+    if room.price is not None:
+        yield _price(room.price)
+
+
+@dataclass(frozen=True)
+class _RoomWords:
+    """The sentences that name lengths.
+
+    Attributes:
+        units: of lengths.
+    """
+
+    units: PageUnits
+
+    def least_gap(self, room: RoomRecord) -> str:
+        """The least gap of the motion and where it is."""
+        near = room.nearest
+        if not near.link:
+            return f"least gap more than {self._chosen(room.reach)}, the farthest that the room is measured"
+        # Where there is no clearance, or another link is nearest, a gap is a distance and needs no more words.
+        counted = room.clearance and not near.second_link
+        beyond = f" beyond the clearance of {self._chosen(room.clearance)}" if counted else ""
+        wanted = f" of the wanted {self._chosen(near.wanted)}" if near.wanted else ""
+        return f"least gap {self.units.length(near.gap)}{wanted}{beyond}, at {near.time:.2f} s, {near.pair}"
+
+    def short_stretch(self, part: ShortStretch) -> str:
+        """When there is less than the wanted gap, and why."""
+        near = part.nearest
+        gap = f"{self.units.length(near.gap)} of {self._chosen(near.wanted)}"
+        times = f"{part.begin:.2f} to {part.end:.2f} s"
+        return f"less than wanted from {times}: {_CAUSES[part.cause]} {gap}, {near.pair}"
+
+    def bound(self, possible: PossibleGap) -> str:
+        """What stands against more room."""
+        most = self.units.length(possible.value)
+        if possible.walls:
+            one, other = possible.walls
+            return f"the way between '{one}' and '{other}' leaves no more than {most} on either side"
+        return f"no motion keeps more than {most}: {_BOUNDS.get(possible.by, 'no more is wanted')}"
+
+    def _chosen(self, length: float) -> str:
+        return self.units.given(length, "m")
+
+
+def _price(seconds: float) -> str:
+    """What the wanted gap costs against the motion that wants none."""
+    if seconds < 0.0:
+        return f"with the wanted gap the motion is even {-seconds:.3g} s shorter than without one"
+    return f"the wanted gap costs {seconds:.3g} s"
+
+
+def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
+    """The section with its heading; nothing where nobody measured the room.
+
+    Args:
+        room: the record.
+        units: of the page.
+    """
+    if room is None:
+        return None
+    first, *others = room_sentences(room, units)
+    sentences = [element("li", f"{_capitalised(sentence)}.") for sentence in others]
+    return element(
+        "section",
+        element("h2", "Room"),
+        element("p", f"{_capitalised(first)}."),
+        element("figure", id="gaps"),
+        element("ul", *sentences) if sentences else None,
+    )
+
+
+def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | None:
+    """Where the least gap is, with its words, for the scene; None where nothing is near."""
+    room = solution.room
+    if room is None or not room.nearest.link:
+        return None
+    place = _place_of_least_gap(solution, room)
+    return {"place": [float(value) for value in place], "words": next(room_sentences(room, units))}
+
+
+def _place_of_least_gap(solution: Solution, room: RoomRecord) -> FloatArray:
+    """Half-way between the two bodies at the time of their least gap, shape (2,) [m]."""
+    near = room.nearest
+    trajectory = solution.trajectory
+    at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
+    points = solution.problem.arm.joint_positions_at(np.array(at))
+    first = shapely.LineString(points[near.link - 1 : near.link + 1])
+    if near.second_link:
+        second: shapely.Geometry = shapely.LineString(points[near.second_link - 1 : near.second_link + 1])
+    else:
+        second = next(wall.core for wall in solution.problem.workspace.walls if wall.name == near.obstacle)
+    middle: FloatArray = shapely.get_coordinates(shapely.shortest_line(first, second)).mean(axis=0)
+    return middle
+
+
+def _capitalised(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+_WRONG = {
+    "joints": "every joint off by",
+    "link lengths": "every link longer or shorter by",
+    "base heading": "base turned by",
+    "base position": "base beside its place by",
+    "walls": "every wall nearer by",
+    "payload": "mass at the tip",
+    "friction": "friction in every joint",
+}
+_TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
+
+
+@dataclass(frozen=True)
+class SurvivedWords:
+    """One error for people.
+
+    Attributes:
+        wrong: what is otherwise than planned.
+        size: the largest that is survived, with its unit.
+        where: what limits it, and when.
+    """
+
+    wrong: str
+    size: str
+    where: str
+
+
+def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> SurvivedWords:
+    """The words of one error.
+
+    Args:
+        error: that is survived, with what limits it.
+        units: of the page or table.
+        in_space: whether joints have two bends, which are told apart.
+    """
+    where = _TIME.sub(lambda time: f" at {float(time[1]):.2f} s", error.where)
+    least = "" if error.limited else "≥ "
+    return SurvivedWords(
+        _WRONG.get(error.name, error.name),
+        least + units.shown(error.size, error.unit, error.size),
+        joint_in_words(where, in_space=in_space),
+    )
+
+
+def gap_data(room: RoomRecord, settings: ReportSettings = REPORT) -> dict[str, object]:
+    """The record of a motion's room as the page's script reads it; lengths [m], times [s].
+
+    Args:
+        room: the record.
+        settings: how exact, and how high the chart is.
+    """
+    gaps = np.concatenate((room.wall_gaps, room.self_gaps))
+    step = step_for(gaps, settings.number_step)
+    near = room.nearest
+    return {
+        "time": coded(room.time, 1e-5),
+        "walls": coded(room.wall_gaps, step),
+        "itself": coded(room.self_gaps, step),
+        "wanted": room.wanted,
+        "clearance": room.clearance,
+        "reach": room.reach,
+        "highest": highest_shown(room, settings),
+        "nearest": {"gap": near.gap, "time": near.time, "pair": near.pair, "itself": bool(near.second_link)}
+        if near.link
+        else None,
+    }
+
+
+def highest_shown(room: RoomRecord, settings: ReportSettings = REPORT) -> float:
+    """Gap at the upper edge of the chart [m]: some times the wanted one, or the largest there is if that is less."""
+    # What is beyond the record's reach stands there as the reach, and is not shown as if it were a gap.
+    largest = 1.1 * float(room.gaps.max())
+    shown = settings.wanted_gaps_shown * room.wanted if room.wanted else room.reach
+    return max(min(shown, largest, 0.98 * room.reach), 1.5 * room.wanted, 1e-3 * room.reach)

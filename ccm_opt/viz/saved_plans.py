@@ -1,0 +1,188 @@
+"""Plans kept and shown from Python: saved to a folder, loaded from one, drawn, and animated."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.expected import expect
+from ccm_opt.core.files import put_file
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.folder import solution_files, write_folder
+from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.solution import JointStates, JointTrajectory, Solution
+from ccm_opt.solution.solution import present_with
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ccm_opt.viz.arm_drawing import DrawnPlan
+
+
+@dataclass(frozen=True, repr=False)
+class SavedPlan:
+    """A plan as its folder holds it.
+
+    Attributes:
+        folder: where it was loaded from.
+        problem: what it solves.
+        trajectory: the motion in time.
+        joints: the same for the drives.
+    """
+
+    folder: Path
+    problem: Problem
+    trajectory: JointTrajectory
+    joints: JointStates = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"<SavedPlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
+
+
+@dataclass(frozen=True, repr=False)
+class SavedSpacePlan:
+    """A plan in space as its folder holds it.
+
+    Attributes:
+        folder: where it was loaded from.
+        problem: what it solves.
+        trajectory: the motion in time.
+        joints: the same for the drives.
+    """
+
+    folder: Path
+    problem: SpaceProblem
+    trajectory: JointTrajectory
+    joints: JointStates = field(repr=False)
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
+        return joint_positions(self.problem.arm, self.trajectory.positions)
+
+    @property
+    def least_gap(self) -> float | None:
+        """Least gap of the motion beyond radius and clearance [m]; None where its record does not say."""
+        nearest = recorded_nearest(self.folder)
+        return None if nearest is None else nearest.gap
+
+    def __repr__(self) -> str:
+        return f"<SavedSpacePlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
+
+
+def load(folder: str | Path) -> SavedPlan | SavedSpacePlan:
+    """Load a plan from an output folder of ``ccm-opt solve`` or of ``save``.
+
+    What is loaded is read, not verified again: ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
+
+    Args:
+        folder: the folder.
+
+    Raises:
+        ProblemError: there is no such folder, or it is not readable.
+        VerificationError: it holds the record of a failure.
+    """
+    expect(folder, (str, Path), "the path of an output folder")
+    place = Path(folder)
+    problem = load_any_problem(place)
+    motion = load_motion(place, problem.arm)
+    if isinstance(problem, SpaceProblem):
+        return SavedSpacePlan(place, problem, motion.trajectory, motion.joints)
+    return SavedPlan(place, problem, motion.trajectory, motion.joints)
+
+
+def save(solution: AnySolution, folder: str | Path) -> Path:
+    """Save a solution to a folder, as ``ccm-opt solve --no-pictures`` does.
+
+    Args:
+        solution: the plan.
+        folder: that is to hold it; an earlier plan in it gives way, files of yours stay.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ProblemError: it cannot be written, or holds something else.
+    """
+    expect(solution, (Solution, SpaceSolution), "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect(folder, (str, Path), "the path of an output folder")
+    return write_folder(Path(folder), solution_files(solution))
+
+
+def plot(plan: AnySolution | SavedPlan | SavedSpacePlan) -> "Figure":
+    """Draw a plan: room, start, poses on the way, goals, path of the tip, least gap.
+
+    Args:
+        plan: just made, or loaded.
+
+    Returns:
+        A matplotlib figure, which notebooks show, and ``savefig`` writes.
+    """
+    if isinstance(plan, (SpaceSolution, SavedSpacePlan)):
+        from ccm_opt.viz.space_plan import space_plan_figure  # noqa: PLC0415 - loads matplotlib
+
+        return space_plan_figure(plan)
+    from ccm_opt.viz.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
+
+    return plan_figure(drawn(plan))
+
+
+def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) -> Path:
+    """Write a film of a plan.
+
+    Args:
+        plan: just made, or loaded.
+        file: ends with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
+
+    Returns:
+        The file.
+
+    Raises:
+        ProblemError: for another ending, without ffmpeg, or where the file cannot be written.
+    """
+    from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
+
+    expect(file, (str, Path), "the path of a film")
+    place = Path(file)
+    films = {".gif": motion_gif, ".mp4": motion_mp4}
+    if place.suffix not in films:
+        raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
+    content = films[place.suffix](plan if isinstance(plan, (SpaceSolution, SavedSpacePlan)) else drawn(plan))
+    try:
+        put_file(place, content)
+    except OSError as error:
+        raise ProblemError(f"cannot write {place}: {error.strerror or error}") from error
+    return place
+
+
+def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
+    """What pictures show of a plan; of one that was loaded the simulated arm too."""
+    from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+
+    expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
+    if isinstance(plan, Solution):
+        return DrawnPlan.from_solution(plan)
+    return DrawnPlan(
+        problem=plan.problem,
+        trajectory=plan.trajectory,
+        points=plan.problem.arm.joint_positions_at(plan.trajectory.positions),
+        curves=recorded_curves(plan.folder, plan.problem),
+        nearest=recorded_nearest(plan.folder),
+        simulated=recorded_simulation(plan.folder, plan.problem),
+    )
+
+
+class _ThisModule:
+    """The functions above, as solutions ask for them."""
+
+    plot = staticmethod(plot)
+    animate = staticmethod(animate)
+    save = staticmethod(save)
+
+
+present_with(_ThisModule())

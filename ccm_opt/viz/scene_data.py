@@ -1,0 +1,129 @@
+"""What the page draws of a problem: room, obstacles, arm, goals, and the part of the plane that is looked at."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.viz.settings import REPORT, ReportSettings
+
+SceneData = dict[str, object]
+
+
+def scene_data(problem: Problem, shown: FloatArray, settings: ReportSettings = REPORT) -> SceneData:
+    """Room, obstacles and arm of a problem.
+
+    Args:
+        problem: whose scene it is.
+        shown: points that the first look at the scene has to hold, shape (m, 2) [m].
+        settings: how exact, how many corners.
+    """
+    arm = problem.arm
+    bounds = problem.workspace.boundary.bounds
+    # Obstacles may stand out of the room by far, and points may lie outside of it: both are cut for the first look.
+    low = np.maximum(shown.min(axis=0), bounds[:2])
+    high = np.minimum(shown.max(axis=0), bounds[2:])
+    margin = 2.0 * arm.radius + 0.06 * float(np.max(high - low))
+    look = [*np.maximum(low - margin, bounds[:2]), *np.minimum(high + margin, bounds[2:])]
+    return {
+        "bounds": [float(value) for value in bounds],
+        "look": [float(f"{value:.6g}") for value in look],
+        "named": len(problem.workspace.obstacles) <= settings.most_named,
+        **_walls(problem.workspace, settings),
+        "arm": {
+            "links": arm.links,
+            "link": arm.link_length,
+            "radius": arm.radius,
+            "base": [float(value) for value in arm.base],
+            "heading": arm.base_heading,
+            "bend": float(arm.bend_limits[-1]),
+            "feed": None if arm.feed is None else [arm.feed.low, arm.feed.high, arm.feed.hole],
+        },
+    }
+
+
+def _walls(workspace: Workspace, settings: ReportSettings) -> SceneData:
+    """Boundary and obstacles as paths of SVG in whole steps from the corner of the room, with the size of a step."""
+    xmin, ymin, xmax, ymax = workspace.boundary.bounds
+    step = settings.place_step * max(xmax - xmin, ymax - ymin)
+    outlines = [obstacle.outline() for obstacle in workspace.obstacles]
+    count = sum(shapely.get_num_coordinates(outline) for outline in outlines)
+    if count > settings.most_vertices:
+        outlines = [shapely.simplify(outline, 10.0 * step) for outline in outlines]
+    origin = np.array([xmin, ymin])
+    return {
+        "origin": [xmin, ymin],
+        "step": step,
+        "boundary": path_in_steps(workspace.boundary, origin, step),
+        "obstacles": [
+            {
+                "name": obstacle.name,
+                "path": path_in_steps(outline, origin, step),
+                "filled": isinstance(outline, (shapely.Polygon, shapely.MultiPolygon)),
+                "place": _name_place(outline),
+            }
+            for obstacle, outline in zip(workspace.obstacles, outlines, strict=True)
+        ],
+    }
+
+
+def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
+    """A point in an obstacle, and how far the obstacle goes from it to the left and right, and down and up [m]."""
+    box = shapely.bounds(outline)
+    x, y = shapely.get_coordinates(shapely.point_on_surface(outline))[0]
+    reaches = (x, y), (x - box[0], box[2] - x), (y - box[1], box[3] - y)
+    place, across, up = ([float(f"{value:.5g}") for value in pair] for pair in reaches)
+    return [*place, across, up]
+
+
+def path_in_steps(geometry: shapely.Geometry, origin: FloatArray, step: float) -> str:
+    """A polygon or line as a path of SVG whose numbers are whole steps from an origin, each less the one before."""
+    if isinstance(geometry, shapely.Polygon):
+        rings = (geometry.exterior, *geometry.interiors)
+        return "".join(f"{_line_in_steps(ring, origin, step)}z" for ring in rings)
+    parts: Iterable[shapely.Geometry] = getattr(geometry, "geoms", [geometry])
+    if isinstance(geometry, shapely.MultiPolygon):
+        return "".join(path_in_steps(part, origin, step) for part in parts)
+    return "".join(_line_in_steps(part, origin, step) for part in parts)
+
+
+def _line_in_steps(line: shapely.Geometry, origin: FloatArray, step: float) -> str:
+    whole = np.round((shapely.get_coordinates(line)[:, :2] - origin) / step).astype(np.int64)
+    moves = " ".join(f"{x} {y}" for x, y in np.diff(whole, axis=0))
+    return f"M{whole[0][0]} {whole[0][1]}l{moves}" if moves else f"M{whole[0][0]} {whole[0][1]}"
+
+
+def goals_data(problem: Problem, ends: Sequence[FloatArray | None]) -> list[SceneData]:
+    """All goals in order: where each is marked, along which heading, with what tolerances.
+
+    Args:
+        problem: whose goals they are.
+        ends: pose of the arm at each, joints and tip, shape (links + 1, 2) [m]; None where it is not known.
+    """
+    asked: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
+    asked.append((problem.goal, problem.tolerances))
+    found = []
+    for number, (goal, tolerances) in enumerate(asked, start=1):
+        end = ends[number - 1] if number <= len(ends) else None
+        whole = not isinstance(goal, TipGoal)
+        if isinstance(goal, TipGoal):
+            place = goal.position
+        elif end is not None:
+            place = end[-1]
+        else:
+            continue
+        found.append(
+            {
+                "number": number,
+                "place": [float(value) for value in place],
+                "heading": goal.heading if isinstance(goal, TipGoal) else None,
+                "near": tolerances.position,
+                "turn": min(tolerances.heading, float(np.pi)),
+                "whole": whole,
+                "pose": None if end is None else np.round(end, 6).tolist(),
+            }
+        )
+    return found

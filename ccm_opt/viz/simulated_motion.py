@@ -1,0 +1,180 @@
+"""Pictures of simulated motions."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.frames import joint_positions_3d
+from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import draw_body, draw_workspace
+from ccm_opt.viz.figure_files import figure_png
+from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings
+from ccm_opt.viz.space_plan import draw_arm, dress_view
+from ccm_opt.viz.space_views import SIDES, SeenScene, Side, window_of
+
+
+def simulation_png(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    simulated: SimulatedMotion,
+    settings: PictureSettings = PICTURES,
+) -> bytes:
+    """The picture of a simulated motion.
+
+    Args:
+        problem: arm and workspace.
+        trajectory: the plan.
+        joints: the plan for all revolutes.
+        simulated: what the arm did.
+        settings: resolution, and the poses that are drawn.
+
+    Returns:
+        The content of a PNG file.
+    """
+
+    def draw() -> Figure:
+        figure = Figure(figsize=(9.0, 4.6), dpi=settings.dots_per_inch, layout="constrained")
+        scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
+        _draw_scene(scene, problem, trajectory, simulated, settings.simulated_poses)
+        draw_errors(errors, trajectory, joints, simulated, settings.least_error)
+        figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
+        return figure
+
+    return figure_png(draw)
+
+
+def _draw_scene(
+    axes: Axes,
+    problem: Problem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+    shares: tuple[float, ...],
+) -> None:
+    """Planned end, simulated poses and end, seen in the plane."""
+    draw_workspace(axes, problem.workspace)
+    arm = problem.arm
+    carried = np.sum(simulated.base_positions, axis=1)
+    points = joint_positions_3d(arm, simulated.angles, carried)[..., [0, 2]]
+    end = arm.joint_positions_at(trajectory.positions[-1])
+    draw_body(axes, end, arm.radius, style.START, style.START_EDGE, label="planned end", zorder=3)
+    for k, pose in enumerate(poses_at(shares, trajectory.time[: simulated_samples(trajectory, simulated)], points)):
+        label = "simulated, on the way" if k == 0 else ""
+        axes.plot(pose[:, 0], pose[:, 1], color=style.TIP_PATH, linewidth=1.0, label=label, zorder=4)
+    draw_body(axes, points[-1], arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="simulated end", zorder=5)
+    axes.set(title=f"{problem.name}: {simulated.verdict.outcome}", xlabel="x [m]", ylabel="y [m]")
+
+
+def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
+    """Number of samples that the simulation reached: those after a run was stopped show nothing of the arm."""
+    verdict = simulated.verdict
+    if verdict.outcome != "diverged" or verdict.time is None:
+        return len(trajectory.time)
+    return max(int(np.searchsorted(trajectory.time, verdict.time)), 1)
+
+
+def poses_at(shares: tuple[float, ...], time: FloatArray, points: FloatArray) -> FloatArray:
+    """The poses at given shares of the duration, shape (len(shares), links + 1, 2 or 3) [m]."""
+    samples = np.searchsorted(time, np.array(shares) * time[-1])
+    return np.asarray(points[samples], dtype=np.float64)
+
+
+def draw_errors(
+    axes: Axes, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion, least: float
+) -> None:
+    """Largest joint error over time, on a logarithmic scale, and when the arm ceased to follow."""
+    reached = slice(simulated_samples(trajectory, simulated))
+    time = trajectory.time[reached]
+    errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)[reached]
+    axes.semilogy(time, np.maximum(errors, least), color=style.GOAL_ARM, label="joints [rad]")
+    away = np.abs(simulated.base_positions - trajectory.base_positions)[reached]
+    for name, error in zip(trajectory.coordinates.base_names, away.T, strict=True):
+        axes.semilogy(time, np.maximum(error, least), color=style.TIP_PATH, label=f"{name} [m]")
+    verdict = simulated.verdict
+    if verdict.time is not None:
+        label = f"{verdict.outcome} at {verdict.time:.3g} s"
+        axes.axvline(verdict.time, color=style.WALL_EDGE, linewidth=1.0, linestyle="--", label=label)
+    axes.set(title="largest error", xlabel="time [s]", ylabel="difference from the plan")
+    axes.legend(frameon=False)
+    axes.grid(visible=True, linewidth=0.4, color=style.WALL)
+
+
+_VIEWS = SIDES[:2]
+"""From above and from the front: between them they show every coordinate."""
+
+
+def space_simulation_png(
+    problem: SpaceProblem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
+) -> bytes:
+    """The picture of a simulated motion in space.
+
+    Args:
+        problem: arm and scene.
+        trajectory: the plan.
+        joints: the plan for all revolutes.
+        simulated: what the arm did.
+
+    Returns:
+        The content of a PNG file.
+    """
+    reached = simulated_samples(trajectory, simulated)
+    carried = np.sum(simulated.base_positions[:reached], axis=1)
+    points = joint_positions_3d(problem.arm, simulated.angles[:reached], carried)
+    planned = joint_positions(problem.arm, trajectory.positions)
+    between = poses_at(PICTURES.simulated_poses, trajectory.time[:reached], points)
+    window = window_of(problem, np.concatenate((planned, points)))
+
+    def draw() -> Figure:
+        figure, grid = _sheet(np.ptp(window, axis=0))
+        scene = SeenScene(problem)
+        for row, side in enumerate(_VIEWS):
+            axes = figure.add_subplot(grid[row, 0])
+            _simulated_in_space_draw_scene(axes, scene, side, window)
+            # The width of a band is known once its axes have their place.
+            figure.draw_without_rendering()
+            _draw_poses(axes, side, problem.arm.radius, planned[-1], points[-1], between)
+        draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
+        figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
+        handles, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower left", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
+        return figure
+
+    return figure_png(draw)
+
+
+def _sheet(spans: FloatArray) -> tuple[Figure, GridSpec]:
+    """A figure with room for two views of a box of some extent, shape (3,) [m], and for the errors beside them."""
+    scale = SPACE_PICTURES.side / float(np.max(spans))
+    width = max(scale * spans[0], 2.6)
+    heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
+    size = (width + 5.2, sum(heights) + 1.8)
+    figure = Figure(figsize=size, dpi=SPACE_PICTURES.dots_per_inch, layout="constrained")
+    return figure, figure.add_gridspec(2, 2, width_ratios=(width, 4.4), height_ratios=heights)
+
+
+def _simulated_in_space_draw_scene(axes: Axes, scene: SeenScene, side: Side, window: FloatArray) -> None:
+    """The scene from a side, within its limits."""
+    low, high = side(window)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    scene.draw_room(axes, side)
+    scene.draw(axes, side)
+    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    dress_view(axes, side, scene.problem)
+
+
+def _draw_poses(
+    axes: Axes, side: Side, radius: float, planned: FloatArray, end: FloatArray, between: FloatArray
+) -> None:
+    """Planned end, simulated poses on the way, and simulated end."""
+    draw_arm(axes, side(planned), radius, style.START_EDGE, 0.45, "planned end")
+    for k, pose in enumerate(between):
+        label = "simulated, on the way" if k == 0 else ""
+        axes.plot(*side(pose).T, color=style.TIP_PATH, linewidth=1.0, label=label, zorder=5)
+    draw_arm(axes, side(end), radius, style.GOAL_ARM, 0.85, "simulated end")

@@ -1,0 +1,221 @@
+"""The picture ``plan.png`` of a plan in space: the motion from three sides, and a section along the arm at its goal."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import METRES, short_length
+from ccm_opt.problem.space_problem import SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.solution.space_solution import SpacePlan
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.figure_files import FigureFormat, figure_file
+from ccm_opt.viz.plan import even_steps, number_goal
+from ccm_opt.viz.settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.viz.space_section import draw_section
+from ccm_opt.viz.space_views import SIDES, SeenScene, Side, window_of
+
+
+@dataclass(frozen=True)
+class SheetOfSides:
+    """A figure with room for three views and a section.
+
+    Attributes:
+        figure: the whole.
+        views: axes of the views, in the order of ``SIDES``.
+        section: axes of the section.
+    """
+
+    figure: Figure
+    views: tuple[Axes, ...]
+    section: Axes
+
+
+def space_plan_picture(
+    plan: SpacePlan,
+    kind: FigureFormat = "png",
+    settings: SpacePictureSettings = SPACE_PICTURES,
+    scene: SeenScene | None = None,
+) -> bytes:
+    """The content of the picture of a plan in space.
+
+    Args:
+        plan: the plan.
+        kind: the format.
+        settings: sizes.
+        scene: the bodies as another picture of the problem shows them; None: they are made ready.
+    """
+    return figure_file(lambda: space_plan_figure(plan, settings, scene), kind)
+
+
+def space_plan_figure(
+    plan: SpacePlan, settings: SpacePictureSettings = SPACE_PICTURES, scene: SeenScene | None = None
+) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    problem = plan.problem
+    points = plan.joint_positions
+    window = window_of(problem, points)
+    sheet = sheet_of_sides(window, settings)
+    scene = scene or SeenScene(problem, settings)
+    for side, axes in zip(SIDES, sheet.views, strict=True):
+        _draw_view(axes, scene, side, plan, points, window)
+    draw_section(sheet.section, problem, points[-1], settings)
+    figure = sheet.figure
+    gap = "" if plan.least_gap is None else f", least gap {short_length(plan.least_gap)}"
+    figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
+    legend_below_views(figure, settings)
+    return figure
+
+
+def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PICTURES) -> SheetOfSides:
+    """An empty sheet for what lies in a box, whose corners have the shape (2, 3) [m]."""
+    spans = np.ptp(window, axis=0)
+    scale = settings.side / float(np.max(spans))
+    # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
+    widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
+    heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
+    figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=settings.dots_per_inch)
+    grid = figure.add_gridspec(
+        2,
+        2,
+        width_ratios=widths,
+        height_ratios=heights,
+        left=0.7 / figure.get_figwidth(),
+        right=1.0 - 0.15 / figure.get_figwidth(),
+        bottom=0.95 / figure.get_figheight(),
+        top=1.0 - 0.62 / figure.get_figheight(),
+        wspace=0.85 / np.mean(widths),
+        hspace=0.72 / np.mean(heights),
+    )
+    views = tuple(figure.add_subplot(cell) for cell in (grid[0, 0], grid[1, 0], grid[1, 1]))
+    return SheetOfSides(figure, views, figure.add_subplot(grid[0, 1]))
+
+
+def legend_below_views(figure: Figure, settings: SpacePictureSettings) -> None:
+    """One legend for all views, of what is in the first of them."""
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="lower center", ncols=6, frameon=False, fontsize=style.FONT_SIZE)
+    for line in legend.get_lines():
+        # A thick arm would cover its own name.
+        line.set_linewidth(min(line.get_linewidth(), settings.legend_width))
+
+
+def _draw_view(
+    axes: Axes, scene: SeenScene, side: Side, plan: SpacePlan, points: FloatArray, window: FloatArray
+) -> None:
+    problem = scene.problem
+    low, high = side(window)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    scene.draw_room(axes, side)
+    scene.draw(axes, side)
+    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    draw_arm(axes, side(points[0]), problem.arm.radius, style.START_EDGE, 0.45, "start")
+    between = points[even_steps(points, scene.settings.poses)]
+    shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(between)))
+    axes.add_collection(LineCollection(list(side(between)), colors=shades, linewidths=0.9, alpha=0.85, zorder=5))
+    axes.plot([], [], color=shades[len(shades) // 2], linewidth=0.9, label="on the way, early to late")
+    draw_arm(axes, side(points[-1]), problem.arm.radius, style.GOAL_ARM, 0.85, "end")
+    tips = side(points[:, -1])
+    axes.plot(*tips.T, color=style.TIP_PATH, linewidth=1.1, linestyle=(0, (4, 2)), zorder=7, label="path of the tip")
+    draw_goals_in_space(axes, plan, side, points)
+    dress_view(axes, side, problem)
+
+
+def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
+    """The arm in one pose as a band with round ends, as wide as it is in the drawing.
+
+    Args:
+        axes: with their limits and aspect.
+        flat: joints and tip in the picture, shape (links + 1, 2) [m].
+        radius: of the arm [m]; a line stands for zero.
+        colour: of the band.
+        opacity: of the band.
+        label: in the legend.
+    """
+    width = max(2.0 * radius * points_a_metre(axes), 1.2)
+    axes.plot(
+        *flat.T, color=colour, linewidth=width, alpha=opacity, zorder=6, label=label,
+        solid_capstyle="round", solid_joinstyle="round",
+    )  # fmt: skip
+    axes.plot(*flat.T, color=style.GOAL_ARM_EDGE, linewidth=0.5, marker="o", markersize=1.2, zorder=6.1)
+
+
+def points_a_metre(axes: Axes) -> float:
+    """How many points of line width a metre of the drawing is."""
+    box = axes.get_window_extent()
+    # The axes have the aspect of their limits only inside their box.
+    pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
+    return float(pixels_a_metre * 72.0 / axes.figure.dpi)
+
+
+def draw_goals_in_space(axes: Axes, plan: SpacePlan, side: Side, points: FloatArray) -> None:
+    """Rings at all goals, with an arrow where a direction is asked for, and their numbers where there are several."""
+    samples = [*plan.trajectory.stops, len(points) - 1]
+    ahead = 3.0 * plan.problem.arm.link_length
+    several = len(samples) > 1
+    for number, (stop, sample) in enumerate(zip(plan.problem.goals, samples, strict=True), start=1):
+        label = ("goals" if several else "goal") if number == len(samples) else ""
+        draw_goal_in_space(axes, stop.goal, points[sample, -1], side, ahead, label)
+        if several:
+            _number_goal(axes, stop.goal, points[sample, -1], side, number)
+
+
+def _number_goal(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, number: int) -> None:
+    """The number of a goal beside its ring, behind the arrow of its direction."""
+    place = goal.position if isinstance(goal, SpaceTipGoal) else tip
+    heading = None
+    if isinstance(goal, SpaceTipGoal) and goal.direction is not None:
+        across, up = side(goal.direction)
+        # A direction that is seen from its end has no arrow to stand behind.
+        heading = float(np.arctan2(up, across)) if np.hypot(across, up) > 0.1 else None
+    number_goal(axes, side(place), heading, number, style.FONT_SIZE - 1.0)
+
+
+def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, ahead: float, label: str) -> None:
+    """A ring at a goal, an arrow of a length [m] in its direction, and crosses at the places on the way to it.
+
+    Args:
+        axes: of the view.
+        goal: what is drawn.
+        tip: where the tip ends, for a goal of the whole arm, shape (3,) [m].
+        side: of the view.
+        ahead: length of the arrow [m].
+        label: in the legend, where the places to pass are named too; empty for none.
+    """
+    place = goal.position if isinstance(goal, SpaceTipGoal) else tip
+    axes.plot(
+        *side(place), marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
+        color=style.GOAL_MARK, linestyle="none", zorder=9, label=label,
+    )  # fmt: skip
+    if not isinstance(goal, SpaceTipGoal):
+        return
+    if goal.direction is not None:
+        end = side(place + ahead * goal.direction)
+        arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.5, "shrinkA": 0.0, "shrinkB": 0.0}
+        axes.annotate("", xy=tuple(end), xytext=tuple(side(place)), arrowprops=arrow, zorder=9)
+    if goal.via:
+        axes.plot(
+            *np.transpose([side(place) for place in goal.via]), marker="x", markersize=6, color=style.GOAL_MARK,
+            linestyle="none", zorder=9, label="to pass" if label else "",
+        )  # fmt: skip
+
+
+def dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
+    """Name the axes of a view, in the unit of the problem's file."""
+    unit = problem.length_unit
+    # A title that is told its height need not look for the highest thing below it, which takes a fifth of the drawing.
+    axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
+    axes.set_xlabel(f"{side.labels[0]} [{unit}]", fontsize=style.FONT_SIZE)
+    axes.set_ylabel(f"{side.labels[1]} [{unit}]", fontsize=style.FONT_SIZE)
+    # A minus sign as wide as that of all other axes, which matplotlib writes itself.
+    in_units = lambda value, _: f"{value / METRES[unit]:g}".replace("-", "\N{MINUS SIGN}")  # noqa: E731
+    axes.xaxis.set_major_formatter(in_units)
+    axes.yaxis.set_major_formatter(in_units)
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

@@ -1,0 +1,316 @@
+"""Time series of a page.
+
+The path is taken in the space of the bends, so that the speed along it is the length of the vector of joint velocities.
+For every sample each limit has a share: the greatest magnitude of its quantity by its bound. The limit with the
+greatest share is the one that binds; the velocity limits alone would bind at the speed divided by their share.
+"""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.robot.frames import bends_from_revolutes
+from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.viz.document import coded, step_for
+from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.settings import REPORT, ReportSettings
+
+
+def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
+    """Choose the samples that are kept, by their numbers, increasing.
+
+    Sample by sample, the one that is farthest from the lines between those kept so far is added (Ramer 1972, Douglas
+    and Peucker 1973, here for all columns at once and the worst first). Unlike the least and greatest of even stretches
+    of time this bounds the error, by which the page draws the arm, and keeps a tenth of the samples.
+
+    Args:
+        time: shape (T,), increasing.
+        columns: one curve each, shape (T, C).
+        tolerance: largest distance of a sample from the lines that is left, unless ``most`` comes first.
+        most: samples that are kept besides those that are always kept.
+        always: samples that are kept in any case: first and last, least and greatest of every column are kept too.
+    """
+    kept = {0, len(time) - 1, *np.argmin(columns, axis=0).tolist(), *np.argmax(columns, axis=0).tolist()}
+    kept |= set(always.tolist())
+    most += len(kept)
+    queue = [worst for pair in pairwise(sorted(kept)) if (worst := _farthest(time, columns, *pair))]
+    heapq.heapify(queue)
+    while queue and len(kept) < most:
+        error, middle, begin, end = heapq.heappop(queue)
+        if -error <= tolerance:
+            break
+        kept.add(middle)
+        for pair in ((begin, middle), (middle, end)):
+            if worst := _farthest(time, columns, *pair):
+                heapq.heappush(queue, worst)
+    return np.array(sorted(kept), dtype=np.intp)
+
+
+def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
+    """The sample between two that is farthest from their line, with the negative distance first; None without any."""
+    if end - begin < 2:
+        return None
+    share = ((time[begin + 1 : end] - time[begin]) / (time[end] - time[begin]))[:, None]
+    line = columns[begin] + share * (columns[end] - columns[begin])
+    away = np.max(np.abs(columns[begin + 1 : end] - line), axis=1)
+    worst = int(np.argmax(away))
+    return -float(away[worst]), begin + 1 + worst, begin, end
+
+
+_STILL = 1e-9
+"""Revolutes that do no more than this share of the greatest are rounding, and have no curve."""
+
+
+_LEAST_TRACKING = 0.01
+"""No instrument tells an arm that is less off its plan from one that is on it [°]."""
+
+
+@dataclass(frozen=True)
+class SeriesGroup:
+    """Curves of one quantity over time.
+
+    Attributes:
+        key: by which the page's script knows it.
+        title: above the chart.
+        unit: of the values.
+        names: of the curves.
+        values: shape (T, C), in ``unit``.
+        limits: bound on the magnitude of each curve, shape (C,); inf where there is none.
+        error: distance that a sample may have from its drawn curve, in ``unit``; None for a share of the range.
+        least: what the axis reaches at least, in ``unit``: what is far below is nothing to people.
+    """
+
+    key: str
+    title: str
+    unit: str
+    names: tuple[str, ...]
+    values: FloatArray
+    limits: FloatArray
+    error: float | None = None
+    least: float = 0.0
+
+
+def series_data(solution: AnySolution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
+    """All groups of a plan, thinned and coded, as the page's script reads them.
+
+    Args:
+        solution: the plan.
+        settings: how many numbers, how exact.
+    """
+    trajectory = solution.trajectory
+    always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
+    return [_coded_group(group, trajectory.time, always, settings) for group in series_groups(solution, settings)]
+
+
+def series_groups(solution: AnySolution, settings: ReportSettings = REPORT) -> Iterator[SeriesGroup]:
+    """All groups of a plan at every sample, those of the joints first."""
+    arm = solution.problem.arm
+    trajectory = solution.trajectory
+    joints = trajectory.coordinates.names[trajectory.coordinates.bends]
+    bends = np.rad2deg(trajectory.bend_angles)
+    yield SeriesGroup(
+        "bends", "Joint bends", "°", joints, bends, np.rad2deg(arm.bend_limits), float(np.rad2deg(settings.pose_error))
+    )
+    yield from _base_groups(solution)
+    yield from _drive_groups(solution)
+    yield _tip_speed(solution)
+    yield from _simulated_groups(solution, joints)
+
+
+def _base_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
+    """What carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
+    trajectory = solution.trajectory
+    limits = solution.problem.limits
+    names = trajectory.coordinates.base_names
+    if not names:
+        return
+    free = np.full(len(names), np.inf)
+    speed = free if limits.feed_velocity is None else np.full(len(names), limits.feed_velocity)
+    force = free if limits.feed_force is None else np.full(len(names), limits.feed_force)
+    unit = PageUnits.of_page(solution.problem)
+    yield SeriesGroup("feed", "Feed axis", unit.name, names, trajectory.base_positions / unit.metres, free)
+    velocities = trajectory.base_velocities / unit.metres
+    yield SeriesGroup("feed-velocity", "Feed velocity", f"{unit.name}/s", names, velocities, speed / unit.metres)
+    yield SeriesGroup("feed-force", "Feed force", "N", names, solution.joints.base_forces, force)
+
+
+def _drive_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
+    """Velocities, accelerations and torques of the revolutes that move or bear anything."""
+    states = solution.joints
+    limits = solution.problem.limits
+    coordinates = solution.trajectory.coordinates
+    bending = dict(zip(coordinates.drives[coordinates.bends], coordinates.names, strict=False))
+    unlimited = np.full(len(states.names), np.inf)
+    torque = unlimited if limits.torque is None else limits.torque
+    for key, title, unit, values, bounds in (
+        ("velocities", "Joint velocities", "rad/s", states.velocities, limits.velocity),
+        ("accelerations", "Joint accelerations", "rad/s²", states.accelerations, limits.acceleration),
+        ("torques", "Joint torques", "N m", states.torques, torque),
+    ):
+        peaks = np.max(np.abs(values), axis=0)
+        moved = np.flatnonzero(peaks > _STILL * max(float(peaks.max(initial=0.0)), 1e-300))
+        # The bends' own drives have a curve in any case, so that every chart can show every joint.
+        kept = np.union1d(moved, list(bending))
+        names = tuple(bending.get(int(k)) or _drive_name(int(k)) for k in kept)
+        yield SeriesGroup(key, title, unit, names, values[:, kept], np.asarray(bounds)[kept])
+
+
+def _drive_name(number: int) -> str:
+    """A revolute that does not bend the arm by its place in the ball joint."""
+    joint, axis = divmod(number, 3)
+    return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
+
+
+def _tip_speed(solution: AnySolution) -> SeriesGroup:
+    """Speed of the tip by differences between samples, in the page's unit, with its limit where there is one."""
+    time = solution.trajectory.time
+    tips = solution.joint_positions[:, -1]
+    velocity = np.gradient(tips, time, axis=0) if len(time) > 1 else np.zeros_like(tips)
+    of_tip = [limit.velocity for limit in solution.problem.limits.points if limit.at is None]
+    unit = PageUnits.of_page(solution.problem)
+    bound = np.array([min(of_tip, default=np.inf)]) / unit.metres
+    speed = np.linalg.norm(velocity, axis=1)[:, None] / unit.metres
+    return SeriesGroup("tip-speed", "Tip speed", f"{unit.name}/s", ("tip",), speed, bound)
+
+
+def _simulated_groups(solution: AnySolution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
+    """How far the simulated arm is from its plan, and what its drives gave."""
+    simulated = solution.simulation
+    if len(simulated.angles) != len(solution.trajectory.time):
+        return
+    bends = bends_from_revolutes(solution.problem.arm, simulated.angles)
+    away = np.rad2deg(bends - solution.trajectory.bend_angles)
+    coordinates = solution.trajectory.coordinates
+    drives = coordinates.drive_numbers[coordinates.bends]
+    free = np.full(len(joints), np.inf)
+    torque = solution.problem.limits.torque
+    bounds = free if torque is None else torque[drives]
+    yield SeriesGroup("tracking", "Simulated less planned bends", "°", joints, away, free, least=_LEAST_TRACKING)
+    yield SeriesGroup(
+        "simulated-torques", "Torques in the simulation", "N m", joints, simulated.torques[:, drives], bounds
+    )
+
+
+def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray, settings: ReportSettings) -> dict[str, object]:
+    values = np.nan_to_num(group.values)
+    extent = max(float(np.ptp(values)) if values.size else 0.0, 1e-300)
+    error = settings.curve_error * extent if group.error is None else group.error
+    fewest = settings.most_numbers // max(values.shape[1], 1)
+    most = int(np.clip(fewest, settings.least_samples, settings.most_samples))
+    kept = kept_samples(time, values, error, most, always)
+    step = step_for(values, settings.number_step if group.error is None else 0.1 * group.error / extent)
+    return {
+        "key": group.key,
+        "title": group.title,
+        "unit": group.unit,
+        "least": group.least,
+        "names": list(group.names),
+        "time": coded(time[kept], 1e-5),
+        "columns": [coded(column, step) for column in values[kept].T],
+        "limits": [float(bound) if np.isfinite(bound) else None for bound in group.limits],
+    }
+
+
+@dataclass(frozen=True)
+class LimitShare:
+    """How much of one kind of limit a motion uses.
+
+    Attributes:
+        name: of the kind.
+        share: greatest share of any drive at each sample, shape (T,).
+        drive: number of that drive, shape (T,).
+        drives: names of the drives.
+    """
+
+    name: str
+    share: FloatArray
+    drive: IntArray
+    drives: tuple[str, ...]
+
+
+def limit_shares(solution: AnySolution) -> list[LimitShare]:
+    """How much of every kind of limit a plan uses at each of its samples."""
+    states = solution.joints
+    limits = solution.problem.limits
+    trajectory = solution.trajectory
+    joints = tuple(f"joint {k // 3 + 1}" for k in range(len(states.names)))
+    found = [
+        _share("velocity", states.velocities, limits.velocity, joints),
+        _share("acceleration", states.accelerations, limits.acceleration, joints),
+    ]
+    if limits.torque is not None:
+        found.append(_share("torque", states.torques, limits.torque, joints))
+    if limits.jerk is not None and len(trajectory.time) > 1:
+        jerk = np.gradient(states.accelerations, trajectory.time, axis=0)
+        found.append(_share("jerk", jerk, limits.jerk, joints))
+    axes = trajectory.coordinates.base_names
+    for name, values, bound in (
+        ("feed velocity", trajectory.base_velocities, limits.feed_velocity),
+        ("feed acceleration", trajectory.base_accelerations, limits.feed_acceleration),
+        ("feed force", states.base_forces, limits.feed_force),
+    ):
+        if axes and bound is not None:
+            found.append(_share(name, values, np.full(len(axes), bound), axes))
+    tips = [limit.velocity for limit in limits.points if limit.at is None and np.isfinite(limit.velocity)]
+    if tips and len(trajectory.time) > 1:
+        speed = np.linalg.norm(np.gradient(solution.joint_positions[:, -1], trajectory.time, axis=0), axis=1)
+        found.append(_share("tip speed", speed[:, None], np.array([min(tips)]), ("tip",)))
+    return found
+
+
+def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str, ...]) -> LimitShare:
+    shares = np.abs(values) / bounds
+    drive = np.argmax(shares, axis=1)
+    return LimitShare(name, shares[np.arange(len(shares)), drive], drive, drives)
+
+
+def phase_data(solution: AnySolution, settings: ReportSettings = REPORT) -> dict[str, object]:
+    """The phase plane and the shares of the limits, as the page's script reads them.
+
+    Args:
+        solution: the plan.
+        settings: how many samples, how exact.
+    """
+    trajectory = solution.trajectory
+    shares = limit_shares(solution)
+    place, speed = path_and_speed(solution)
+    possible = speed_at_velocity_limits(speed, shares, settings.moving)
+    columns = np.column_stack([each.share for each in shares])
+    scaled = np.column_stack((columns, place / max(float(place[-1]), 1e-300), speed / max(float(speed.max()), 1e-300)))
+    always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
+    most = int(np.clip(settings.most_numbers // scaled.shape[1], settings.least_samples, settings.most_samples))
+    kept = kept_samples(trajectory.time, scaled, settings.curve_error, most, always)
+    return {
+        "time": coded(trajectory.time[kept], 1e-5),
+        "place": coded(np.rad2deg(place[kept]), step_for(np.rad2deg(place), settings.number_step)),
+        "speed": coded(speed[kept], step_for(speed, settings.number_step)),
+        "possible": [float(f"{value:.4g}") if np.isfinite(value) else None for value in possible[kept]],
+        "kinds": [each.name for each in shares],
+        "shares": [coded(each.share[kept], 1e-4) for each in shares],
+        "drives": [each.drive[kept].tolist() for each in shares],
+        "names": [list(each.drives) for each in shares],
+        "planned": solution.problem.planner.effort_share,
+    }
+
+
+def path_and_speed(solution: AnySolution) -> tuple[FloatArray, FloatArray]:
+    """Length of the path of the bends so far [rad], and the speed along it [rad/s], each of shape (T,)."""
+    trajectory = solution.trajectory
+    steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(steps))), np.linalg.norm(trajectory.bend_velocities, axis=1)
+
+
+def speed_at_velocity_limits(speed: FloatArray, shares: list[LimitShare], moving: float) -> FloatArray:
+    """Speed along the path at which some velocity would be at its limit, shape (T,) [rad/s].
+
+    Args:
+        speed: along the path, shape (T,) [rad/s].
+        shares: of all limits.
+        moving: share of the velocity limits below which the direction of motion is too uncertain; NaN there.
+    """
+    used = np.max([each.share for each in shares if "velocity" in each.name or "speed" in each.name], axis=0)
+    return np.where(used > moving, speed / np.maximum(used, 1e-300), np.nan)
