@@ -109,8 +109,7 @@ _NAMES = {
     "ccm_opt.driver.surviving": ("tolerance_of",),
     "ccm_opt.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.io.reading": ("load_problem",),
-    "ccm_opt.io.problem_parts": ("make_problem",),
-    "ccm_opt.io.problem_parts": ("make_space_problem",),
+    "ccm_opt.io.problem_parts": ("make_problem", "make_space_problem"),
     "ccm_opt.viz.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
     "ccm_opt.core.progress": ("Progress",),
     "ccm_opt.problem": (

@@ -24,7 +24,11 @@ from ccm_opt.core.polyline import heading_of, unit_vector, vector_headings, wrap
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration, integrate_positions
 from ccm_opt.robot.decomposition import rest_of, start_of
-from ccm_opt.robot.segment import DEFAULT_SEGMENTS, EVEN_KNOTS, CurvatureSegment, SegmentSettings
+from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment
+
+_MEAN_PLACES = 41
+"""Places of mean poses that are compared before the best is refined. Taste; they stand denser at the ends, near which
+the least of several minima lies."""
 
 LARGEST_TURN = 4.0
 """Turns beyond this are refused [rad]: the chord of a cubic spiral shrinks to nothing a little later."""
@@ -127,7 +131,6 @@ def join_poses(
     heading: float,
     end: FloatArray,
     end_heading: float,
-    settings: SegmentSettings = DEFAULT_SEGMENTS,
 ) -> tuple[CubicSpiral, ...]:
     """One cubic spiral between symmetric poses, two between others.
 
@@ -142,7 +145,6 @@ def join_poses(
         heading: at the start [rad].
         end: another point, shape (2,) [m].
         end_heading: at the end, up to whole turns [rad].
-        settings: how many mean poses are compared.
 
     Returns:
         One or two turns, end to end.
@@ -170,7 +172,7 @@ def join_poses(
             f"{heading:.4g} rad and ({end[0]:.4g}, {end[1]:.4g}), {end_heading:.4g} rad; go through a pose between them"
         )
     # The cost may have several minima, the least of them close to an end, where one turn does nearly all.
-    denser_at_ends = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, settings.mean_places)))
+    denser_at_ends = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _MEAN_PLACES)))
     places = low + (high - low) * denser_at_ends
     least = int(np.argmin([cost(place) for place in places]))
     bounds = (places[max(least - 1, 0)], places[min(least + 1, len(places) - 1)])

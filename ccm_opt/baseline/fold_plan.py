@@ -30,6 +30,25 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import merge_segments
 
+_LEAST_BASE_SEGMENT = 0.05
+"""Length that the base segment keeps. Taste."""
+_BOUNDARY_AHEAD = 0.06
+"""Length by which the boundary moves ahead. Taste."""
+_BOUNDARY_SLIDE = 0.4
+"""Share of that by which it slides with the feed. Taste."""
+_NEAR_GOAL = 0.15
+"""The arm climbs to the goal when no more than this length is left of the curve to it. Taste."""
+_NOTHING_LEFT = 1e-6
+"""What is left of the curve counts as nothing below this length. Taste."""
+_TAKEN_BACK = (0.0, 0.25, 0.5, 0.75)
+"""Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end. Taste."""
+_MOST_OF_WAY = 0.5
+"""SCM-7 that gets farther than this share of its way does not begin earlier when it is stuck. Taste."""
+_LAST_CLIMB = 300
+"""Moves of SCM-0 after a merge, at most. Taste."""
+_MERGE_TOLERANCE = 0.1
+"""How far headings may move when the segments are merged [rad]; the arm goes there by SCM-2. Taste."""
+
 _Result = TypeVar("_Result")
 
 REACH = "4 reach from the subgoal"
@@ -85,14 +104,13 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     """
     selection = scm_1(world, start, subgoal)
     turned, _ = run(scm_8(world.of_curve, start, selection.configuration(start.base), as_far_as_free=True))
-    settings = world.settings.plans
-    for back in settings.taken_back:
+    for back in _TAKEN_BACK:
         kept = turned[: len(turned) - int(back * len(turned))]
         try:
             ahead, here = run(scm_7(world.of_curve, kept[-1].configuration, subgoal))
         except SchemaStopped as stopped:
             failure = stopped
-            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > settings.most_of_way:
+            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > _MOST_OF_WAY:
                 break  # what stopped it is far from where it began
         else:
             for step in kept:
@@ -158,16 +176,15 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
     Raises:
         SchemaStopped: the feed does not come near enough, or the climb does not arrive.
     """
-    settings = world.settings.plans
     total = start.length
     step = world.settings.schemas.feed * total
-    least = settings.least_base_segment * total
-    slide = settings.boundary_ahead * total
+    least = _LEAST_BASE_SEGMENT * total
+    slide = _BOUNDARY_AHEAD * total
     most = np.inf
     if sliding:
         most = slide
-        slide *= settings.boundary_slide
-    near = settings.near_goal * total
+        slide *= _BOUNDARY_SLIDE
+    near = _NEAR_GOAL * total
 
     here = begin_feeding(world, start, track)
     yield SchemaStep("SCM-3", here.configuration, REACH)
@@ -181,7 +198,7 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
                 steps, end = arrived
                 yield from steps
                 return end
-            near = max(0.5 * fed.left, settings.nothing_left * total)  # perhaps from nearer
+            near = max(0.5 * fed.left, _NOTHING_LEFT * total)  # perhaps from nearer
 
         here = yield from staged(slide_boundary(world, fed, min(slide, fed.out - step)), REACH)
         # It goes on while feed and boundary together have moved by a step.
@@ -199,7 +216,7 @@ def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[
 
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
     """The last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
-    if start.left > world.settings.plans.near_goal * start.configuration.length:
+    if start.left > _NEAR_GOAL * start.configuration.length:
         reason = f"{long_length(start.left)} of the curve to the goal are left"
         raise SchemaStopped("SCM-3 with SCM-5", start.configuration, reason)
     steps, here = run(merge_and_climb(world, start.configuration, goal))
@@ -227,14 +244,14 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
     # The merged arm is another configuration: SCM-2 goes there, in steps that touch nothing.
-    merged = merge_segments(start, len(start.segments) - 2, world.settings.plans.merge_tolerance)
+    merged = merge_segments(start, len(start.segments) - 2, _MERGE_TOLERANCE)
     here = yield from scm_2(world, start, merged)
     return (yield from _last_climb(world, here, goal))
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
     """SCM-0 with the push and the patience of a plan."""
-    most = world.settings.plans.last_climb
+    most = _LAST_CLIMB
     settings = world.settings.schemas
     return (yield from scm_0(world, start, goal, most_steps=most, push=settings.push, patience=settings.patience))
 

@@ -12,7 +12,7 @@ import shapely
 from scipy.ndimage import map_coordinates
 
 from ccm_opt.baseline.candidate_moves import Shapes
-from ccm_opt.baseline.settings import DEFAULT_BASELINE, DEFAULT_CLIMBING, BaselineSettings
+from ccm_opt.baseline.settings import DEFAULT_BASELINE, BaselineSettings
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
@@ -25,6 +25,14 @@ from ccm_opt.robot.decomposition import merge_segments
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
+
+_FIELD_CELLS = 160
+"""Cells of the grid of distances along the longer side of the room. Taste."""
+_JOINT_LIMIT_SHARE = 0.99
+"""Share of the joint limits that moves use; the smooth path near them bends a little more. Taste."""
+_MERGING_TOLERANCE = 0.02
+"""How far headings may move when segments of the start are merged [rad]; the follower's offset makes up for it exactly.
+Taste."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +50,7 @@ class ClearanceField:
     gaps: FloatArray
 
     @classmethod
-    def from_workspace(
-        cls, workspace: Workspace, need: float, cells: int = DEFAULT_CLIMBING.field_cells
-    ) -> "ClearanceField":
+    def from_workspace(cls, workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> "ClearanceField":
         """The field of a room, ``cells`` along its longer side, for an arm that needs a distance ``need`` [m]."""
         xmin, ymin, xmax, ymax = workspace.boundary.bounds
         cell = max(xmax - xmin, ymax - ymin) / cells
@@ -101,7 +107,7 @@ class Follower:
         """The curve at the start, with as few segments as follow it."""
         pose = self.problem.start
         curve = pose.configuration if isinstance(pose, CurvePose) else nearest_curve(self.problem.arm, self.ends.start)
-        return _with_few_segments(curve, self.settings.merging_tolerance)
+        return _with_few_segments(curve, _MERGING_TOLERANCE)
 
     @cached_property
     def offset(self) -> FloatArray:
@@ -135,7 +141,7 @@ class Follower:
         look_at_clock(self.deadline)
         arm = self.problem.arm
         headings = self.headings(there)
-        limits = self.settings.joint_limit_share * arm.bend_limits
+        limits = _JOINT_LIMIT_SHARE * arm.bend_limits
         allowed: BoolArray = np.all(np.abs(arm.bends(headings)) <= limits, axis=1)
         if allowed.any():
             # One call of the certificate for all moves: here, there, here, there, ... The odd intervals are the ways

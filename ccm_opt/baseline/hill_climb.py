@@ -9,11 +9,27 @@ import numpy as np
 
 from ccm_opt.baseline.candidate_moves import Shapes
 from ccm_opt.baseline.operators import Moves
-from ccm_opt.baseline.settings import ClimbSettings
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.robot.configuration import Configuration
+
+_LEAST_GAIN = 1e-4
+"""A move counts as an improvement when it takes away at least this share of the distance. Taste."""
+_GAIN_WHILE_PUSHED = 0.02
+"""The same while walls push: the climb is not drawn out for the sake of the push. Taste."""
+_EASING = 0.3
+"""Factor by which the push eases where push and distance balance, as the weight of a barrier does. Taste."""
+_LEAST_PUSH = 1e-6
+"""Weights of crowding below it are dropped. Taste."""
+_TRIED_AT_ONCE = 4
+"""Candidates asked of the world in the first go, best first. Taste."""
+_MORE_EACH_GO = 3
+"""Factor on that number from go to go. Derived: asking for one costs nearly as much as for ten."""
+_MOST_TRIED = 96
+"""Improving candidates asked in all before the climb counts as blocked. Taste."""
+_HEADWAY = 0.2
+"""A climb makes headway when it has taken away this share of the distance, which is a square. Taste."""
 
 Objective: TypeAlias = Callable[[Shapes], FloatArray]
 """Distance of each configuration of a batch, shape (m,)."""
@@ -76,7 +92,6 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     Returns:
         How it ended.
     """
-    settings = world.settings.climb
     here = Shapes.from_configurations([start])
     left = float(task.objective(here)[0])
     push = task.push
@@ -87,7 +102,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     for count in range(task.most_steps):
         if left <= task.threshold:
             return Ending.ARRIVED
-        if left < (1.0 - settings.headway) * mark:
+        if left < (1.0 - _HEADWAY) * mark:
             mark = left
             marked = count
         if count - marked > task.patience:
@@ -98,13 +113,11 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
         # Where no allowed move improves distance and push together, the push eases until one does, or it is gone.
         while True:
-            order = _order(
-                distances + push * crowding, left + push * crowded, push > 0.0, last, task.strategy, settings
-            )
-            chosen = _first_allowed(world, here, candidates, order, settings)
+            order = _order(distances + push * crowding, left + push * crowded, push > 0.0, last, task.strategy)
+            chosen = _first_allowed(world, here, candidates, order)
             if chosen is not None or push == 0.0:
                 break
-            push = settings.easing * push if push > settings.least_push else 0.0
+            push = _EASING * push if push > _LEAST_PUSH else 0.0
         if chosen is None:
             return Ending.BLOCKED if len(order) else Ending.LOCAL_MINIMUM
 
@@ -128,9 +141,7 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
             return start if here is None else here.configuration(0), ending
 
 
-def _order(
-    values: FloatArray, now: float, pushed: bool, last: int, strategy: Strategy, settings: ClimbSettings
-) -> IntArray:
+def _order(values: FloatArray, now: float, pushed: bool, last: int, strategy: Strategy) -> IntArray:
     """Improving candidates: best first, or in the order of the operators beginning with the one used last.
 
     Args:
@@ -139,27 +150,24 @@ def _order(
         pushed: whether walls push, so that a move has to gain more to count.
         last: candidate moved to last.
         strategy: of the climb.
-        settings: what counts as a gain, and how many are tried.
     """
-    gain = settings.gain_while_pushed if pushed else settings.least_gain
+    gain = _GAIN_WHILE_PUSHED if pushed else _LEAST_GAIN
     improving = np.flatnonzero(values < (1.0 - gain) * now)
     if strategy is Strategy.STEEPEST:
         improving = improving[np.argsort(values[improving], kind="stable")]
     else:
         # What helped last most probably helps again.
         improving = np.roll(improving, -int(np.searchsorted(improving, last)))
-    return improving[: settings.most_tried]
+    return improving[:_MOST_TRIED]
 
 
-def _first_allowed(
-    world: World, here: Shapes, candidates: Shapes, order: IntArray, settings: ClimbSettings
-) -> int | None:
+def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
     """The first candidate that the world lets the arm move to, or None; ever more are asked at once."""
-    count = settings.tried_at_once
+    count = _TRIED_AT_ONCE
     while len(order) > 0:
         some = order[:count]
         order = order[count:]
-        count *= settings.more_each_go
+        count *= _MORE_EACH_GO
         passing = world.passes(here, candidates.take(some))
         if passing.any():
             return int(some[np.argmax(passing)])

@@ -26,6 +26,9 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.solution import JointPath
 
+_TYPES_TRIED = 4
+"""Segment types that are tried, best first. The paper has five; the last is seldom any good. Taste."""
+
 
 @dataclass(frozen=True)
 class HillClimbingPlanner:
@@ -109,7 +112,7 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
 
     # Worlds are made when a plan is asked for, since each one's share of the time begins then.
-    for k in range(follower.settings.types_tried):
+    for k in range(_TYPES_TRIED):
         yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
 
     # The fold's subgoal lies in front of an obstacle; without one there is nothing to fold round.

@@ -23,6 +23,18 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.free_space import FreeSpace
 
+_STRAIGHT_RUNS = (0.08, 0.05, 0.03, 0.015)
+"""Straight runs out of the first subgoal and into the goal that are tried. Taste."""
+_FIRST_SUBGOALS = (0.15, 0.08)
+"""Places of the first subgoal on the route, from the base; the nearer, the tighter the fold, so the farther is tried
+first. Taste."""
+_CORNER_SPACING = 0.7
+"""Corners nearer to each other than this share of the straight run are taken as one. Taste."""
+_TRACK_SAMPLES = 200
+"""Points of a track that are looked at for contact. Taste."""
+_SHARPEST_TURN = 0.85
+"""Share of the curvature's limit that a turn may use. Taste."""
+
 
 @dataclass(frozen=True)
 class Passage:
@@ -99,7 +111,7 @@ def passages(
     if obstacle is not None:
         firsts = [(first, np.array([first.position, goal.position])) for first in subgoals(start.base, obstacle)]
     for route in room.routes(start.base, goal.position, routes, shrink=shrink):
-        firsts += [_on_route(route.taut, share * start.length) for share in settings.first_subgoals]
+        firsts += [_on_route(route.taut, share * start.length) for share in _FIRST_SUBGOALS]
     for first, way in firsts:
         track = _first_open_track(world, room, first, way, goal, start.length, shrink)
         if track is not None and track.length <= start.length:
@@ -110,7 +122,7 @@ def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
     """The track with the longest straight runs that touches nothing, for an arm of a length [m]; None without any."""
-    for share in world.settings.plans.straight_runs:
+    for share in _STRAIGHT_RUNS:
         try:
             track = _track(world, room, first, way, goal, share * length, shrink)
         except (ProblemError, UnreachableGoal):
@@ -122,7 +134,7 @@ def _first_open_track(
 
 def _is_open(world: World, first: TipPose, track: SegmentTrack) -> bool:
     """Whether a track touches no wall."""
-    samples = np.linspace(0.0, track.length, world.settings.plans.track_samples)
+    samples = np.linspace(0.0, track.length, _TRACK_SAMPLES)
     places = track.from_pose(first.position).positions_at(samples)
     return bool(np.all(world.gap(places) > 0.0))
 
@@ -159,6 +171,5 @@ def _track(
     corners = [first.position, *taut]
     if goal.heading is not None:
         corners.append(goal.position)
-    settings = world.settings.plans
-    distinct = without_near(corners, settings.corner_spacing * run)
-    return track_through(distinct, settings.sharpest_turn * world.curvature_limit)
+    distinct = without_near(corners, _CORNER_SPACING * run)
+    return track_through(distinct, _SHARPEST_TURN * world.curvature_limit)

@@ -19,6 +19,21 @@ from ccm_opt.robot.decomposition import interpolate
 from ccm_opt.robot.segment import EVEN_KNOTS
 from ccm_opt.robot.segment_types import natural_segment, select_segment_type
 
+_SUBGOAL_SPACING = 0.03
+"""Distance of the subgoals of SCM-7, as a share of the arm's length. Taste."""
+_SUBGOAL_TURN = 0.12
+"""Most that the tip turns from subgoal to subgoal [rad]. Taste."""
+_STRIDE_SAMPLES = 65
+"""Places on the curve where that change is looked at. Taste."""
+_HELD_PUSH = 0.03
+"""Weight of the walls while a pose is held. Taste."""
+_HELD_PATIENCE = 20
+"""Moves without headway after which the end of a segment counts as not to be held. Taste."""
+_RELAXING = 6
+"""Moves by which a shape is relaxed before its end is brought back. Taste."""
+_END_TURN = 0.3
+"""Most that SCM-6 changes the end's curvature in one step, times the segment's length [rad]. Taste."""
+
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
 )  # fmt: skip
@@ -46,7 +61,7 @@ def scm_6(world: World, start: Configuration) -> Schema:
     here = start
     last = len(start.segments) - 1
     end = float(start.segments[-1].curvature[-1])
-    count = int(np.ceil(abs(end) * start.segments[-1].length / world.settings.schemas.end_turn))
+    count = int(np.ceil(abs(end) * start.segments[-1].length / _END_TURN))
     for k in range(1, count + 1):
         shapes = Shapes.from_configurations([here])
         shapes.curvature[0, -1, -1] = end * (1.0 - k / count)
@@ -88,15 +103,15 @@ def hold(
     # last one asks at every move.
     watched = replace(world, passes=reachable)
     anywhere = replace(world, passes=World().passes)
-    relaxing = Climb(objective, -np.inf, moves, most_steps=settings.relaxing, push=settings.held_push)
+    relaxing = Climb(objective, -np.inf, moves, most_steps=_RELAXING, push=_HELD_PUSH)
     relaxed, _ = end_of(anywhere, changed, relaxing)
     tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
-    tries.append((watched, changed, settings.held_push))
+    tries.append((watched, changed, _HELD_PUSH))
     # A climb may stop in a local minimum a hair from its end. From the middle between two beginnings it takes
     # another path, on which that minimum does not lie.
     tries += [(anywhere, middle, 0.0) for middle in _middles([begin for _, begin, _ in tries])]
     for guard, begin, push in tries:
-        task = Climb(objective, distance.threshold, moves, push=push, patience=settings.held_patience)
+        task = Climb(objective, distance.threshold, moves, push=push, patience=_HELD_PATIENCE)
         here, ending = end_of(guard, begin, task)
         if ending is Ending.ARRIVED and world.move_allowed(before, here):
             return here
@@ -211,8 +226,8 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
     (position,), (heading,) = world.tips(Shapes.from_configurations([start]))
     line = goal.position - position
     turn = 0.0 if goal.heading is None else wrap(goal.heading - float(heading))
-    spaces = np.hypot(*line) / (settings.subgoal_spacing * start.length)
-    count = max(1, int(np.ceil(max(spaces, abs(turn) / settings.subgoal_turn))))
+    spaces = np.hypot(*line) / (_SUBGOAL_SPACING * start.length)
+    count = max(1, int(np.ceil(max(spaces, abs(turn) / _SUBGOAL_TURN))))
     for k in range(1, count + 1):
         share = k / count
         subgoal = TipPose(position + share * line, None if goal.heading is None else float(heading) + share * turn)
@@ -327,7 +342,7 @@ def direction_to_tip(world: World, configuration: Configuration) -> float:
 
 def _shares(start: Configuration, target: Configuration, settings: SchemaSettings) -> list[float]:
     """Shares of the way at which no heading has changed by more than the stride since the last."""
-    arc = np.linspace(0.0, start.length, settings.stride_samples)
+    arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
     count = max(1, int(np.ceil(most / settings.stride)))
     return [k / count for k in range(1, count + 1)]

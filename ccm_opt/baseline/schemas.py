@@ -23,6 +23,15 @@ from ccm_opt.robot.decomposition import add_segment, delete_segment, start_of
 from ccm_opt.robot.segment import CurvatureSegment
 from ccm_opt.robot.segment_types import SINE, SegmentType, end_angle, natural_segment, select_segment_type
 
+_SELECTION_PUSH = 0.05
+"""Weight of the walls while a curve is selected. Taste."""
+_SELECTION_STEPS = 1500
+"""Moves of that climb, at most. Taste."""
+_LEAST_CHORD_RATIO = 0.25
+"""Least chord of SCM-4's first guess, as a share of its length. Taste."""
+_FINEST_FEED = 1.0 / 8.0
+"""Share of that step down to which a feed that meets an obstacle is halved. Taste."""
+
 
 @dataclass(frozen=True)
 class Feeding:
@@ -166,7 +175,7 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
     held = end_pose(start.configuration, start.holder)
     total = start.configuration.length
     longest = world.settings.schemas.feed * total
-    finest = world.settings.schemas.finest_feed * longest
+    finest = _FINEST_FEED * longest
     wanted = min(start.track.length, start.out + most)
     stride = longest
     while stride >= finest:
@@ -205,7 +214,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
     here = start
     moved = 0.0
     stride = world.settings.schemas.feed * start.configuration.length
-    finest = world.settings.schemas.finest_feed * stride
+    finest = _FINEST_FEED * stride
     while stride >= finest and moved < (1.0 - 1e-9) * length:
         part = min(stride, length - moved)
         there, held = here.with_boundary_ahead(part)
@@ -228,7 +237,7 @@ def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Fe
     """
     holder = len(start.segments) - 1
     length = world.settings.schemas.feed * start.length
-    finest = world.settings.schemas.finest_feed * length
+    finest = _FINEST_FEED * length
     while True:
         changed = Feeding(start, track, holder, 0.0).with_length_out(length)
         try:
@@ -367,7 +376,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     position, heading = start.tip
     kind = select_segment_type(position, heading, goal.position, goal.heading)
     settings = world.settings.schemas
-    guess = _first_guess(position, heading, goal, settings.least_chord_ratio)
+    guess = _first_guess(position, heading, goal, _LEAST_CHORD_RATIO)
     segment = _met(world, start, guess, goal, (*_KEPT_LENGTH, Operator.LENGTH))
     while segment.length > longest:
         length = max(longest, (1.0 - settings.shortening) * segment.length)
@@ -396,8 +405,8 @@ def _met(
         distance,
         distance.threshold,
         Moves((0,), operators),
-        most_steps=settings.selection_steps,
-        push=settings.selection_push,
+        most_steps=_SELECTION_STEPS,
+        push=_SELECTION_PUSH,
     )
     here, ending = end_of(replace(world, passes=World().passes), here, task)
     if ending is not Ending.ARRIVED:

@@ -12,6 +12,9 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN
 from ccm_opt.robot.configuration import Configuration
 
+_STRAINED = 0.3
+"""Share of the curvature's limit from which interpolation points are pushed back. Taste."""
+
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
 """Whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
 Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
@@ -74,7 +77,7 @@ class World:
         in front of obstacles.
         """
         settings = self.settings.crowding
-        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - settings.strained)
+        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - _STRAINED)
         crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
         if self.gap is _far and self.thickness == 0.0:
             return crowding

@@ -11,13 +11,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.compare.comparison_files import TABLE, medians
 from ccm_opt.compare.running import Comparison, Pair
 from ccm_opt.compare.runs import QUANTITIES, Quantity, Run
 from ccm_opt.compare.statistics import ConfidenceInterval, FigurePair
 from ccm_opt.viz.page_units import NONE, three_digits
+
+_MOST_PROBLEMS = 40
+"""Problems of a comparison up to which the table of all runs is printed; of more it is in the file only."""
 
 DECIMALS = 3
 """At most; less than half of the last one is nothing."""
@@ -94,7 +96,7 @@ SHOWN = tuple(ShownQuantity.of(quantity) for quantity in QUANTITIES)
 def print_comparison(comparison: Comparison, folder: Path) -> None:
     """Print what came of a comparison, on stdout."""
     console = report_console()
-    if len(comparison.problems) <= DISPLAY.most_problems:
+    if len(comparison.problems) <= _MOST_PROBLEMS:
         console.print(runs_table(comparison))
         console.print()
     console.print(methods_table(comparison))

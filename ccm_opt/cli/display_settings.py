@@ -8,20 +8,11 @@ class DisplaySettings:
     """Widths and bounds of what the command line prints; all of them are taste.
 
     Attributes:
-        piped_width: columns of output that goes to a file or another program.
-        most_problems: problems of a comparison up to which the table of all runs is printed; of more it is in the
-            file only.
-        widest_title: columns that the name of a check takes before it is folded.
-        most_left_out: layers of a drawing, and things left out of it, that are listed without --verbose.
         status_refreshes: times a second that the line of the present stage is drawn [1/s].
         first_line_after: wall time after which it is told how far the work has come where there is no terminal [s].
         line_every: wall time between two such lines [s].
     """
 
-    piped_width: int = 200
-    most_problems: int = 40
-    widest_title: int = 28
-    most_left_out: int = 10
     status_refreshes: float = 4.0
     first_line_after: float = 3.0
     line_every: float = 3.0

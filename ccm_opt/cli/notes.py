@@ -6,7 +6,6 @@ from dataclasses import asdict
 import numpy as np
 import shapely
 
-from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console, units_of
@@ -17,6 +16,9 @@ from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import open_words
 from ccm_opt.scene.surfaces import box_about
+
+_MOST_LEFT_OUT = 10
+"""Layers of a drawing, and things left out of it, that are listed without --verbose."""
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 
@@ -47,8 +49,8 @@ def _tell_of(drawing: ImportedDrawing, problem: Problem) -> None:
 
 def warn_of_outside(problem: str, obstacles: Sequence[str]) -> None:
     """Warn of obstacles that lie wholly outside the room: the arm cannot come near them."""
-    shown = ", ".join(f"'{name}'" for name in obstacles[: DISPLAY.most_left_out])
-    rest = len(obstacles) - len(obstacles[: DISPLAY.most_left_out])
+    shown = ", ".join(f"'{name}'" for name in obstacles[:_MOST_LEFT_OUT])
+    rest = len(obstacles) - len(obstacles[:_MOST_LEFT_OUT])
     if obstacles:
         warn(f"{problem}: wholly outside the room: {shown}" + (f", and {rest} more" if rest else ""))
 
@@ -70,7 +72,7 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
         yield "  parts of it lie outside the room"
     if drawing.unit not in {"", units.name}:
         yield f"  it names {drawing.unit} as its unit, the problem file {units.name}; workspace.scale alone counts"
-    shown = None if output().verbose else DISPLAY.most_left_out
+    shown = None if output().verbose else _MOST_LEFT_OUT
     if drawing.layers:
         listed = ", ".join(f"{name} ({number})" for name, number in drawing.layers[:shown])
         rest = len(drawing.layers) - len(drawing.layers[:shown])

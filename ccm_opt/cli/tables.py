@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.core.arrays import FloatArray
@@ -18,6 +17,11 @@ from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
 from ccm_opt.viz.page_units import PageUnits
 from ccm_opt.viz.room_section import room_sentences
+
+_PIPED_WIDTH = 200
+"""Columns of output that goes to a file or another program."""
+_WIDEST_TITLE = 28
+"""Columns that the name of a check takes before it is folded."""
 
 
 def value_table(title: str) -> Table:
@@ -82,7 +86,7 @@ def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
     """A table of checks: worst value, limit, how much of it is used, and where."""
     table = _plain_table(title)
-    table.add_column("", max_width=DISPLAY.widest_title)
+    table.add_column("", max_width=_WIDEST_TITLE)
     table.add_column("worst", justify="right", no_wrap=True)
     table.add_column("limit", justify="right", no_wrap=True)
     table.add_column("used", justify="right", no_wrap=True)
@@ -127,7 +131,7 @@ def _plain_table(title: str) -> Table:
 def report_console() -> Console:
     """Standard output for tables; as wide as they need when it is not a terminal."""
     console = Console(highlight=False, emoji=False)
-    return console if console.is_terminal else Console(highlight=False, emoji=False, width=DISPLAY.piped_width)
+    return console if console.is_terminal else Console(highlight=False, emoji=False, width=_PIPED_WIDTH)
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:

@@ -27,6 +27,15 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.solution import PossibleGap, RoomRecord
 
+_FLOOR_CELLS = 150_000
+"""That are added for whether there is any way that deserves the name. Taste."""
+_DETOUR_CELLS = 15_000
+"""That are added for whether there is a way that is too long. Taste: wide ones are found at once."""
+_MOST_BESIDE = 3
+"""Of them at most. Taste."""
+_PULL_STEPS = 5
+"""Halvings of how far one of its corners is moved then. Taste."""
+
 
 @dataclass(frozen=True, eq=False)
 class WidestWay:
@@ -128,7 +137,7 @@ class AxisWays:
         length = self.problem.arm.length
         high = min(self.search.widest(high, length), high)
         while high - low > self.settings.fineness * self.room:
-            more = self.settings.more_cells if low else self.settings.floor_cells
+            more = self.settings.more_cells if low else _FLOOR_CELLS
             answer = self.search.answer(trial, length, more)
             # Whatever it is, there is no wider way than the widest chain that may be open.
             high = min(high, self.search.widest(trial if answer == "closed" else high, length))
@@ -149,7 +158,7 @@ class AxisWays:
         near = float(self.gaps.whole.distances(point, 10.0 * self.problem.arm.length)[0])
         reach = self.settings.beside * max(near, 0.0) + self.settings.finest * max(self.room, 0.0)
         found = sorted(self.gaps.of(point, reach), key=lambda each: float(each.gaps[0]))
-        return tuple(each.name for each in found[: self.settings.most_beside])
+        return tuple(each.name for each in found[:_MOST_BESIDE])
 
     def opened_without(self, near: tuple[str, ...]) -> tuple[str, ...]:
         """Those of some obstacles without which there is a way that is wide and short enough, or may be."""
@@ -196,7 +205,7 @@ class AxisWays:
         if self.answer == "open":
             return shortest_in(self.search, self.gaps.whole, self.room)
         longest = self.settings.detour * self.problem.arm.length
-        if self.search.answer(self.room, longest, self.settings.detour_cells) != "open":
+        if self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
             return None
         return shortest_in(self.search, self.gaps.whole, self.room)
 
@@ -245,7 +254,7 @@ def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray
     corners = np.concatenate(((ends.start + share * axis)[None], middles[cubes[::-1]], ends.goal[None]))
     way = shortened(tree, corners, room, 0.5 * room)
     for _ in range(search.settings.pulls):
-        way = _pulled(tree, way, room, search.settings.pull_steps)
+        way = _pulled(tree, way, room, _PULL_STEPS)
     return way
 
 

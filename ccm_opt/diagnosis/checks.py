@@ -32,6 +32,9 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 
+_RASTER_CELLS = 200
+"""Of the raster of blocked places, along a side, for every link. Taste: a hundredth of a link."""
+
 CellLabels: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
 
@@ -176,7 +179,7 @@ class FirstLinkCells:
         moved = self.arm.link_length * float(np.cumsum(half_widths).sum())
         gap = self.radius + self.workspace.clearance - moved - contact_missed(self.arm)
         half = (1.0 + self.settings.rounding) * self.reach
-        cells = self.settings.raster_cells * self.links
+        cells = _RASTER_CELLS * self.links
         return BlockedRaster.around(self.near, self.arm.base, half, gap, cells)
 
 

@@ -9,24 +9,18 @@ class PassageProofSettings:
 
     Attributes:
         fineness: relative accuracy of the widest inflation. Taste.
-        beyond: inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that
-            just passes. Taste; ten times the fineness.
         most_removed: obstacles that are taken away one at a time, nearest to the narrow place first. Taste.
         detour: a way longer than the straight line by less than this share of it is reported by the check of reach
             alone. Taste.
         touching: overlap that counts as touching in a proof, and room that is granted to every passage, as a share of
             the arm's length. Derived: of the size of what the verifier lets pass, above all rounding.
-        most_corners: corners of free space between which the shortest way is proved; where there are more it is not.
-            Taste.
         arc_sides: sides of a quarter of a circle; inscribed arcs lose 0.2 % of their radius. Taste.
     """
 
     fineness: float = 1e-3
-    beyond: float = 1.01
     most_removed: int = 16
     detour: float = 1e-3
     touching: float = 1e-6
-    most_corners: int = 2000
     arc_sides: int = 12
 
 
@@ -54,7 +48,6 @@ class MovedGoalSettings:
     """How the nearest goal that can be taken is looked for.
 
     Attributes:
-        link_samples: places along the last link that have to be free. Taste.
         stretch: share of its length to which the arm can be expected to stretch. Taste.
         turn_step: between headings that are looked at [rad]. Taste: 2°.
         steps: how far beyond the nearest that may be taken the goal is moved, as shares of how far that is or of the
@@ -65,7 +58,6 @@ class MovedGoalSettings:
         most_places: of them at most, spread over all. Taste: some 10 ms each.
     """
 
-    link_samples: int = 5
     stretch: float = 0.99
     turn_step: float = 0.03490658503988659
     steps: tuple[float, ...] = (0.045, 0.3, 1.0)
@@ -78,19 +70,11 @@ class UnitHintSettings:
     """Which numbers look as if they were given in another unit.
 
     Attributes:
-        thousand: ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths
-            are mostly from a tenth to ten times as long as the other would be.
         thick: the same of a radius or a clearance to the arm's length. Derived: arms are some ten to a thousand times
             as long as either.
-        small_room: a room smaller than this share of the arm's length looks wrong. Taste.
-        hardly_bends: sum of all bends below which a limit of a few degrees looks like radians [rad]. Taste: a right
-            angle.
     """
 
-    thousand: tuple[float, float] = (100.0, 10000.0)
     thick: tuple[float, float] = (1.0, 1000.0)
-    small_room: float = 0.01
-    hardly_bends: float = 1.5707963267948966
 
 
 @dataclass(frozen=True)
@@ -103,7 +87,6 @@ class FirstLinksSettings:
             links prove 5 in 5 ms, three 2 more in 0.2 s.
         most_cells: where there are more, nothing is proved. Taste: a second, for joints that turn by 90°.
         places: along a link that are looked up. Taste: more prove hardly more.
-        raster_cells: of the raster of blocked places, along a side, for every link. Taste: a hundredth of a link.
         most_removed: obstacles that are taken away one at a time, nearest to the base first. Taste.
         bisections: of the radius that would do. Taste: 3 %.
         rounding: of bends and lengths, relative [rad]. Derived: more than all rounding together.
@@ -112,7 +95,6 @@ class FirstLinksSettings:
     shares: tuple[float, ...] = (0.1, 0.1, 0.3)
     most_cells: int = 4_000_000
     places: int = 5
-    raster_cells: int = 200
     most_removed: int = 4
     bisections: int = 5
     rounding: float = 1e-9
@@ -124,40 +106,29 @@ class TrialSettings:
 
     Attributes:
         steps: how far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste.
-        guessed_steps: the same where the bound is only where the problem stands. Taste.
-        advised_steps: how far beyond its bound a change is looked at by the necessary checks alone, where every try
-            failed, as a share of the bound. Taste.
         close: share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked.
             Derived: just more than the first step is of the value after it, so that a try that succeeds there need not
             be repeated.
         least_time: no try begins with less time than this [s]. Taste.
-        try_share: share of the time left that one try may use. Taste.
         longest_try: CPU time that one try may use at most [s]. Taste.
         longest_further_try: the same when something that helps is known [s]. Taste.
         longest_search: CPU time for causes and tries together, from when there is a reason on [s]. Taste: who waits
             for changes has the reason already.
         patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
         enough: relaxations that are reported. Taste.
-        most_dropped: constraints and costs of the user's that are dropped in a try of their own. Taste.
         room_spare: room beyond radius and clearance in bounds that are made wide enough, as a share of the arm's
             length. Taste.
-        most_omitted: obstacles that are left out in a try of their own. Taste.
     """
 
     steps: tuple[float, ...] = (0.045, 0.1, 0.2, 0.4)
-    guessed_steps: tuple[float, ...] = (0.1, 0.25, 0.5)
-    advised_steps: tuple[float, ...] = (0.0, 0.25, 0.6, 1.0)
     close: float = 0.048
     least_time: float = 0.05
-    try_share: float = 0.5
     longest_try: float = 2.5
     longest_further_try: float = 0.6
     longest_search: float = 15.0
     patience: float = 2.0
     enough: int = 4
-    most_dropped: int = 3
     room_spare: float = 0.02
-    most_omitted: int = 2
 
 
 @dataclass(frozen=True)
@@ -166,12 +137,10 @@ class SpaceReachSettings:
 
     Attributes:
         directions: over the whole sphere, at first. Taste: 6° between them.
-        directions_near: about the best so far. Taste.
         refinements: how often that is done, each time half as far apart. Taste: to a tenth of a degree.
     """
 
     directions: int = 1000
-    directions_near: int = 50
     refinements: int = 8
 
 
@@ -185,10 +154,6 @@ class WaySettings:
             twentieth.
         most_cells: cubes at which a search is given up. Taste: 0.1 GB and some seconds.
         more_cells: that are added for how wide the widest way is, at each width, likewise. Taste.
-        floor_cells: that are added for whether there is any way that deserves the name. Taste.
-        detour_cells: that are added for whether there is a way that is too long. Taste: wide ones are found at once.
-        most_rounds: of splitting, likewise. Taste.
-        most_insides: groups of cubes of which in one round it is found whether they are inside of bodies. Taste.
         spread: how many cubes more than the least a chain may have whose cubes are split. Taste.
         fineness: relative accuracy of the widest way. Taste.
         least: of the room that is needed, the share below which ways are told to be closed altogether. Taste.
@@ -196,10 +161,8 @@ class WaySettings:
         halvings: of what is not known of the length that would do. Taste.
         reach: distances are looked at up to this multiple of the room that is needed. Taste.
         beside: obstacles up to this multiple of the distance of the nearest are beside a place. Taste.
-        most_beside: of them at most. Taste.
         most_removed: obstacles that are taken away one at a time, nearest to the straight way first. Taste.
         pulls: how often a short way is pulled tighter. Measured: six bring it to 2 % of the shortest round one edge.
-        pull_steps: halvings of how far one of its corners is moved then. Taste.
         places: along each straight part of a way that are looked at. Taste.
         narrow: a way narrower than this multiple of what the arm needs is told. Taste.
         seconds: CPU time after which nothing more is looked at about one goal [s]. Taste: half of all the time for
@@ -210,10 +173,6 @@ class WaySettings:
     finest: float = 0.04
     most_cells: int = 300_000
     more_cells: int = 40_000
-    floor_cells: int = 150_000
-    detour_cells: int = 15_000
-    most_rounds: int = 60
-    most_insides: int = 100
     spread: int = 1
     fineness: float = 0.03
     least: float = 0.3
@@ -221,10 +180,8 @@ class WaySettings:
     halvings: int = 3
     reach: float = 8.0
     beside: float = 1.3
-    most_beside: int = 3
     most_removed: int = 8
     pulls: int = 6
-    pull_steps: int = 5
     places: int = 9
     narrow: float = 1.5
     seconds: float = 8.0
@@ -240,7 +197,6 @@ class MovedSpaceGoalSettings:
         stretch: share of its length to which the arm can be expected to stretch. Taste.
         apart: places are told when they are this share of their distance from the goal off the ones before. Taste.
         most_places: that are looked at. Taste: some 5 ms each.
-        most_ways: of them to which a way is looked for. Taste: some 0.3 s each.
         steps: how far beyond the place the goal is moved, as shares of how far that is or of the arm's length,
             whichever is less. Taste: what is free for the last link need not be so for those before it.
     """
@@ -250,7 +206,6 @@ class MovedSpaceGoalSettings:
     stretch: float = 0.99
     apart: float = 0.2
     most_places: int = 200
-    most_ways: int = 3
     steps: tuple[float, ...] = (0.0, 0.1, 0.3)
 
 

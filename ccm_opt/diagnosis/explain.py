@@ -4,13 +4,16 @@ from dataclasses import replace
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Knowledge, Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.problem.space_problem import AnyProblem
+
+_ADVISED_STEPS = (0.0, 0.25, 0.6, 1.0)
+"""How far beyond its bound a change is looked at by the necessary checks alone, where every try failed, as a share of
+the bound. Taste."""
 
 
 def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge) -> NoPlanFound:
@@ -95,10 +98,9 @@ def _least_with_hope(
     candidate: Parameter,
     bound: float,
     knowledge: Knowledge,
-    settings: TrialSettings = DEFAULT_DIAGNOSIS.trials,
 ) -> float | None:
     """The least change, from the bound on, that the necessary checks let pass; None where none of them does."""
-    beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in settings.advised_steps)
+    beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in _ADVISED_STEPS)
     for tried in candidate.tried or beyond:
         value = candidate.rounded(problem, tried)
         if not knowledge.hopeless(candidate.write(problem, value)):

@@ -31,6 +31,14 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import narrowest_passage, nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 
+_THOUSAND = (100.0, 10000.0)
+"""Ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths are mostly from
+a tenth to ten times as long as the other would be."""
+_SMALL_ROOM = 0.01
+"""A room smaller than this share of the arm's length looks wrong. Taste."""
+_HARDLY_BENDS = 1.5707963267948966
+"""Sum of all bends below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
+
 
 def tight_places(problem: Problem, settings: TightnessSettings = DEFAULT_DIAGNOSIS.tightness) -> tuple[Finding, ...]:
     """What is likely to stand in the way, the tightest first; nothing for arms on a feed axis."""
@@ -229,7 +237,7 @@ def unit_hints(problem: Problem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.
     low_x, low_y, high_x, high_y = problem.workspace.boundary.bounds
     reach = float(shapely.distance(problem.workspace.boundary, shapely.Point(problem.arm.base)))
     size = max(high_x - low_x, high_y - low_y)
-    return (*_of_lengths(problem, settings), *_of_room(problem, size, reach, settings), *_of_limits(problem, settings))
+    return (*_of_lengths(problem, settings), *_of_room(problem, size, reach), *_of_limits(problem))
 
 
 def unit_hints_in_space(problem: SpaceProblem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.units) -> tuple[str, ...]:
@@ -238,8 +246,8 @@ def unit_hints_in_space(problem: SpaceProblem, settings: UnitHintSettings = DEFA
     bounds = problem.workspace.bounds
     if bounds is not None:
         beyond = np.maximum(np.maximum(bounds[0] - problem.arm.base, problem.arm.base - bounds[1]), 0.0)
-        hints += _of_room(problem, float(np.ptp(bounds, axis=0).max()), float(np.linalg.norm(beyond)), settings)
-    return (*hints, *_of_limits(problem, settings))
+        hints += _of_room(problem, float(np.ptp(bounds, axis=0).max()), float(np.linalg.norm(beyond)))
+    return (*hints, *_of_limits(problem))
 
 
 def _of_lengths(problem: AnyProblem, settings: UnitHintSettings) -> Iterator[str]:
@@ -251,25 +259,25 @@ def _of_lengths(problem: AnyProblem, settings: UnitHintSettings) -> Iterator[str
     ]
     if isinstance(problem.goal, TipGoal | SpaceTipGoal):
         far = float(np.linalg.norm(problem.goal.position - arm.base))
-        lengths.append(("goal.position (its distance from the base)", far, settings.thousand))
+        lengths.append(("goal.position (its distance from the base)", far, _THOUSAND))
     for name, length, (least, most) in lengths:
         times = length / arm.length
         if least <= times <= most:
             yield f"check the units: {name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
 
 
-def _of_room(problem: AnyProblem, size: float, reach: float, settings: UnitHintSettings) -> Iterator[str]:
+def _of_room(problem: AnyProblem, size: float, reach: float) -> Iterator[str]:
     """A room in which the arm is lost, into which it does not go, or from which its base is far away."""
     share = size / problem.arm.length
-    if share > settings.thousand[0] or share < settings.small_room or reach / problem.arm.length > settings.thousand[0]:
+    if share > _THOUSAND[0] or share < _SMALL_ROOM or reach / problem.arm.length > _THOUSAND[0]:
         yield f"check the units: the room is {share:.3g} times as large as the arm is long"
 
 
-def _of_limits(problem: AnyProblem, settings: UnitHintSettings) -> Iterator[str]:
+def _of_limits(problem: AnyProblem) -> Iterator[str]:
     """A joint limit of as many degrees as one would give radians, with which the arm can hardly bend."""
     arm = problem.arm
     degrees = float(np.rad2deg(arm.joint_limit))
-    if degrees <= np.pi and (arm.links - 1) * arm.joint_limit < settings.hardly_bends:
+    if degrees <= np.pi and (arm.links - 1) * arm.joint_limit < _HARDLY_BENDS:
         yield (
             f"check the units: arm.joint_limit_deg = {degrees:.4g} lets all joints together bend by "
             f"{degrees * (arm.links - 1):.3g}°; {degrees:.4g} rad would be {np.rad2deg(degrees):.4g}°"

@@ -29,6 +29,9 @@ from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME
 
+_MOST_WAYS = 3
+"""Of them to which a way is looked for. Taste: some 0.3 s each."""
+
 NECESSARY_IN_SPACE: tuple[SpaceCheck, ...] = (*AT_ONCE_IN_SPACE, wide_and_short_enough_in_space)
 """All necessary checks, the most elementary first."""
 
@@ -67,7 +70,7 @@ def _nearest_place(
     looked = 0
     ways = 0
     for place in _by_distance(problem, goal, settings):
-        if until.passed() or looked >= settings.most_places or ways >= settings.most_ways:
+        if until.passed() or looked >= settings.most_places or ways >= _MOST_WAYS:
             return None
         looked += 1
         moved = replace(problem, goal=replace(goal, position=place))

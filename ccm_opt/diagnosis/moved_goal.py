@@ -21,6 +21,9 @@ from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceTipGoal
 
+_LINK_SAMPLES = 5
+"""Places along the last link that have to be free. Taste."""
+
 Hopeless = Callable[[FloatArray], bool]
 """Whether it is proved that the tip cannot be brought to a place."""
 
@@ -87,7 +90,7 @@ def _free_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -
     places = parts[int(np.argmin(shapely.distance(parts, base)))]
     reached = places
     if goal.heading is not None:
-        for share in np.linspace(0.0, 1.0, settings.link_samples)[1:]:
+        for share in np.linspace(0.0, 1.0, _LINK_SAMPLES)[1:]:
             back = share * arm.link_length * unit_vector(goal.heading)
             places = shapely.intersection(places, affinity.translate(reached, *back))
     places = shapely.intersection(places, base.buffer(settings.stretch * arm.length))

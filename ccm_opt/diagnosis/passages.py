@@ -22,6 +22,12 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.narrow_gates import nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 
+_BEYOND = 1.01
+"""Inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that just passes.
+Taste; ten times the fineness."""
+_MOST_CORNERS = 2000
+"""Corners of free space between which the shortest way is proved; where there are more it is not. Taste."""
+
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip without a way that is wide and short enough: from the base, or from the hole of a feed axis."""
@@ -80,7 +86,7 @@ class PassageSearch:
         found = self.space.shortest
         if not self.problem.arm.length < found < np.inf:
             return 0.0
-        return self.space.shortest_proved(found, self.settings.most_corners) or 0.0
+        return self.space.shortest_proved(found, _MOST_CORNERS) or 0.0
 
     @property
     def inflation(self) -> float:
@@ -187,7 +193,7 @@ def _closed(search: PassageSearch, key: str) -> Finding:
     """No way is wide enough: the widest there is, or none for an arm of any width."""
     problem = search.problem
     if search.widest > 0.0:
-        place, walls = _narrowest(search, search.at(search.settings.beyond * search.widest))
+        place, walls = _narrowest(search, search.at(_BEYOND * search.widest))
         gap = 2.0 * search.widest
         reason = (
             f"{key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of "

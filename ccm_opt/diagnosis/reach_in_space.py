@@ -16,6 +16,9 @@ from ccm_opt.errors import Finding
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.space_arm import SpaceArm
 
+_DIRECTIONS_NEAR = 50
+"""About the best so far. Taste."""
+
 
 def within_space_reach(problem: SpaceProblem) -> Iterator[Finding]:
     """Goals of the tip that are farther from every place of the base than the arm is long."""
@@ -203,7 +206,7 @@ class TurnCaps:
         # Closer and closer about the best: any direction proves what it proves.
         spread = 4.0 / np.sqrt(settings.directions)
         for _ in range(settings.refinements):
-            near = best + spread * _spread_directions(settings.directions_near)
+            near = best + spread * _spread_directions(_DIRECTIONS_NEAR)
             near = np.concatenate((best[None], near / np.linalg.norm(near, axis=1, keepdims=True)))
             best = near[int(np.argmax(self.missing(near)))]
             spread *= 0.5

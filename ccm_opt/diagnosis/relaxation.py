@@ -15,6 +15,15 @@ from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, wit
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.problem.space_problem import AnyProblem
 
+_GUESSED_STEPS = (0.1, 0.25, 0.5)
+"""The same where the bound is only where the problem stands. Taste."""
+_TRY_SHARE = 0.5
+"""Share of the time left that one try may use. Taste."""
+_MOST_DROPPED = 3
+"""Constraints and costs of the user's that are dropped in a try of their own. Taste."""
+_MOST_OMITTED = 2
+"""Obstacles that are left out in a try of their own. Taste."""
+
 Findings: TypeAlias = tuple[Finding, ...]
 
 
@@ -116,7 +125,7 @@ class Trials:
         settings = self.settings
         longest = settings.longest_further_try if hurried else settings.longest_try
         # A share of what is left, so that several things can be tried.
-        limit = min(settings.try_share * self.left, longest)
+        limit = min(_TRY_SHARE * self.left, longest)
         if limit < settings.least_time:
             return False
         limited = _in_haste(problem, limit)
@@ -159,8 +168,8 @@ def relaxations(
     settings = trials.settings
     found = 0
     # Nothing of the user's own mends what is known of the arm and the room.
-    dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[: settings.most_dropped]]
-    for candidate in chain(dropped, candidates(problem, findings, knowledge, trials.until, settings.most_omitted)):
+    dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[:_MOST_DROPPED]]
+    for candidate in chain(dropped, candidates(problem, findings, knowledge, trials.until, _MOST_OMITTED)):
         if found >= settings.enough or trials.left < settings.least_time:
             break
         if found and trials.spent > settings.patience:
@@ -199,7 +208,7 @@ def candidates(
     findings: tuple[Finding, ...],
     knowledge: Knowledge,
     until: Deadline,
-    most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted,
+    most_omitted: int = _MOST_OMITTED,
 ) -> Iterator[Parameter | WholeChange]:
     """What may mend all that is proved, or else all that is likely, most promising first.
 
@@ -267,7 +276,7 @@ def least_change(
     """
     settings = trials.settings
     begin = parameter.read(problem) if bound is None else bound
-    steps = settings.guessed_steps if bound is None else settings.steps
+    steps = _GUESSED_STEPS if bound is None else settings.steps
     failed = [begin]
     for tried in parameter.tried or tuple(begin * (1.0 + parameter.easier * step) for step in steps):
         value = parameter.rounded(problem, tried)

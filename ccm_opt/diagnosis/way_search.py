@@ -22,6 +22,11 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.scene import SpaceWorkspace
 
+_MOST_ROUNDS = 60
+"""Of splitting, likewise. Taste."""
+_MOST_INSIDES = 100
+"""Groups of cubes of which in one round it is found whether they are inside of bodies. Taste."""
+
 Answer: TypeAlias = Literal["closed", "open", "not known"]
 
 
@@ -84,7 +89,7 @@ class WaySearch:
         """
         finest = self.settings.finest * room
         most = self.settings.most_cells if more is None else len(self.cells) + more
-        for _ in range(self.settings.most_rounds):
+        for _ in range(_MOST_ROUNDS):
             state = self._state(room, length)
             if state.apart:
                 return "closed"
@@ -157,7 +162,7 @@ class WaySearch:
             return False
         group = groups(cells.pairs[clear[cells.pairs].all(axis=1)], len(cells))
         news = False
-        for number in np.unique(group[asked])[: self.settings.most_insides]:
+        for number in np.unique(group[asked])[:_MOST_INSIDES]:
             members = group == number
             known = self.sides[members & (self.sides != 0)]
             if len(known):

@@ -7,7 +7,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.driver.metrics import Seen, Touch
-from ccm_opt.driver.settings import DEFAULT_SPACE_LOOKS, SpaceLookSettings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import SimulationError
@@ -21,6 +20,19 @@ from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import nearest_links
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import nearest_wall
+
+_FIRST_LOOKS = 40
+"""Samples at which the simulated arm is looked at first, as far as a link; the others need only be looked at as far as
+the nearest surface of these. Taste: on the elbow with 9500 samples, as long as a hundredth of looking so far at all of
+them."""
+_LEAST_REACH = 1.0 / 16.0
+"""How far the others are looked at at least, in links. Taste."""
+_STEP_HALVINGS = 4
+"""How often the step is halved, at most, before the arm is said not to follow its plan. Taste: a sixteenth of the step
+costs sixteen times the run."""
+_SAME_ERROR = 0.1
+"""Relative difference of two tracking errors, at a step and at half of it, below which the step is not what keeps the
+arm from following, so that no smaller one is tried. Taste."""
 
 WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
@@ -81,7 +93,7 @@ def simulate_and_check(
     best = asked
     before = asked
     step = problem.simulation.step
-    for _ in range(settings.step_halvings):
+    for _ in range(_STEP_HALVINGS):
         if best.rank == 0:
             break
         step = 0.5 * step
@@ -90,7 +102,7 @@ def simulate_and_check(
         # Among equals the smaller step is the more exact one.
         if judged.rank < asked.rank and judged.rank <= best.rank:
             best = judged
-        if _alike(before, judged, settings.same_error):
+        if _alike(before, judged, _SAME_ERROR):
             break
         before = judged
     motion = best.motion if best is asked else _at_a_smaller_step(best.motion, asked.motion.verdict)
@@ -296,7 +308,6 @@ def seen_in_space(
     problem: SpaceProblem,
     trajectory: JointTrajectory,
     simulated: SimulatedMotion,
-    settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS,
 ) -> Seen | None:
     """What a simulated arm comes near to; None when no step was run.
 
@@ -306,12 +317,11 @@ def seen_in_space(
         problem: surfaces and arm.
         trajectory: the plan, for its times.
         simulated: what the arm did.
-        settings: how far is looked.
     """
     if simulated.verdict.outcome == "not simulated" or len(simulated.angles) < 2:
         return None
     carried = np.sum(simulated.base_positions, axis=1)
-    gaps = _as_far_as_needed(problem, joint_positions_3d(problem.arm, simulated.angles, carried), settings)
+    gaps = _as_far_as_needed(problem, joint_positions_3d(problem.arm, simulated.angles, carried))
     walls = gaps.walls
     itself = gaps.itself
     # A plan may touch as deep as rounding goes, where its base stands flush on a floor; so may the arm.
@@ -331,13 +341,13 @@ def _least(near: NearestOfSamples) -> float:
     return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
 
 
-def _as_far_as_needed(problem: SpaceProblem, points: FloatArray, settings: SpaceLookSettings) -> GapsAtSamples:
+def _as_far_as_needed(problem: SpaceProblem, points: FloatArray) -> GapsAtSamples:
     """The gaps of poses, looked for no farther than the least of them is: of walls up to a link's length."""
-    few = points[:: max(1, len(points) // settings.first_looks)]
+    few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm
     known = GapsAtSamples.of(problem, few, arm.link_length, arm.length)
     # What is just as near as the reach counts as not found, and so would what is in contact for a reach of zero.
-    least = settings.least_reach * arm.link_length
+    least = _LEAST_REACH * arm.link_length
     walls = np.clip(1.001 * np.min(known.walls.gap), least, arm.link_length)
     itself = np.clip(1.001 * np.min(known.itself.gap), least, arm.length)
     return GapsAtSamples.of(problem, points, float(walls), float(itself))

@@ -28,6 +28,9 @@ from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
 from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
 
+_LEANING = 1e-4
+"""By how much the room to a side may differ from the gap of a pose that leans on it (taste)."""
+
 _ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
 """What ``region_rows`` calls its rows."""
 
@@ -61,7 +64,7 @@ def _normal(
     drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, search: GoalPoseSearch
 ) -> FloatArray | None:
     """The side's outward normal, shape (2,), in the regions by which the place has just the gap to it; None in none."""
-    allowed = search.settings.leaning * search.problem.arm.length
+    allowed = _LEANING * search.problem.arm.length
     for regions in drawn:
         if side < regions.sides:
             normal: FloatArray = regions.normals[joint, side]

@@ -17,6 +17,13 @@ from ccm_opt.planning.pose_over_routes import PoseTry, pose_search, pose_tries, 
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.bad_pose import room_advice
 
+_ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
+"""Of half the squared miss of a user's constraint, as a turn of the whole arm [1/rad²], where the pose is looked for
+that misses constraints least; one after the other, each from the pose before. Measured: the first is solved where the
+last alone fails, and with the last misses are exact to a thousandth."""
+_ELASTIC_SHARE = 0.02
+"""Constraints that this pose misses by less than this share of the worst miss count as kept. Taste."""
+
 
 def no_pose(
     problem: Problem,
@@ -112,7 +119,7 @@ def _misses_from(each: PoseTry, terms: UserTerms, settings: Settings) -> dict[st
     """What the pose misses to which one beginning leads when the constraints are soft; None when there is no pose."""
     headings = each.starts[0]
     found = None
-    for weight in settings.curve.elastic_weights:
+    for weight in _ELASTIC_WEIGHTS:
         softened = terms.softened(headings, weight)
         again = tried_from(replace(each.search, terms=softened), each.start, headings)
         if again.best is None:
@@ -133,7 +140,7 @@ def _worst_misses(terms: UserTerms, softened: UserTerms, headings: FloatArray, s
     }
     # Compared as turns of the whole arm, for units differ. A penalty leaves constraints that could hold a little amiss.
     turns = {name: np.sqrt(weights[name]) * miss for name, miss in missed.items()}
-    least = settings.curve.elastic_share * max(turns.values(), default=0.0)
+    least = _ELASTIC_SHARE * max(turns.values(), default=0.0)
     return {name: miss for name, miss in missed.items() if not turns[name] < least}
 
 

@@ -11,6 +11,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.planning.tip_reach import FREE, CellPoses, CellTask, ReachSettings
 
+_SEEKS = 24
+"""Cells without a pose at most for which poses are sought anew, one after the other, when nothing more is reached from
+the cells beside. Taste: a quarter of a second each."""
+_SEEK_SPACING = 3
+"""Of these cells, in cells. Taste."""
+
 Cell = tuple[int, int]
 BESIDE = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Rows and columns from a cell to those beside it."""
@@ -110,7 +116,7 @@ class ReachFlood:
             for column in range(len(self.x)):
                 cell = (row, column)
                 empty = cell not in self.poses and cell not in self.closed and cell not in self._sought
-                if empty and self._seeks < self.settings.seeks and self._apart(cell):
+                if empty and self._seeks < _SEEKS and self._apart(cell):
                     self._sought.add(cell)
                     self._seeks += 1
                     self._running.add(cell)
@@ -119,7 +125,7 @@ class ReachFlood:
 
     def _apart(self, cell: Cell) -> bool:
         """Whether a cell is far enough from those that were sought in."""
-        spacing = self.settings.seek_spacing
+        spacing = _SEEK_SPACING
         return all(max(abs(cell[0] - row), abs(cell[1] - column)) >= spacing for row, column in self._sought)
 
     def _beside(self, cell: Cell) -> list[Cell]:

@@ -24,6 +24,9 @@ from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, SpaceReachSettings, even_directions
 
+_MOTION_TIME = 5.0
+"""CPU time in which a motion to the goal is sought, whose poses are beginnings [s]. Taste."""
+
 
 @in_words_of_its_file
 def reach_map_in_space(
@@ -90,16 +93,16 @@ def _proved(
 @on_one_thread
 def _begin(flood: TipFlood, problem: SpaceProblem, looker: TipLooker) -> None:
     """Begin where the arm is, and where it can be."""
-    flood.begin(looker, _unknowns_of_motion(problem, looker.task, flood.settings))
+    flood.begin(looker, _unknowns_of_motion(problem, looker.task))
 
 
-def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask, settings: SpaceReachSettings) -> FloatArray:
+def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask) -> FloatArray:
     """Keyframes of a motion to the problem's goal, whose tip shows the way through ducts and holes; none without."""
     none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
     if not isinstance(problem.goal, SpaceTipGoal):
         return none
     try:
-        return any_motion(task.deadline_within(settings.motion_time)).unknowns
+        return any_motion(task.deadline_within(_MOTION_TIME)).unknowns
     except NoPlanFound:
         return none
 

@@ -27,6 +27,16 @@ from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE
 from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_SIMULATED_ANGLE = 1e-6
+"""Difference between a written simulation and another run of it that is rounding [rad, m]. Taste: machines and back
+ends were seen to differ by 1e-13."""
+_SIMULATED_TORQUE = 1e-6
+"""The same for torques, as a share of the greatest."""
+_FIGURE_SHARE = 1e-6
+"""Share by which a written figure may differ from that of the arrays. Taste: far above rounding."""
+_FIGURE_FLOOR = 1e-9
+"""Difference of figures beside that share: figures of nothing but rounding are alike. Taste."""
+
 
 def keyframe_curves(arm: Arm, keyframes: FloatArray) -> tuple[Configuration, ...]:
     """The curves whose mean headings on the links come nearest to those of the keyframes.
@@ -102,7 +112,7 @@ def checks_of_record(
     if isinstance(problem, SpaceProblem):
         figures = dict(space_figures_of_motion(problem, trajectory, joints, checks))
     else:
-        found.append(_curves(problem, record, settings))
+        found.append(_curves(problem, record))
         figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(record.keyframes))
     if record.verdict["outcome"] == "not simulated":
@@ -111,7 +121,7 @@ def checks_of_record(
         figures |= {name: np.nan if value is None else value for name, value in unheld.items()}
     else:
         again, of_simulation = simulate_and_check(problem, trajectory, joints)
-        found.append(_simulated(trajectory.time, record, again, settings))
+        found.append(_simulated(trajectory.time, record, again))
         figures |= of_simulation
     found.append(_figures(record.figures, figures, settings))
     found.append(_checks(record.checks, checks, settings))
@@ -122,12 +132,12 @@ def checks_of_record(
     return found
 
 
-def _curves(problem: Problem, record: WrittenRecord, settings: VerificationSettings) -> Check:
+def _curves(problem: Problem, record: WrittenRecord) -> Check:
     """The curves behind the keyframes of a motion in the plane."""
     if problem.planner.method != "nlp":
-        return check_followed_curves(problem.arm, record.curves, record.keyframes, settings)
+        return check_followed_curves(problem.arm, record.curves, record.keyframes)
     wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
-    return check_nearest_curves(record.curves, wanted, settings)
+    return check_nearest_curves(record.curves, wanted)
 
 
 def _at_rest(trajectory: JointTrajectory, joints: JointStates, record: WrittenRecord) -> Check:
@@ -141,9 +151,7 @@ def _at_rest(trajectory: JointTrajectory, joints: JointStates, record: WrittenRe
     return Check("simulated arm against its plan", worst, 0.0, "rad", "it was not simulated", passed=worst == 0.0)
 
 
-def _simulated(
-    time: FloatArray, record: WrittenRecord, again: SimulatedMotion, settings: VerificationSettings
-) -> Check:
+def _simulated(time: FloatArray, record: WrittenRecord, again: SimulatedMotion) -> Check:
     """The simulated arm against another run of the same simulation."""
     name = "simulated arm against its plan"
     verdict = asdict(again.verdict)
@@ -158,11 +166,11 @@ def _simulated(
             )
     peak = float(np.max(np.abs(again.torques), initial=0.0))
     sources = (
-        ("angle", record.simulated_angles, again.angles, settings.simulated_angle),
-        ("feed", record.simulated_base, again.base_positions, settings.simulated_angle),
-        ("torque", record.simulated_torques, again.torques, settings.simulated_torque * peak),
+        ("angle", record.simulated_angles, again.angles, _SIMULATED_ANGLE),
+        ("feed", record.simulated_base, again.base_positions, _SIMULATED_ANGLE),
+        ("torque", record.simulated_torques, again.torques, _SIMULATED_TORQUE * peak),
     )
-    worst = (0.0, settings.simulated_angle, "")
+    worst = (0.0, _SIMULATED_ANGLE, "")
     rows = slice(_samples_alike(time, again.verdict))
     for what, ours, theirs, allowed in sources:
         off = np.abs(ours[rows] - theirs[rows])
@@ -193,8 +201,8 @@ def _figures(
     known = {name: value for name, value in figures.items() if name in recorded}
     wrong = [name for name in recorded if name not in figures and not name.startswith(_OF_PLANNING)]
     for name, value in known.items():
-        floor = settings.report_resolution if name.endswith("clearance_m") else settings.figure_floor
-        if not _alike(recorded[name], value, floor, settings):
+        floor = settings.report_resolution if name.endswith("clearance_m") else _FIGURE_FLOOR
+        if not _alike(recorded[name], value, floor):
             wrong.append(name)
     # Figures that an earlier version did not write mislead nobody.
     return _listed("figures against arrays", wrong, len(known))
@@ -216,11 +224,11 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
         else:
             # Least gaps are known to a resolution only.
             gap = settings.report_resolution if again.place is not None else 0.0
-            floor = max(gap, settings.figure_floor)
+            floor = max(gap, _FIGURE_FLOOR)
             # Worst values may be nothing but rounding; limits follow from the problem, however small they are.
             held = held and check.unit == again.unit
-            held = held and _alike(_finite(check.worst), again.worst, floor, settings)
-            held = held and _alike(_finite(check.limit), again.limit, 0.0, settings)
+            held = held and _alike(_finite(check.worst), again.worst, floor)
+            held = held and _alike(_finite(check.limit), again.limit, 0.0)
         if not held:
             wrong.append(check.name)
     return _listed("record against checks", wrong, len(recorded))
@@ -265,8 +273,8 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _alike(recorded: float | None, value: float, floor: float, settings: VerificationSettings) -> bool:
+def _alike(recorded: float | None, value: float, floor: float) -> bool:
     if recorded is None or not np.isfinite(value):
         return recorded is None and not np.isfinite(value)
     size = max(abs(recorded), abs(value))
-    return abs(recorded - value) <= max(settings.figure_share * size, floor)
+    return abs(recorded - value) <= max(_FIGURE_SHARE * size, floor)

@@ -21,6 +21,16 @@ from ccm_opt.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 
+_ROOM_SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
+"""Of what errors of the joints move the links by at most, that planning leaves room for, in the order of trying; after
+the last none. Taste: the levers of a bent arm are a half to a fifth of its lengths."""
+_GAP_ROUNDS = 4
+"""Times that a motion in space is planned anew with a larger wanted gap. Taste."""
+_GAP_GROWTH = (1.2, 4.0)
+"""Least and most that it grows at a time. Taste."""
+_GAP_BEYOND = 1.1
+"""Beyond what the error in proportion asks for. Taste."""
+
 STAGE = "tolerance"
 """Where a motion is refused that does not survive the errors asked for."""
 
@@ -106,9 +116,8 @@ class _RoomSearch:
 
     def best(self) -> tuple[VerifiedPlan, SurvivedError]:
         """The first plan that survives what is asked for, or the best of those found, and the error it survives."""
-        numbers = self.settings.tolerance
-        above = numbers.room_shares[0]
-        for share in numbers.room_shares:
+        above = _ROOM_SHARES[0]
+        for share in _ROOM_SHARES:
             found = self._found(share)
             if found is not None:
                 return found if self._enough(found) else self._refined(found, share, above)
@@ -185,11 +194,11 @@ def planned_for_errors_in_space(
     options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
     plan = attempt(replace(problem, planner=options, joint_error=0.0))
     best = (plan, _survived(problem, plan, settings))
-    for _ in range(settings.gap_rounds):
+    for _ in range(_GAP_ROUNDS):
         if best[1].size >= problem.joint_error or deadline.passed():
             break
-        least, most = settings.gap_growth
-        wanted *= min(max(settings.gap_beyond * problem.joint_error / max(best[1].size, 1e-12), least), most)
+        least, most = _GAP_GROWTH
+        wanted *= min(max(_GAP_BEYOND * problem.joint_error / max(best[1].size, 1e-12), least), most)
         limit = max(settings.time_share * deadline.left, settings.least_time)
         options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
         try:

@@ -39,6 +39,9 @@ from ccm_opt.verification.space_verifier import verify_in_space
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
 
+_BEYOND_WANTED = 1.5
+"""How far the room is looked at, in wanted gaps; a link at least. Taste: the chart's height."""
+
 _SAME = 1e-9
 """Difference of coordinates up to which two configurations are the same [rad, m]: rounding of the file's numbers."""
 
@@ -334,7 +337,7 @@ def room_in_space(
     points = joint_positions(problem.arm, trajectory.positions[samples])
     # Far enough that the wanted gap, or the usual one, can be told from more.
     wanted = max(problem.wanted_gap, problem.default_gap)
-    reach = max(problem.arm.link_length, settings.beyond_wanted * wanted) + problem.workspace.clearance
+    reach = max(problem.arm.link_length, _BEYOND_WANTED * wanted) + problem.workspace.clearance
     gaps = GapsAtSamples.of(problem, points, reach)
     walls = gaps.walls.gap - problem.workspace.clearance
     itself = gaps.itself.gap

@@ -18,6 +18,18 @@ from ccm_opt.verification.survived_in_space import survived_errors_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
+_MOST_AT_ONCE = 15_000
+"""Samples times links up to which every solve looks for the joints' error. Measured on the problems of the package:
+some 0.1 s."""
+_DOUBLINGS = 6
+"""Of a load until it is not survived. Taste."""
+_LOAD_STEPS = 12
+"""Most bisections after that. Taste."""
+_LOAD_PRECISION = 0.05
+"""Share of a load that its bisection leaves open. Taste."""
+_SMALL_LOAD = 0.1
+"""Share of a load that is not survived, tried while no load is known that is. Taste."""
+
 FAILED = frozenset(("touched", "diverged", "not simulated"))
 """Outcomes of a simulation that a plan does not survive; a drive at its limit that still follows is none of them."""
 NOT_SIMULATED = "not simulated"
@@ -77,7 +89,7 @@ def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
     """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
-    if len(trajectory.time) * problem.arm.links > settings.tolerance.most_at_once:
+    if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     model = joint_errors(problem.arm)
     return (survived_error(problem.arm, problem.workspace, trajectory, model, settings.tolerance),)
@@ -108,12 +120,11 @@ def _survived_load(
         failed = verdict
         return False
 
-    numbers = settings.tolerance
     if not survives(0.0):
         return SurvivedError(name, 0.0, unit, _limited_by(failed, joints.names))
     low = 0.0
     high = first
-    for _ in range(numbers.doublings):
+    for _ in range(_DOUBLINGS):
         if not survives(high):
             break
         low = high
@@ -121,13 +132,13 @@ def _survived_load(
     else:
         return SurvivedError(name, low, unit, "nothing; larger errors are not looked at", limited=False)
     # Small loads are told apart by their order of magnitude, so ends that are far apart are parted by their mean ratio.
-    for _ in range(numbers.load_steps):
-        middle = np.sqrt(low * high) if low > 0.0 else numbers.small_load * high
+    for _ in range(_LOAD_STEPS):
+        middle = np.sqrt(low * high) if low > 0.0 else _SMALL_LOAD * high
         if survives(middle):
             low = middle
         else:
             high = middle
-        if high - low <= numbers.load_precision * high:
+        if high - low <= _LOAD_PRECISION * high:
             break
     where = _limited_by(failed, joints.names)
     return SurvivedError(name, float(low), unit, where, limited=failed.outcome != NOT_SIMULATED)

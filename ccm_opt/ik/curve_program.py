@@ -20,6 +20,15 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.configuration_task import DEFAULT_CONFIGURATION, ConfigurationSettings
 from ccm_opt.robot.segment import PIECES
 
+_BOUND_WEIGHT = 0.1
+"""Weight of the bounds on ``|κ|``. Taste; as for the knots, and it keeps the certificates tight."""
+_SLOPE_WEIGHT = 1e-3
+"""Weight of steps of curvature. Taste."""
+_NEARNESS_WEIGHT = 10.0
+"""Weight of nearness to walls, before the user's. Taste."""
+_NEARNESS_DISTANCE = 0.03
+"""Sides of regions farther away than this cost nothing [L]. Taste."""
+
 STATES = 5
 """Size of X."""
 CONTROLS = 12
@@ -259,20 +268,17 @@ def curvature_steps(state: ca.SX, control: ca.SX) -> ca.SX:
     return ca.sumsqr(values[1:] - values[:-1])
 
 
-def nearness(
-    points: ca.SX, normals: FloatArray, offsets: FloatArray, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
-) -> ca.SX:
+def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
     """Σ max(0, 1 - slack/D)² of points behind sides of their region: what they lack to the distance D of each.
 
     Args:
         points: shape (2, m).
         normals: of the sides, shape (k, 2).
         offsets: shape (k,).
-        settings: the distance D, and the weight of the sum.
     """
     slack = ca.repmat(ca.DM(offsets), 1, points.shape[1]) - ca.DM(normals) @ points
-    lacking = ca.fmax(1.0 - slack / settings.nearness_distance, 0.0)
-    return settings.nearness_weight * ca.sumsqr(lacking) / points.shape[1]
+    lacking = ca.fmax(1.0 - slack / _NEARNESS_DISTANCE, 0.0)
+    return _NEARNESS_WEIGHT * ca.sumsqr(lacking) / points.shape[1]
 
 
 def configuration_cost(
@@ -286,6 +292,6 @@ def configuration_cost(
     return (
         weight * bending(squared_curvature)
         + settings.knot_weight * uneven_knots(control)
-        + settings.bound_weight * curvature_bounds(control)
-        + settings.slope_weight * curvature_steps(state, control)
+        + _BOUND_WEIGHT * curvature_bounds(control)
+        + _SLOPE_WEIGHT * curvature_steps(state, control)
     )

@@ -18,7 +18,7 @@ from scipy.special import struve
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN, unit_vector
 from ccm_opt.errors import ConfigurationNotFound
-from ccm_opt.ik.configuration_task import ConfigurationSettings, ConfigurationTask
+from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose, shortfalls
 from ccm_opt.ik.multiple_shooting import ConfigurationNLP, build_configuration_nlp, pack_variables, unpack_variables
 from ccm_opt.ik.path_profile import PathProfile, path_profile, region_crossings
@@ -27,6 +27,22 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, Knots, piece_coefficients
 from ccm_opt.robot.segment_types import SegmentType, end_angle
 from ccm_opt.scene.corridor import ConvexRegion
+
+_SEGMENT_TOTALS = (4, 6, 8)
+"""Segments in all at the attempts after the first. Taste."""
+_WINDINGS = 3
+"""Whole turns at the ends that are tried, the fewest first. Taste."""
+_GUESS_SAMPLES = 401
+"""Samples of the guessed heading. Taste."""
+_CORNER_ROUNDING = 0.06
+"""Width over which corners of the guessed heading are rounded [L]. Taste."""
+_END_BLEND = 0.12
+"""Length over which the guess turns from the base's heading to the path's, and from the path's to the tip's [L].
+Taste."""
+_LEAST_REGION_SHARE = 0.05
+"""Length that the guess gives to each region at least [L]. Taste."""
+_GUESS_CURVATURE = 0.9
+"""Share of the curvature limit that the guess may use: it starts inside. Taste."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 """Gauss points of a piece."""
@@ -173,9 +189,9 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
         bulge: +1 swings the surplus length to the roomier side of each region, -1 to the other.
     """
     meander = spread_length(nlp, profile, bulge)
-    s = np.linspace(0.0, 1.0, nlp.task.settings.guess_samples)
+    s = np.linspace(0.0, 1.0, _GUESS_SAMPLES)
     heading = profile.direction_at(np.interp(s, meander.edges, meander.crossings)) + meander.swing(s)
-    smooth = _rounded(s, heading, profile, nlp.task.settings)
+    smooth = _rounded(s, heading, profile)
     return _sample(nlp, profile, s, smooth, _boundaries(nlp.regions, meander.edges))
 
 
@@ -213,7 +229,7 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile) -> FloatArray:
     taut = np.diff(region_crossings(profile, task))
     areas = np.array([shapely.Polygon(region.vertices).area for region in regions])
     lengths = taut + max(0.0, 1.0 - float(profile.arcs[-1])) * areas**2 / (areas**2).sum()
-    lengths = np.maximum(lengths, min(task.settings.least_region_share, 0.5 / len(regions)))
+    lengths = np.maximum(lengths, min(_LEAST_REGION_SHARE, 0.5 / len(regions)))
     shares: FloatArray = lengths / lengths.sum()
     return shares
 
@@ -236,13 +252,13 @@ def _boundaries(regions: tuple[int, ...], edges: FloatArray) -> FloatArray:
     return np.append(0.0, np.cumsum(np.repeat(np.diff(edges) / counts, counts)))
 
 
-def _rounded(s: FloatArray, heading: FloatArray, profile: PathProfile, settings: ConfigurationSettings) -> FloatArray:
+def _rounded(s: FloatArray, heading: FloatArray, profile: PathProfile) -> FloatArray:
     """Sampled headings (m,) [rad] with the ends brought to the wanted headings and the corners rounded."""
     base = profile.base_heading - heading[0]
     tip = profile.tip_heading - heading[-1]
-    heading = heading + base * np.clip(1.0 - s / settings.end_blend, 0.0, 1.0)
-    heading = heading + tip * np.clip(1.0 - (1.0 - s) / settings.end_blend, 0.0, 1.0)
-    smooth: FloatArray = gaussian_filter1d(heading, settings.corner_rounding * len(s), mode="nearest")
+    heading = heading + base * np.clip(1.0 - s / _END_BLEND, 0.0, 1.0)
+    heading = heading + tip * np.clip(1.0 - (1.0 - s) / _END_BLEND, 0.0, 1.0)
+    smooth: FloatArray = gaussian_filter1d(heading, _CORNER_ROUNDING * len(s), mode="nearest")
     return smooth
 
 
@@ -256,7 +272,7 @@ def _sample(
     points = np.vstack((np.zeros(2), np.cumsum(steps, axis=0)))
     points += s[:, None] * (profile.points[-1] - points[-1])
 
-    limit = nlp.task.settings.guess_curvature * nlp.task.curvature_limit * nlp.task.length
+    limit = _GUESS_CURVATURE * nlp.task.curvature_limit * nlp.task.length
     curvature = np.clip(np.gradient(heading, s), -limit, limit)
     knots = boundaries[:-1, None] + np.diff(boundaries)[:, None] * np.linspace(0.0, 1.0, PIECES + 1)
     values = np.interp(knots, s, curvature)
@@ -337,7 +353,7 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
     base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
     tip = (0,) if task.goal_heading is None else (0, 1, -1)
     profiles = [path_profile(task, *turns) for turns in product(base, tip)]
-    return sorted(profiles, key=lambda profile: profile.end_turns)[: task.settings.windings]
+    return sorted(profiles, key=lambda profile: profile.end_turns)[:_WINDINGS]
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
@@ -346,7 +362,7 @@ def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple
     shares = np.full(count, task.segments_per_region)
     plans = [shares.copy()]
     lengths = curve_shares(task, profile)
-    for total in task.settings.segment_totals:
+    for total in _SEGMENT_TOTALS:
         while shares.sum() < total:
             shares[np.argmax(lengths / shares)] += 1  # to the region whose segments are longest
         if shares.sum() > plans[-1].sum():

@@ -16,6 +16,13 @@ from ccm_opt.ik.solver import NLPResult
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES
 
+_ROWS_REPORTED = 3
+"""Violated rows that a message names. Taste."""
+_TIP_HEADING_TOLERANCE = 1e-6
+"""Turn of the tip from the goal's heading that the check allows [rad]. Taste."""
+_CHECK_SAMPLES = 201
+"""Points of each segment that the check looks at. Taste."""
+
 
 @dataclass(frozen=True)
 class Shortfall:
@@ -43,12 +50,12 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
     goal = heading if task.goal_heading is None else task.goal_heading
     low, high = task.base_heading_range
     base_miss = max(low - configuration.base_heading, configuration.base_heading - high, 0.0)
-    arc = np.linspace(0.0, configuration.length, settings.check_samples * len(configuration.segments))
+    arc = np.linspace(0.0, configuration.length, _CHECK_SAMPLES * len(configuration.segments))
     curvature = float(np.abs(configuration.curvature_at(arc)).max())
     outside = _outside(nlp, configuration)
     figures = (
         Shortfall("tip position", float(np.hypot(*(tip - task.goal))), settings.tip_tolerance, "m"),
-        Shortfall("tip heading", abs(wrap(heading - goal)), settings.tip_heading_tolerance, "rad"),
+        Shortfall("tip heading", abs(wrap(heading - goal)), _TIP_HEADING_TOLERANCE, "rad"),
         Shortfall("base heading", base_miss, 1e-12, "rad"),
         Shortfall("length", abs(configuration.length - task.length), 1e-9 * task.length, "m"),
         Shortfall("curvature", curvature, task.curvature_limit, "1/m"),
@@ -64,7 +71,7 @@ def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
     worst = -np.inf
     for index, start, end in zip(nlp.regions, boundaries[:-1], boundaries[1:], strict=True):
         region = nlp.task.corridor.regions[index]
-        points = configuration.positions_at(np.linspace(start, end, nlp.task.settings.check_samples))
+        points = configuration.positions_at(np.linspace(start, end, _CHECK_SAMPLES))
         worst = max(worst, float((points @ region.normals.T - region.offsets).max()))
     return max(worst, 0.0)
 
@@ -177,7 +184,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
         row = _broken_row(attempt, name, violation)
         # Rows come worst first, so the first of a kind and segment is its worst.
         found.setdefault((row.constraint, row.segment), row)
-    return tuple(found.values())[: attempt.nlp.task.settings.rows_reported]
+    return tuple(found.values())[:_ROWS_REPORTED]
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:

@@ -13,6 +13,14 @@ from ccm_opt.ik.curve_program import CONTROLS, STATES, SegmentFlow, configuratio
 from ccm_opt.robot.segment import PIECES
 from ccm_opt.scene.corridor import ConvexRegion
 
+_REGION_SHRINKAGE = 1e-5
+"""By how much regions shrink, so that quadrature and polish stay inside the real ones [L]. Derived: ten times what the
+check of containment allows on an arm of a metre."""
+_CURVATURE_RESERVE = 1e-3
+"""Share of the curvature limit that is kept for the polish. Taste."""
+_HALF_PLANE_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
+"""Numbers of half-planes that solvers are built for, so that tasks share them. Taste."""
+
 STAGE = STATES + CONTROLS
 """Variables of one segment."""
 
@@ -101,7 +109,7 @@ def build_configuration_nlp(
     if tip_heading is None:
         tip_heading = task.goal_heading
     most = max(len(region.offsets) for region in task.corridor.regions)
-    half_planes = padded_rows(most, task.settings.half_plane_counts)
+    half_planes = padded_rows(most, _HALF_PLANE_COUNTS)
     program = symbolic_program(len(regions), half_planes, task.settings)
     lower, upper = _variable_bounds(task, len(regions), tip_heading)
     parameters = _parameter_values(task, regions, half_planes)
@@ -121,7 +129,7 @@ def _nearness(nlp: ConfigurationNLP) -> ca.SX:
         points = SegmentFlow(*segment_function()(stage[:STATES], stage[STATES:])).points
         region = task.corridor.regions[index]
         walls = (region.offsets + task.side_gaps[index] - region.normals @ task.base) / task.length
-        total += nearness(points, region.normals, walls, task.settings) / len(nlp.regions)
+        total += nearness(points, region.normals, walls) / len(nlp.regions)
     return task.clearance_weight * total
 
 
@@ -201,7 +209,7 @@ def _variable_bounds(
 
     What is known is a variable with equal bounds: base, goal, arc length at both ends, headings that are asked for.
     """
-    limit = task.curvature_limit * task.length * (1.0 - task.settings.curvature_reserve)
+    limit = task.curvature_limit * task.length * (1.0 - _CURVATURE_RESERVE)
     state = np.array([np.inf, np.inf, np.inf, limit, 1.0])
     control = np.repeat([limit, 1.0, limit], 4)
     upper = pack_variables(np.tile(state, (segments + 1, 1)), np.tile(control, (segments, 1)))
@@ -238,7 +246,7 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
     ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
     slack = offsets - ends @ region.normals.T
     room = np.where(slack > -task.settings.end_tolerance / task.length, slack, np.inf).min(axis=0)
-    offsets = offsets - np.minimum(task.settings.region_shrinkage, np.where(room > 0.0, 0.5 * room, room))
+    offsets = offsets - np.minimum(_REGION_SHRINKAGE, np.where(room > 0.0, 0.5 * room, room))
 
     padding = count - len(offsets)
     normals = np.vstack((region.normals, np.zeros((padding, 2))))

@@ -9,6 +9,9 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN, arc_lengths, leg_headings, legs_at, points_at, without_repeats, wrap
 from ccm_opt.ik.configuration_task import ConfigurationTask
 
+_PATH_SAMPLES = 401
+"""Samples of the taut path at which its region is looked up. Taste."""
+
 
 @dataclass(frozen=True)
 class PathProfile:
@@ -64,7 +67,7 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
     """Lengths of the taut path at which it passes from region to region, ends included, shape (regions + 1,)."""
-    t = np.linspace(0.0, profile.arcs[-1], task.settings.path_samples)
+    t = np.linspace(0.0, profile.arcs[-1], _PATH_SAMPLES)
     world = profile.point_at(t) * task.length + task.base
     inside = [np.all(world @ region.normals.T <= region.offsets + 1e-9, axis=1) for region in task.corridor.regions]
     crossings = [0.0]

@@ -48,9 +48,6 @@ class PoseSettings:
         more_sides: the same where a pose has less room than its rows say, for a side that was left out (taste).
         region_sizes: numbers of sides that programs are built for, so that poses share solvers (measured: of 42 clutter
             scenes all need eight or fewer).
-        leaning: by how much the room to a side may differ from the gap of a pose that leans on it (taste).
-        room_enough: share of the wanted gap from which on a pose of the motion's own class is taken without asking for
-            others (taste).
         enough: share of the wanted gap at which no further round is worth its time (taste).
     """
 
@@ -77,8 +74,6 @@ class PoseSettings:
     most_sides: int = 8
     more_sides: int = 16
     region_sizes: tuple[int, ...] = (8, 16, 32, 64, 128)
-    leaning: float = 1e-4
-    room_enough: float = 0.9
     enough: float = 0.999
 
     @property

@@ -12,6 +12,16 @@ from ccm_opt.ik.built_solver import IPOPT_SWITCHES
 from ccm_opt.ik.configuration_task import ConfigurationSettings
 from ccm_opt.ik.multiple_shooting import ConfigurationNLP, ShootingProgram
 
+_MOST_ITERATIONS = 80
+"""IPOPT's iterations, at most. Taste."""
+_OPTIMALITY = 1e-4
+"""Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse, since the polish
+follows."""
+_FEASIBILITY = 1e-6
+"""Violation of a row, in the NLP's units, that counts as satisfied. Taste; the polish mends more."""
+_ROWS_KEPT = 40
+"""Violated rows that a result names. Taste."""
+
 _solvers: WeakKeyDictionary[ShootingProgram, ca.Function] = WeakKeyDictionary()
 
 
@@ -56,7 +66,7 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
     variables = np.asarray(answer["x"], dtype=np.float64).ravel()
     worst = _worst_rows(nlp, variables, np.asarray(answer["g"]).ravel())
     row, violation = worst[0]
-    allowed = program.settings.feasibility
+    allowed = _FEASIBILITY
     return NLPResult(
         variables,
         str(statistics["return_status"]),
@@ -86,10 +96,10 @@ def built_solver(program: ShootingProgram) -> ca.Function:
 def _numbers(settings: ConfigurationSettings) -> dict[str, float]:
     """The settings in IPOPT's names."""
     return {
-        "ipopt.tol": settings.optimality,
+        "ipopt.tol": _OPTIMALITY,
         "ipopt.constr_viol_tol": settings.violation,
         "ipopt.mu_init": settings.first_barrier,
-        "ipopt.max_iter": settings.most_iterations,
+        "ipopt.max_iter": _MOST_ITERATIONS,
     }
 
 
@@ -100,5 +110,5 @@ def _worst_rows(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) 
     lower = np.concatenate((nlp.program.lower, nlp.lower))
     upper = np.concatenate((nlp.program.upper, nlp.upper))
     violation = np.nan_to_num(np.maximum(lower - values, values - upper), nan=np.inf)
-    worst = np.argsort(-violation, kind="stable")[: nlp.task.settings.rows_kept]
+    worst = np.argsort(-violation, kind="stable")[:_ROWS_KEPT]
     return [(names[row], max(0.0, float(violation[row]))) for row in worst]

@@ -22,6 +22,9 @@ from ccm_opt.robot.tip_newton import TipTarget
 from ccm_opt.scene.distances.segment_pairs import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_STRAY_WEIGHT = 1.0
+"""Of the squared angles by which links point elsewhere than the curve [1/rad²] (taste)."""
+
 
 def link_sides(
     arm: SpaceArm,
@@ -271,7 +274,7 @@ class SpaceGoalPoses:
                 settings.distance_weight * given.path_length,
                 settings.knot_weight,
                 settings.bow_weight,
-                settings.stray_weight,
+                _STRAY_WEIGHT,
                 settings.torque_weight,
             ]
         )

@@ -146,7 +146,6 @@ class SpacePoseSettings:
         bow_weight: of what the curvatures leave their chords by between knots (as in the plane).
         distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
             the plane, for the same change of shape is one of both bends (taste).
-        stray_weight: of the squared angles by which links point elsewhere than the curve [1/rad²] (taste).
         torque_weight: of the mean square holding torque, as shares of its limits (as in the plane).
         tolerance: of the solver, relative (as in the plane).
         iterations: most iterations of one solution (taste).
@@ -180,7 +179,6 @@ class SpacePoseSettings:
     knot_weight: float = 4.0
     bow_weight: float = 1e-3
     distance_weight: float = 1.0
-    stray_weight: float = 1.0
     torque_weight: float = 0.1
     tolerance: float = 1e-4
     iterations: int = 100

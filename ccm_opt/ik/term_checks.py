@@ -15,6 +15,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 
+_PLACES_PER_KNOT = 16
+"""Places of the path to a knot, among which the path parameter of a pose is looked for. Taste: Newton's method does the
+rest."""
+
 
 def nearest_path_parameters(
     path: JointPath, poses: FloatArray, settings: TermCheckSettings = TERM_CHECKS
@@ -27,7 +31,7 @@ def nearest_path_parameters(
         settings: fineness of the search.
     """
     width = poses.shape[1]
-    places = _places(path, settings.places_per_knot)
+    places = _places(path, _PLACES_PER_KNOT)
     points = path.spline(places)[:, :width]
     sizes = np.sum(points**2, axis=1)
 

@@ -220,8 +220,6 @@ class TermCheckSettings:
             users, and far above what planning leaves.
         rate: samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to
             users.
-        places_per_knot: places of the path to a knot, among which the path parameter of a pose is looked for. Taste:
-            Newton's method does the rest.
         window: how many of these places, from the one of the sample before, are looked at. Derived: 40 knots, more
             than a motion passes between two samples.
         newton_steps: steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to
@@ -232,7 +230,6 @@ class TermCheckSettings:
 
     tolerance: float = 1e-6
     rate: float = 1000.0
-    places_per_knot: int = 16
     window: int = 40 * 16
     newton_steps: int = 3
     bisections: int = 12

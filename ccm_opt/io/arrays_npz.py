@@ -11,11 +11,14 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import RoomRecord
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+
+_COMPRESSION = 1
+"""Of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB without: 615 kB in 14 ms at 1,
+612 kB in 24 ms at 6."""
 
 
 def solution_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]:
@@ -68,7 +71,7 @@ def _room_arrays(room: RoomRecord | None) -> dict[str, npt.NDArray[np.generic]]:
     return {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
 
 
-def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]], settings: ExportSettings = EXPORT) -> bytes:
+def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:
     """The content of an ``.npz`` file.
 
     The revolutes that a plane motion leaves alone are two thirds of many arrays; compressed, these zeros take no room.
@@ -82,7 +85,7 @@ def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]], settings: ExportSetti
             entry.compress_type = zipfile.ZIP_DEFLATED if idle else zipfile.ZIP_STORED
             content = BytesIO()
             np.lib.format.write_array(content, np.asanyarray(array), allow_pickle=False)
-            archive.writestr(entry, content.getvalue(), compresslevel=settings.compression if idle else None)
+            archive.writestr(entry, content.getvalue(), compresslevel=_COMPRESSION if idle else None)
     return buffer.getvalue()
 
 

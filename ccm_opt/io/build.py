@@ -51,6 +51,11 @@ from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
+_GAP_IN_DIAMETERS = 1.1
+"""The axes of distant links keep at least this many link diameters (two radii) apart."""
+_LEAST_GAP_IN_LINKS = 0.1
+"""And at least this many link lengths, for arms of zero radius."""
+
 
 def straight_bends(arm: Arm) -> FloatArray:
     """All links along the base heading, shape (links,) [rad]."""
@@ -74,7 +79,7 @@ def folded_bends(arm: Arm, settings: FoldSettings = FOLD) -> FloatArray:
     Raises:
         ProblemError: when no serpentine fits the joint limit and the radius.
     """
-    gap = max(settings.gap_in_diameters * 2.0 * arm.radius, settings.least_gap_in_links * arm.link_length)
+    gap = max(_GAP_IN_DIAMETERS * 2.0 * arm.radius, _LEAST_GAP_IN_LINKS * arm.link_length)
     candidates = sorted(_serpentines(arm, settings.limit_share), key=lambda bends: _diagonal(arm, bends))
     for bends in candidates:
         if self_distance(arm, bends) >= gap:

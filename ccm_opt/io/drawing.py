@@ -28,6 +28,16 @@ from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
 from ccm_opt.scene.workspace import Obstacle
 
+_FLATTENING_SHARE = 0.499
+"""Share of the tolerance by which a polyline may leave its curve. Derived: polygons grow by half the tolerance, so that
+a little less than half keeps the true curve inside."""
+_GROWTH_SHARE = 0.5
+"""Share of the tolerance by which polygons of curves grow. Derived: with the share above the sum stays below the
+tolerance."""
+_CORNER_REACH = 1.9
+"""Sharp corners of a grown polygon are cut at this many times the growth from the corner. Derived: less than 2, so that
+they stay within the tolerance."""
+
 READERS: Mapping[str, Reader] = {
     ".svg": read_svg,
     ".dxf": read_dxf,
@@ -68,7 +78,7 @@ def obstacles_of(
     grow = shape.half_width + (growth if shape.curved else 0.0)
     polygons = filled(shape.rings, shape.rule, settings)
     if grow > 0.0:
-        polygons = _grown(shapely.MultiPolygon(polygons), grow, settings.corner_reach)
+        polygons = _grown(shapely.MultiPolygon(polygons), grow, _CORNER_REACH)
     return [Obstacle(shape.name, polygon) for polygon in polygons]
 
 
@@ -180,8 +190,8 @@ def import_scene(
     """
     content = _content(path, settings)
     # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
-    distance = settings.flattening_share * options.curve_tolerance
-    growth = settings.growth_share * options.curve_tolerance
+    distance = _FLATTENING_SHARE * options.curve_tolerance
+    growth = _GROWTH_SHARE * options.curve_tolerance
     room = None
     try:
         # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.

@@ -19,6 +19,9 @@ from ccm_opt.scene.round_bodies import capsule_surface, seen_triangles
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 from ccm_opt.solution import JointTrajectory
 
+_FILM_RATE = 30.0
+"""Keyframes of films a second [1/s]; between them players interpolate."""
+
 _FLOATS = 5126
 _WHOLE_NUMBERS = 5125
 """Types of numbers, 32 bits each (table 3.6.2.2)."""
@@ -149,7 +152,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
             mesh = _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
             nodes.append(MovingNode(obstacle.name, writer.add_mesh(*mesh, grey)))
 
-    times, samples = film_times(trajectory.time, settings)
+    times, samples = film_times(trajectory.time)
     positions = arm.joint_positions_at(trajectory.positions[samples])
     capsule = capsule_surface(arm.link_length, visual_radius(arm), settings.round_sides)
     link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", ARM))
@@ -160,9 +163,9 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
     return writer.written(nodes, times)
 
 
-def film_times(time: FloatArray, settings: ExportSettings) -> tuple[FloatArray, IntArray]:
+def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
     """Times of a film, and the samples nearest to them."""
-    count = max(2, int(np.ceil((time[-1] - time[0]) * settings.film_rate)) + 1)
+    count = max(2, int(np.ceil((time[-1] - time[0]) * _FILM_RATE)) + 1)
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
     return time[samples], samples
@@ -207,7 +210,7 @@ def space_motion_glb(problem: SpaceProblem, trajectory: JointTrajectory, setting
         MovingNode(each.name, writer.add_mesh(*seen_triangles(each.body, settings.round_sides), glass))
         for each in problem.workspace.obstacles
     ]
-    times, samples = film_times(trajectory.time, settings)
+    times, samples = film_times(trajectory.time)
     q = trajectory.positions[samples]
     positions = joint_positions(arm, q)
     rotations = link_rotations(arm, q)

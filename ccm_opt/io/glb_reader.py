@@ -20,6 +20,9 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.io.settings import MeshSettings
 
+_DEEPEST_NODES = 200
+"""Nodes below nodes in a GLB file. Taste: robots nest a few dozen deep."""
+
 _HEADER = struct.Struct("<4sII")
 """A magic word, a version, the length of the file; the first chunk follows."""
 _CHUNK = struct.Struct("<I4s")
@@ -145,7 +148,7 @@ class _Scene:
     def _below(self, number: int, depth: int) -> int:
         """Triangles of a node and of all below it."""
         self._visits += 1
-        if self._visits > self.settings.most_parts or depth > self.settings.deepest_nodes:
+        if self._visits > self.settings.most_parts or depth > _DEEPEST_NODES:
             raise ProblemError("its nodes are too many, or nested too deep or within themselves")
         node = self.document["nodes"][number]
         own = 0 if "mesh" not in node else self._of_mesh(node["mesh"])

@@ -11,6 +11,10 @@ from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.io.settings import MESHES, MeshSettings
 from ccm_opt.scene.shells import find_shells, repeated
 
+_MOST_FLAT = 0.5
+"""Share of triangles without area from which on a mesh is refused, since its file must be broken. Taste: programs write
+one in a hundred where they cut curved faces."""
+
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 """Odd numbers without a pattern, by which the three coordinates of a vertex become one number."""
 
@@ -52,7 +56,7 @@ def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> MendedMesh:
     faces = names[raw.faces]
     flat = _without_area(vertices, faces, settings)
     count = int(np.count_nonzero(flat))
-    if count > settings.most_flat * len(faces):
+    if count > _MOST_FLAT * len(faces):
         raise ProblemError(f"{count} of {len(faces)} triangles have no area; the file is broken, or no mesh")
     kept = faces[~flat]
     needed = faces[flat][~_on_edges(vertices, faces[flat], kept)] if count else faces[:0]

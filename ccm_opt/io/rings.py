@@ -17,6 +17,14 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.found_shapes import FillRule
 from ccm_opt.io.settings import IMPORT, ImportSettings
 
+_MOST_MEETING = 100
+"""Neighbours that an open end has within the joining distance, on average. Taste: two as a rule."""
+_MOST_CROSSINGS = 1000
+"""Pairs of edges of one outline that meet besides neighbours, and are repaired. Measured: 0.5 s for as many, and ten
+seconds for four times as many."""
+_REPAIR_SHARE = 1e-3
+"""A repair that changes the enclosed area by more than this share is refused, since something else was meant. Taste."""
+
 
 def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:
     """The polygons that rings enclose.
@@ -88,7 +96,7 @@ def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> lis
     why = shapely.is_valid_reason(polygon)
     if _is_tangled(polygon, settings):
         raise ProblemError(
-            f"the outline crosses or touches itself more than {settings.most_crossings} times, too often to be "
+            f"the outline crosses or touches itself more than {_MOST_CROSSINGS} times, too often to be "
             "repaired; list the corners in order round the shape"
         )
     # Of a bow tie GEOS keeps both halves, so that a change of area shows that more than a slip was repaired.
@@ -96,7 +104,7 @@ def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> lis
     area = sum(part.area for part in mended)
     if area == 0.0:
         raise ProblemError("the outline encloses no area; expected at least three corners that are not in one line")
-    allowed = settings.repair_share
+    allowed = _REPAIR_SHARE
     if abs(area - polygon.area) > allowed * area:
         raise ProblemError(
             f"the outline {_sentence(why)}; a repair would change its area by {abs(area - polygon.area) / area:.1%}, "
@@ -123,7 +131,7 @@ def _is_tangled(polygon: shapely.Polygon, settings: ImportSettings) -> bool:
     tree = STRtree(edges)
     at_once = max(1, settings.most_nested // len(edges))
     # Each edge meets itself and its two neighbours, and every other pair is met from both sides.
-    left = 3 * len(edges) + 2 * settings.most_crossings
+    left = 3 * len(edges) + 2 * _MOST_CROSSINGS
     boxed = left + settings.most_nested
     for k in range(0, len(edges), at_once):
         ours, theirs = tree.query(edges[k : k + at_once])
@@ -233,7 +241,7 @@ def _meeting(points: FloatArray, gap: float) -> FloatArray:
     # Equal points are one place, however many there are; pairs are sought among different ones only.
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     tree = cKDTree(places)
-    if tree.count_neighbors(tree, gap) > IMPORT.most_meeting * len(places):
+    if tree.count_neighbors(tree, gap) > _MOST_MEETING * len(places):
         raise ProblemError("open lines end in crowds too dense to tell which of them meet; join them, or simplify")
     pairs = tree.query_pairs(gap, output_type="ndarray")
     # Pairs of near points are the edges of a graph; its connected components are the places that meet.

@@ -19,6 +19,10 @@ from ccm_opt.io.settings import ImportSettings
 from ccm_opt.io.svg_paths import Affine, Subpath, View, length_of, path_subpaths, polyline, subpaths_of
 from ccm_opt.io.svg_placing import Node, Picture, Place, parsed_document
 
+_LONGEST_PATH = 2_000_000
+"""Characters of path data of one element; longer ones are refused unread. Derived: most_vertices points as programs
+write them, with all sixteen digits."""
+
 
 def read_svg(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
     """The shapes of an SVG file.
@@ -75,10 +79,9 @@ class _Outlines:
 
     def _read(self, node: Node) -> list[Subpath]:
         text = node.attributes.get("d", "") if node.tag == "path" else node.attributes.get("points", "")
-        if len(text) > self._settings.longest_path:
+        if len(text) > _LONGEST_PATH:
             raise ProblemError(
-                f"it has path data of {len(text)} characters, at most {self._settings.longest_path} can be read; "
-                "simplify the outline"
+                f"it has path data of {len(text)} characters, at most {_LONGEST_PATH} can be read; simplify the outline"
             )
         match node.tag:
             case "path":

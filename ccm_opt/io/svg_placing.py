@@ -17,6 +17,13 @@ from ccm_opt.io.settings import ImportSettings
 from ccm_opt.io.svg_paths import Affine, View, fitted_view, length_of, numbers_in, transform_of
 from ccm_opt.problem import LeftOut
 
+_LONGEST_ATTRIBUTE = 20_000
+"""Characters of a style, class or transform. Taste: a hundred times what programs write."""
+_LONGEST_TEXT = 1_000_000
+"""Characters of a style sheet or a title that are kept. Taste."""
+_MOST_STYLE_RULES = 300
+"""Rules of style sheets that decide whether and how shapes are filled. Taste: each is compared with every element."""
+
 NAMESPACE = "http://www.w3.org/2000/svg"
 FOREIGN = ""
 """Tag of elements that are not in the namespace of SVG: what editors keep for themselves."""
@@ -110,7 +117,7 @@ class _Builder:
     def text(self, text: str) -> None:
         """Keep the characters that count."""
         node = self.open[-1]
-        if node.tag in {"title", "style"} and len(node.text) <= self.settings.longest_text:
+        if node.tag in {"title", "style"} and len(node.text) <= _LONGEST_TEXT:
             node.text += text
 
     def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
@@ -155,17 +162,17 @@ class StyleSheet:
     rules: list[_Rule] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
 
-    def style_of(self, node: Node, settings: ImportSettings) -> dict[str, str]:
+    def style_of(self, node: Node) -> dict[str, str]:
         """The properties of one element, those of its parents left out.
 
         Raises:
             ProblemError: an attribute is longer than anything that a program writes.
         """
         for key in ("style", "class", "transform"):
-            if len(node.attributes.get(key, "")) > settings.longest_attribute:
+            if len(node.attributes.get(key, "")) > _LONGEST_ATTRIBUTE:
                 raise ProblemError(
                     f"the attribute {key} of an element {node.tag} has {len(node.attributes[key])} characters, at most "
-                    f"{settings.longest_attribute} can be read"
+                    f"{_LONGEST_ATTRIBUTE} can be read"
                 )
         found = {key: node.attributes[key].strip() for key in PROPERTIES if key in node.attributes}
         if self.rules:
@@ -177,7 +184,7 @@ class StyleSheet:
         return found | _declarations(node.attributes.get("style", ""))
 
 
-def style_sheet(root: Node, settings: ImportSettings) -> StyleSheet:
+def style_sheet(root: Node) -> StyleSheet:
     """The style sheet of a drawing.
 
     Raises:
@@ -191,9 +198,9 @@ def style_sheet(root: Node, settings: ImportSettings) -> StyleSheet:
         if node.tag == "style":
             for rule in _rules(node.text, sheet.unread):
                 sheet.rules.append(rule)
-            if len(sheet.rules) > settings.most_style_rules:
+            if len(sheet.rules) > _MOST_STYLE_RULES:
                 raise ProblemError(
-                    f"more than {settings.most_style_rules} style rules hide shapes or say how they are filled; save "
+                    f"more than {_MOST_STYLE_RULES} style rules hide shapes or say how they are filled; save "
                     "it as plain SVG"
                 )
     sheet.rules.sort(key=lambda rule: rule.weight)  # stable: of equal weight the later counts
@@ -321,7 +328,7 @@ class Picture:
         self.left_out: list[LeftOut] = []
         self.refusals: list[str] = []
         self.view = _view_of(root)
-        self._sheet: StyleSheet = style_sheet(root, settings)
+        self._sheet: StyleSheet = style_sheet(root)
         self._by_id = _nodes_by_id(root)
         self._met: set[int] = set()
         self._styles: dict[int, dict[str, str]] = {}
@@ -476,7 +483,7 @@ class Picture:
     def _style(self, node: Node) -> dict[str, str]:
         """The properties of an element, looked up once however often it is drawn."""
         if id(node) not in self._styles:
-            self._styles[id(node)] = self._sheet.style_of(node, self.settings)
+            self._styles[id(node)] = self._sheet.style_of(node)
         return self._styles[id(node)]
 
     def _note_unused(self, root: Node) -> None:

@@ -15,6 +15,15 @@ from ccm_opt.planning.settings import LimitArcSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.robot.arm import Arm
 
+_AMPLE = 0.9
+"""Share of the joints' limits with which guides get to a goal if an arc does. Measured: at 0.98, what steps use unless
+an end asks for more, guides do not reach in 13 s goals for which an arc needs 0.96 of them."""
+_HEADING_LENGTH = 0.25
+"""Distance of the tip, in arm lengths, that counts as much as a radian of its heading when the arcs that come nearest
+to the goal are chosen. Taste."""
+_RELEASES = 8
+"""Joints beyond their limits are held, and the step taken anew, up to so often. Taste."""
+
 
 @dataclass(frozen=True)
 class ArcsAtLimits:
@@ -39,7 +48,7 @@ class ArcsAtLimits:
         Returns:
             Link headings of poses that may touch something, each of shape (links,) [rad].
         """
-        if self.poses(self.settings.ample, 1):
+        if self.poses(_AMPLE, 1):
             return ()
         return self.poses(full, self.settings.kept)
 
@@ -78,7 +87,7 @@ class ArcsAtLimits:
         bends[:, 0] = wrap(first - arm.base_heading)
         missed = np.abs(np.linalg.norm(tip, axis=1) - np.linalg.norm(towards)) / arm.length
         if self.goal.heading is not None:
-            missed = np.hypot(missed, settings.heading_length * wrap(first + turned[:, -1] - self.goal.heading))
+            missed = np.hypot(missed, _HEADING_LENGTH * wrap(first + turned[:, -1] - self.goal.heading))
         bends = bends[np.argsort(missed, kind="stable")]
         nearest: FloatArray = bends[np.abs(bends[:, 0]) <= bounds[0]][: settings.tried]
         return nearest
@@ -119,7 +128,7 @@ class ArcsAtLimits:
         free = np.ones(len(bends), dtype=bool)
         ridge = settings.ridge * np.eye(len(error))
         step = np.zeros(len(bends))
-        for _ in range(settings.releases):
+        for _ in range(_RELEASES):
             moving = rows * free
             step = moving.T @ np.linalg.solve(moving @ moving.T + ridge, error)
             step *= min(1.0, settings.turn / max(float(np.abs(step).max()), TINY))

@@ -12,6 +12,13 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import GoalPose, Stepper, polish, smoothness_terms
 
+_SETTLE_LEAST = 20
+"""Settling steps that are taken even if the arm hardly moves. Taste."""
+_SETTLE_MOVED = 1e-5
+"""Turn of a link below which the arm hardly moves [rad]. Taste."""
+_POLISH_DISTANCE = 0.1
+"""Distance from the goal at which polishing is tried, in nominal links. Taste."""
+
 
 class Guide(Protocol):
     """Says where the arm should go next, and when it has arrived."""
@@ -110,7 +117,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
             break
         moved = np.max(np.abs(pose.headings - before.headings))
         # Not before some steps: the weight of the goal has to outgrow the rest first.
-        if k > settings.settle_least and moved < settings.settle_moved:
+        if k > _SETTLE_LEAST and moved < _SETTLE_MOVED:
             break
     if goal.met(pose):
         return poses
@@ -126,7 +133,7 @@ def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     distance, turn = goal.errors(pose)
     # Newton's method has no rows for walls: a long jump might pass through one, and the pose at its end show nothing of
     # it.
-    if distance > settings.polish_distance * space.nominal_length or turn > settings.polish_turn:
+    if distance > _POLISH_DISTANCE * space.nominal_length or turn > settings.polish_turn:
         return None
     final = stepper.pose(polish(space, goal, pose.v))
     if not goal.on_goal(final) or not goal.limits_met(final):

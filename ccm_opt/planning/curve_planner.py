@@ -43,6 +43,9 @@ from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.solution import JointPath
 
+_CONTACT_SHARE = 0.5
+"""This half."""
+
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
     """A certified, optimised motion near a known one.
@@ -174,7 +177,7 @@ class CurvePlanner:
             ends = resolve_ends(problem, self.settings.motion.ends)
             for limit in self.user_limits:
                 limit.refuse_ends(ends.start, ends.goal_headings)
-            near = neighbourhood(problem, ends, self.settings)
+            near = neighbourhood(problem, ends)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
         end_poses = EndPoses(near, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
@@ -260,7 +263,7 @@ def _nothing_proved() -> None:
 
 def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
     """Of a certificate that keeps to the contact tolerance of a problem."""
-    return replace(settings, contact=settings.contact_share * problem.contact_tolerance)
+    return replace(settings, contact=_CONTACT_SHARE * problem.contact_tolerance)
 
 
 def slowness(problem: Problem) -> JointSlowness:

@@ -24,6 +24,16 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
 
+_GATE_WIDTH = 4e-3
+"""Width of free space, as a share of the arm's length, below which the tip is led straight through a gate. Taste: a
+link with more play than that passes askew."""
+_GATE_RUN = 0.6
+"""Straight run before and behind such a gate, in links, or in nominal links where these are longer. Measured: with 0.3
+one of three scenes of doors and none of three gates is lost, and one takes six times as long; with 0.6 and 1.0 all six
+are found, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
+_LONGEST_ROUTE = 0.985
+"""Routes longer than this share of the arm's length are not looked at. Taste: the arm needs some length to bend."""
+
 
 def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> FreeSpace:
     """Free space for routes, walls that no pose at the goal comes near to left out.
@@ -36,7 +46,7 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
     inflation = settings.route_inflation * problem.arm.length
     kept = settings.least_margin * inflation
     wide = least + inflation
-    workspace = route_workspace(problem, ends, settings)
+    workspace = route_workspace(problem, ends)
     if not ends.goal.is_set:
         goal = shapely.Point(ends.goal.position)
         _, room = workspace.nearest(goal)
@@ -103,7 +113,7 @@ def routes_to(
     """Routes onto one member of the goal that are not too long, shortest first."""
     arm = problem.arm
     entry = run_in(room, member, arm.length / NOMINAL_LINKS, settings)
-    longest = settings.longest_route * arm.length - float(np.hypot(*(member.position - entry)))
+    longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
     shrink = settings.corner_distance * arm.length
     routes = room.routes(arm.base, entry, count, longest=longest, shrink=shrink)
     return [_led_on(room, route, member) for route in routes]
@@ -167,7 +177,7 @@ def tip_paths_along(
     else:
         ways = tuple(route.taut for route in routes)
     link = max(arm.link_length, arm.length / NOMINAL_LINKS)
-    gate_runs = GateRuns(settings.gate_width * arm.length, settings.gate_run * link, arm.base, 1.1 * room.inflation)
+    gate_runs = GateRuns(_GATE_WIDTH * arm.length, _GATE_RUN * link, arm.base, 1.1 * room.inflation)
     drawn = FreeSpace(problem.workspace, room.inflation, settings=room.settings, gate_runs=gate_runs)
     try:
         paths = find_tip_paths(drawn, points, ways, settings.corner_distance * arm.length)

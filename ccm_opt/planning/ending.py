@@ -29,6 +29,11 @@ from ccm_opt.planning.optimisation.optimise import (
 from ccm_opt.planning.settings import BottleneckSettings
 from ccm_opt.planning.step import Stepper
 
+_LEAST_KEYFRAMES = 4
+"""A motion of fewer keyframes has no second differences to speak of. Derived."""
+_ROOMIER = 1.1
+"""As many times the room of another motion decide between two before their lengths do. Taste."""
+
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
     """The task with most of the weight of the path's length put on the joints that a motion turns most.
@@ -40,7 +45,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
     settings = task.settings.bottleneck
     weights = task.weights
     bends = motion.space.drives(motion.headings)
-    if weights.path_length == 0.0 or len(bends) < settings.least_keyframes:
+    if weights.path_length == 0.0 or len(bends) < _LEAST_KEYFRAMES:
         return task
     slowness = task.slowness or JointSlowness.from_limits(np.ones(bends.shape[1]), np.ones(bends.shape[1]))
     busy = JointSlowness(
@@ -122,7 +127,7 @@ def _preferred(motions: list[Motion], task: MotionTask) -> Motion:
     """Of those with nearly the most room and every limit kept the shortest; the first when none keeps them."""
     kept = [motion for motion in motions if keeps_limits(motion, task)]
     most = max((room_of(motion, task) for motion in kept), default=0.0)
-    roomy = [motion for motion in kept if task.settings.optimisation.roomier * room_of(motion, task) >= most]
+    roomy = [motion for motion in kept if _ROOMIER * room_of(motion, task) >= most]
     return min(roomy, key=travel, default=motions[0])
 
 

@@ -17,6 +17,21 @@ from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.contact_finder import WALL, ContactFinder
 
+_TOLERANCE_SHARE = 0.5
+"""Share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
+_PRECISE_PLACE = 5e-3
+"""Position tolerances up to this share of the arm's length say how exactly a place is to be met; wider ones make the
+goal a set. Taste."""
+_PRECISE_TURN = 0.03490658503988659
+"""The same for heading tolerances [rad]. Taste: 2°, twice what is allowed by default."""
+_ROOM_USED = 0.95
+"""Share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing. Taste."""
+_AIM_SHARE = 0.9
+"""Share of the position tolerance by which planning may aim beside a goal that the tip cannot take. Taste."""
+_UPRIGHT = 0.1
+"""Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall.
+Taste."""
+
 
 @dataclass(frozen=True)
 class Ends:
@@ -52,7 +67,7 @@ def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         return Ends(start, tip_goal(problem, problem.goal, settings), None, clamped)
-    headings = _within_limits(problem, _headings(problem, problem.goal), settings)
+    headings = _within_limits(problem, _headings(problem, problem.goal))
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
@@ -69,13 +84,13 @@ def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_EN
     allowed = problem.tolerances
     # Whoever may turn by half a turn either way may point anywhere.
     heading = None if allowed.heading >= np.pi else goal.heading
-    wide = allowed.position > settings.precise_place * problem.arm.length
-    turning = heading is not None and allowed.heading > settings.precise_turn
-    room = (settings.room_used * allowed.position * wide, settings.room_used * allowed.heading * turning)
-    spare = (settings.tolerance_share * allowed.position, settings.tolerance_share * allowed.heading)
+    wide = allowed.position > _PRECISE_PLACE * problem.arm.length
+    turning = heading is not None and allowed.heading > _PRECISE_TURN
+    room = (_ROOM_USED * allowed.position * wide, _ROOM_USED * allowed.heading * turning)
+    spare = (_TOLERANCE_SHARE * allowed.position, _TOLERANCE_SHARE * allowed.heading)
     position = goal.position if wide else aim(problem, goal, settings)
     # An aim beside the goal has used some of the tolerance up.
-    left = settings.room_used * allowed.position - float(np.hypot(*(position - goal.position)))
+    left = _ROOM_USED * allowed.position - float(np.hypot(*(position - goal.position)))
     near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
     return GoalPose(position, heading, room=room, near_enough=near_enough)
 
@@ -86,7 +101,7 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
     A goal out of reach is drawn towards the base, one too near to a wall to the nearest place with room.
     """
     arm = problem.arm
-    slack = settings.aim_share * problem.tolerances.position
+    slack = _AIM_SHARE * problem.tolerances.position
     offset = goal.position - arm.base
 
     # At full stretch the tip cannot move along the arm and Newton would stop; an aim a little nearer keeps the arm
@@ -129,7 +144,7 @@ def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings =
     # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap only
     # falls, by the square of dφ: no turn of the base is free, in either direction.
     sideways = contacts.normal @ np.array([-np.sin(headings[0]), np.cos(headings[0])])
-    return bool(np.any(flush & (np.abs(sideways) < settings.upright)))
+    return bool(np.any(flush & (np.abs(sideways) < _UPRIGHT)))
 
 
 def clamped_arm(arm: Arm) -> Arm:
@@ -143,14 +158,14 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
     return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
 
 
-def _within_limits(problem: Problem, headings: FloatArray, settings: EndSettings) -> FloatArray:
+def _within_limits(problem: Problem, headings: FloatArray) -> FloatArray:
     """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
     arm = problem.arm
     bends = arm.bends(headings)
     kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
     over = float(np.max(np.abs(bends - kept)))
     given = isinstance(problem.goal, JointPose)
-    return arm.headings(kept) if given and 0.0 < over <= settings.room_used * problem.tolerances.heading else headings
+    return arm.headings(kept) if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else headings
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:

@@ -22,6 +22,11 @@ from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.robot.biarc import Biarc
 
+_BEND_PRICE = 1.0
+"""What the tightest bend costs more than a straight way, as a multiple."""
+_LONGEST_LANDING = 1.6
+"""These two may be longer than the straight line by this multiple."""
+
 _BINS = 7
 """Numbers that states are told apart by in followable_search.c."""
 
@@ -80,7 +85,7 @@ class WayArcs:
                 bulge = (1.0 - np.cos(angle)) / curvature
                 places.append(np.column_stack((np.sin(angle) / curvature, bulge[:, None] * side)))
                 turns.append(turn_towards(side, float(angle[-1])))
-                dear.append(1.0 + settings.bend_price * share**2)
+                dear.append(1.0 + _BEND_PRICE * share**2)
         return cls(np.stack(places), np.stack(turns), np.array(dear), step)
 
 
@@ -138,7 +143,7 @@ class FollowSearch:
             nx=nx, ny=ny, nz=nz, choices=choices, samples=samples, most_states=settings.most_states, table=table,
             direction_bins=settings.direction_bins, cell=self.cell, step=self.arcs.length, most=self.most,
             place_bin=settings.place_bin * self.unit, landing=settings.landing * self.unit,
-            longest=settings.longest_landing, radius=self.radius, spacing=0.5 * self.cell, low=self.low,
+            longest=_LONGEST_LANDING, radius=self.radius, spacing=0.5 * self.cell, low=self.low,
             goal=goal.place, directed=goal.direction is not None,
             direction=np.zeros(3) if goal.direction is None else goal.direction,
             price=self.price, left=self.left, arcs=self.arcs.places, turns=self.arcs.turns, dear=self.arcs.dear,
@@ -179,7 +184,7 @@ class FollowSearch:
             return None
         if any(arc.turn * self.radius > 1.001 * arc.length for arc in (biarc.first, biarc.second)):
             return None
-        if biarc.length > self.settings.longest_landing * away:
+        if biarc.length > _LONGEST_LANDING * away:
             return None
         return _along(frame, place, biarc, 0.5 * self.cell)
 

@@ -27,6 +27,9 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.solution import GoalPoseRecord
 
+_ROOM_ENOUGH = 0.9
+"""Share of the wanted gap from which on a pose of the motion's own class is taken without asking for others (taste)."""
+
 
 @dataclass(frozen=True)
 class GoalMemberSettings:
@@ -251,7 +254,7 @@ class EndPoses:
             poses = search.improved(headings)
             own = search.best_of(poses)
         self.said.append((search, own or poses[-1]))
-        if own is not None and own.gap >= self.settings.room_enough * search.wanted_gap:
+        if own is not None and own.gap >= _ROOM_ENOUGH * search.wanted_gap:
             yield own.headings
             return
         with self.stages("configuration"):

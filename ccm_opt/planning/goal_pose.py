@@ -22,6 +22,14 @@ from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import ContactFinder
 
+_CLOSE_ENOUGH = 0.03
+"""A pose that costs no more than this share above what it would cost without walls is not improved upon (taste)."""
+_UNKNOWN_COST = 20.0
+"""Poses drawn cost less than this where no pose is known, in units of the objective (taste: more than having no room
+costs)."""
+_FURTHER_ROUNDS = 3
+"""Most further solutions for one pose, the regions drawn anew about it (measured: as before)."""
+
 
 @dataclass(frozen=True, eq=False)
 class PoseCandidate:
@@ -77,10 +85,10 @@ class GoalPoseSearch:
         """
         own = self._feasible_pose(start)
         found = [] if own is None else [own]
-        known = self.draw_settings.unknown_cost if own is None else own.answer.cost
+        known = _UNKNOWN_COST if own is None else own.answer.cost
         draws = self._draws(start)
         cheapest = draws.cheapest_below(known)
-        enough = (1.0 + self.draw_settings.close_enough) * min((pose.cost for pose in cheapest), default=np.inf)
+        enough = (1.0 + _CLOSE_ENOUGH) * min((pose.cost for pose in cheapest), default=np.inf)
         if known > enough:
             found += self._from_drawn(draws.about(cheapest, known), known, enough, deadline)
 
@@ -137,7 +145,7 @@ class GoalPoseSearch:
     def _refined(self, pose: ArmPose, enough: float, deadline: Deadline | None) -> ArmPose:
         """A pose solved for again in regions drawn anew about it, as long as that pays."""
         best = pose
-        for _ in range(self.draw_settings.further_rounds):
+        for _ in range(_FURTHER_ROUNDS):
             if not _bounded(best) or best.answer.cost <= enough or (deadline is not None and deadline.passed()):
                 break
             again = self._feasible_pose(best.headings)

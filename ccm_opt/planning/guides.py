@@ -30,6 +30,11 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import DEFAULT_GUIDES, InterpolationSettings, TipLedSettings
 
+_COORDINATE_STEP = 1.0
+"""Largest change of a coordinate that is asked for in one step [rad] or [1/m]. Taste."""
+_FOLLOWING_WEIGHT = 0.1
+"""Of a link's heading when it lies on the track, per nominal link. Taste."""
+
 
 @dataclass(frozen=True)
 class TipTrack:
@@ -165,7 +170,7 @@ class TipLed:
         return [
             # The tip goes to its target, and links that lie on the track turn into it;
             Term(tip, error / self.nominal_length, 1.0),
-            Term(turns, turn, settings.following_weight * per_link * on_track),
+            Term(turns, turn, _FOLLOWING_WEIGHT * per_link * on_track),
             # the others do what moves the arm least, which holds the step definite too.
             Term(turns, np.zeros(links), settings.turn_weight * per_link),
             Term(joints, np.zeros(2 * links), settings.motion_weight * per_link),
@@ -242,7 +247,7 @@ class Interpolation:
         del jacobians
         settings = self.settings
         change = self._target_coordinates() - pose.v
-        change = np.clip(change, -settings.coordinate_step, settings.coordinate_step)
+        change = np.clip(change, -_COORDINATE_STEP, _COORDINATE_STEP)
         return [
             Term(self.space.matrix, self.target() - pose.headings, self.space.nominal_per_link),
             # Arms of few links have fewer headings than coordinates: the rest would drift and bend the curve between.

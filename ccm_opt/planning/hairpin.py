@@ -45,6 +45,15 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, HairpinSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_PASSAGE_QUANTILE = 0.25
+"""Of the widths along a path that counts as the passage's; the least alone may be a corner that is only touched.
+Taste."""
+_SAME_LENGTH = 0.5
+"""Hairpins whose lengths differ by less are the same, in nominal links. Taste."""
+_LONGEST_SHAPE = 1.1
+"""The taut path from the base may be this share of the arm's length; it cuts no corner, so the arm itself may fit where
+the path seems a little too long. Taste."""
+
 
 @dataclass
 class Hairpin:
@@ -220,10 +229,10 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
     hairpin = settings.hairpin
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
     # A fold turns inside the width that the arm's own thickness leaves.
-    width = float(np.quantile(widths, hairpin.passage_quantile)) - 2.0 * arm.radius
+    width = float(np.quantile(widths, _PASSAGE_QUANTILE)) - 2.0 * arm.radius
     wanted = hairpin.passage_share * width / stepper.space.nominal_length
     fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
-    others = [length for length in hairpin.lengths if abs(length - fitting) > hairpin.same_length]
+    others = [length for length in hairpin.lengths if abs(length - fitting) > _SAME_LENGTH]
     return fitting, *others
 
 
@@ -267,7 +276,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     def tip_path_length(joint: int) -> float:
         return (arm.links - joint) * arm.link_length + onward(joint)
 
-    longest = stepper.settings.guides.hairpin.longest_shape * arm.length
+    longest = _LONGEST_SHAPE * arm.length
     if new_length(0) > longest:
         return None
     # Hardly too long: the arm leaves its old shape at the base, and may fit where the path keeps off corners.

@@ -25,6 +25,13 @@ from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.workspace import Workspace
 
+_REACH_MARGINS = 4.0
+"""The same in planning margins, where that is more. Taste."""
+_SPARE_IN_GATES = 0.1
+"""The same of the gap in narrow gates. Taste: half of what poses keep there by their margin."""
+_END_REACH = 4.0
+"""Gaps at the ends that are looked at, in spares. Taste."""
+
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Offers better poses at the goal than one in which a motion ends."""
 
@@ -118,7 +125,7 @@ class MotionTask:
         # interval would always fail. Nor for more than a gate leaves beside the arm.
         spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
         in_gates = min((self.gap_about(path.gate_places) for path in self.tip_paths), default=np.inf)
-        spare = min(spare, max(settings.spare_in_gates * in_gates, 0.0))
+        spare = min(spare, max(_SPARE_IN_GATES * in_gates, 0.0))
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
     def at_full_limits(self) -> "MotionTask":
@@ -148,7 +155,7 @@ class MotionTask:
     def _end_finder(self) -> ContactFinder:
         """Of gaps at the ends of the motion."""
         settings = self.settings.search
-        return self.finder(0.0, settings.end_reach * settings.spare * self.arm.length)
+        return self.finder(0.0, _END_REACH * settings.spare * self.arm.length)
 
     def finder(self, margin: float, reach: float) -> ContactFinder:
         """A finder of contacts with a planning margin and a reach [m]."""
@@ -158,7 +165,7 @@ class MotionTask:
     def planning_finder(self, margin: float, nominal_length: float) -> ContactFinder:
         """The finder for steps that keep a planning margin [m], in a space of nominal links of some length [m]."""
         settings = self.settings.search
-        return self.finder(margin, max(settings.reach * nominal_length, settings.reach_margins * margin))
+        return self.finder(margin, max(settings.reach * nominal_length, _REACH_MARGINS * margin))
 
     def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""

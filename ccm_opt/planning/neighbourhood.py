@@ -18,13 +18,24 @@ import shapely
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polygons import nearest_on_segments
 from ccm_opt.planning.ends import Ends
-from ccm_opt.planning.planner_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import Problem
-from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
+_NEIGHBOURHOOD = 0.1
+"""Walls are left out that are farther beyond the arm's reach than this share of its length. Taste: more than any row of
+the search or of the optimisation looks ahead."""
+_OUTLINE_ERROR = 5e-5
+"""Distance by which outlines of many vertices may be simplified, as a share of the arm's length. Taste: less than a
+tenth of what the optimisation keeps off."""
+_OUTLINE_GAP_SHARE = 0.02
+"""The same as a share of the least gap at the ends. Taste."""
+_MANY_VERTICES = 100
+"""Outlines of fewer vertices are not simplified. Taste."""
+_VERTICES_KEPT = 0.7
+"""Outlines of which more than this share of the vertices would stay are left as they are. Taste."""
 
-def simplified(obstacle: Obstacle, error: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE) -> Obstacle:
+
+def simplified(obstacle: Obstacle, error: float) -> Obstacle:
     """An obstacle that contains the given one, grown by at most twice the error [m] and with far fewer vertices.
 
     The obstacle itself where that saves few vertices, or where it cannot be shown to contain the obstacle.
@@ -33,14 +44,14 @@ def simplified(obstacle: Obstacle, error: float, settings: FreeSpaceSettings = D
     if not isinstance(core, shapely.Polygon) or error <= 0.0:
         return obstacle
     before = shapely.get_num_coordinates(core)
-    if before < settings.many_vertices:
+    if before < _MANY_VERTICES:
         return obstacle
     # A ring that loses the vertex at which it begins may move by up to twice what it was allowed.
     for allowed in (error, 0.5 * error):
         simple = shapely.simplify(core, allowed, preserve_topology=True)
         if not isinstance(simple, shapely.Polygon) or shapely.get_num_interior_rings(simple) != len(core.interiors):
             return obstacle
-        if shapely.get_num_coordinates(simple) > settings.vertices_kept * before:
+        if shapely.get_num_coordinates(simple) > _VERTICES_KEPT * before:
             return obstacle
         moved = _rings_moved(core, simple)
         # Between vertices the old outline is no farther from a new edge than at its ends, for distance is convex.
@@ -77,21 +88,21 @@ def _largest_move(old: FloatArray, new: FloatArray) -> float:
     return float(np.linalg.norm(turned - feet, axis=1).max())
 
 
-def neighbourhood(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Problem:
+def neighbourhood(problem: Problem, ends: Ends) -> Problem:
     """The problem with the walls that the arm can come near to, outlines simplified within a share of its gap."""
     arm = problem.arm
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:
         return problem
-    farthest = (1.0 + settings.neighbourhood) * arm.length + arm.radius + workspace.clearance + problem.wanted_gap
+    farthest = (1.0 + _NEIGHBOURHOOD) * arm.length + arm.radius + workspace.clearance + problem.wanted_gap
     near = workspace.near(shapely.Point(arm.base), farthest)
-    error = _outline_error(problem, near, ends, settings)
+    error = _outline_error(problem, near, ends)
     simpler = tuple(simplified(obstacle, error) for obstacle in near.obstacles)
     unchanged = all(one is other for one, other in zip(simpler, near.obstacles, strict=True))
     return replace(problem, workspace=near if unchanged else replace(near, obstacles=simpler))
 
 
-def _outline_error(problem: Problem, near: Workspace, ends: Ends, settings: CurvePlannerSettings) -> float:
+def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
     """How far outlines may grow [m]: a small share of the arm's length, and of the gaps that the ends have."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions(ends.start))]
@@ -103,10 +114,10 @@ def _outline_error(problem: Problem, near: Workspace, ends: Ends, settings: Curv
         float(np.min(shapely.distance(_cores(near), shape) - _roundings(near), initial=np.inf)) for shape in shapes
     ]
     gap = max(0.0, min(apart) - arm.radius - problem.workspace.clearance)
-    return min(settings.outline_error * arm.length, settings.outline_gap_share * gap)
+    return min(_OUTLINE_ERROR * arm.length, _OUTLINE_GAP_SHARE * gap)
 
 
-def route_workspace(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Workspace:
+def route_workspace(problem: Problem, ends: Ends) -> Workspace:
     """The room with those obstacles that poses at the goal can come near to."""
     arm = problem.arm
     workspace = problem.workspace
@@ -119,7 +130,7 @@ def route_workspace(problem: Problem, ends: Ends, settings: CurvePlannerSettings
     middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
     radii = 0.5 * np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1) + _roundings(workspace)
     nearest = _sum_of_distances(middles, arm.base, goal) - 2.0 * (radii + 2.0 * (arm.radius + workspace.clearance))
-    within: BoolArray = nearest <= (1.0 + settings.neighbourhood) * arm.length + ends.goal.room[0]
+    within: BoolArray = nearest <= (1.0 + _NEIGHBOURHOOD) * arm.length + ends.goal.room[0]
     kept = tuple(obstacle for obstacle, matters in zip(workspace.obstacles, within, strict=True) if matters)
     return replace(workspace, obstacles=kept)
 

@@ -24,6 +24,9 @@ from ccm_opt.planning.settings import SlidingSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_BOWING = 3.0
+"""Way over which the arm is bent to a side at first, in nominal links. Taste."""
+
 
 @dataclass
 class SlidingOut:
@@ -68,7 +71,7 @@ class SlidingOut:
         curvature[:, 1 : KNOTS + 1] = unit * np.eye(KNOTS)
         even = np.diff(curvature, axis=0)
         wanted = -curvature @ pose.v
-        if self.back < settings.bowing * unit:
+        if self.back < _BOWING * unit:
             # A straight arm that is pushed along itself may buckle to either side, or into many waves.
             behind = np.linspace(0.0, self._arcs[-1], KNOTS) < self.mouth - self.back
             wanted = wanted + self.side * settings.bow * behind

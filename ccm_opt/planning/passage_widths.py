@@ -11,6 +11,14 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.settings import DEFAULT_GUIDES
 from ccm_opt.scene.walls import Walls
 
+_ROOMY = 3.2
+"""Width that such passages then have, in nominal links. Taste."""
+_FITTING_SHARE = 0.8
+"""Share of the gap beside the arm that a planning margin may be. Taste: with all of it taken, a step could move
+nowhere."""
+_MARGIN_SHARE = 0.5
+"""Where no planning margin fits, this share of the gap that there is serves as one. Taste."""
+
 SPARE = 1.001
 """Rounding: lines are drawn by so much longer when the edges that they cross are looked for."""
 
@@ -28,7 +36,7 @@ def nominal_links_asked(task: MotionTask) -> float:
     narrowest = float(widths.min()) / task.arm.length
     if narrowest * NOMINAL_LINKS >= settings.narrow:
         return NOMINAL_LINKS
-    return min(settings.roomy / max(narrowest, 1e-9), float(task.arm.links))
+    return min(_ROOMY / max(narrowest, 1e-9), float(task.arm.links))
 
 
 def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links: float) -> tuple[float, ...]:
@@ -41,10 +49,10 @@ def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links:
     if gap <= 0.0:
         return margins
     # A margin nearly as wide as the gap closes the passage: the step would never get through.
-    fitting = tuple(margin for margin in margins if margin <= settings.fitting_share * gap)
+    fitting = tuple(margin for margin in margins if margin <= _FITTING_SHARE * gap)
     if fitting:
         return fitting
-    return max(settings.least_margin, settings.margin_share * gap), margins[-1]
+    return max(settings.least_margin, _MARGIN_SHARE * gap), margins[-1]
 
 
 def gap_beside_arm(task: MotionTask) -> float:

@@ -23,6 +23,9 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_FEW_CORNERS = 2
+"""A route with more corners bends the arm so that straight interpolation seldom works. Taste."""
+
 
 def drawn_in(stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath) -> Iterator[GuideCandidate]:
     """The arm drawn back out of the passage that it fills, bowed to either side; none where it fills none.
@@ -139,7 +142,7 @@ def goes_straight(tip_paths: tuple[TipPath, ...], settings: GuideSettings = DEFA
         return False
     first = tip_paths[0]
     straight = _corners(first.taut, settings.corner) == 0
-    return straight and _corners(first.route, settings.corner) <= settings.few_corners
+    return straight and _corners(first.route, settings.corner) <= _FEW_CORNERS
 
 
 def _corners(path: FloatArray, least_turn: float) -> int:

@@ -43,13 +43,8 @@ class PoseDrawSettings:
         kept_off: share of the radius that the axis of a start keeps from walls; the NLP brings the rest (taste).
         penalty: price of missing the goal in the descent, over the largest multiplier (as in any exact penalty).
         forgetting: share of that price that stays from step to step (taste).
-        close_enough: a pose that costs no more than this share above what it would cost without walls is not improved
-            upon (taste).
-        unknown_cost: poses drawn cost less than this where no pose is known, in units of the objective (taste: more
-            than having no room costs).
         drawn_solutions: drawn starts that are solved from, of different classes where there are (measured by
             ``tests.benchmarks.bench_goal_poses``).
-        further_rounds: most further solutions for one pose, the regions drawn anew about it (measured: as before).
     """
 
     starts: int = 40
@@ -66,10 +61,7 @@ class PoseDrawSettings:
     kept_off: float = 0.3
     penalty: float = 2.0
     forgetting: float = 0.7
-    close_enough: float = 0.03
-    unknown_cost: float = 20.0
     drawn_solutions: int = 2
-    further_rounds: int = 3
 
 
 TINY_SHARE = 1e-9

@@ -28,6 +28,14 @@ from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 
+_BEGINNINGS = 2
+"""Configurations along each route from which the static question is asked. Taste: the surplus length to either side."""
+_BROUGHT_ROUNDS = 20
+"""Rounds of random poses that Newton's method brings onto the goal, where neither routes nor drawn poses answer the
+static question. Taste: a tenth of a second each."""
+_BROUGHT = 6
+"""Of these poses so many at most are improved by the NLP, until one serves. Taste."""
+
 
 def brought_poses(
     problem: Problem,
@@ -59,7 +67,7 @@ def brought_poses(
                   connect.goals).poses(rng)
         for each in members
     ]  # fmt: skip
-    for _ in range(settings.brought_rounds):
+    for _ in range(_BROUGHT_ROUNDS):
         for drawn in draws:
             yield from next(drawn)
 
@@ -158,7 +166,7 @@ def brought_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAU
     problem = search.problem
     members = goal_members(problem.arm, search.ends.goal, route_room(problem, search.ends, settings), settings.members)
     poses = brought_poses(problem, problem.arm, search.ends, members, settings)
-    for number, headings in enumerate(islice(poses, settings.brought), start=1):
+    for number, headings in enumerate(islice(poses, _BROUGHT), start=1):
         found = tried_from(search, f"pose brought onto the goal {number}", headings)
         yield found
         if found.best is not None:
@@ -208,6 +216,6 @@ def _configurations(
         # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
         if all(np.max(np.abs(headings - other)) > settings.different for other in found):
             found.append(headings)
-        if len(found) == settings.beginnings:
+        if len(found) == _BEGINNINGS:
             break
     return found, failures

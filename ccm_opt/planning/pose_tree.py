@@ -18,6 +18,19 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, taut_round_base
 from ccm_opt.scene.free_space import FreeSpace
 
+_SHAPE_KNOTS = 6
+"""Curvature of a random shape is linear between so many knots. Taste."""
+_SHAPE_CURVATURE = 3.0
+"""Standard deviation of that curvature, times the arm's length. Taste."""
+_BUMP_TURN = 0.8
+"""Standard deviation of a local change of heading [rad]. Taste."""
+_SHAPES_AS_ROUTES = 0.3
+"""Share of routes that are shapes of the other tree. Taste."""
+_NODE_CHOICE = 4
+"""Of so many random nodes the least used is extended. Taste."""
+_TIP_CHOICE = 6
+"""A place for the tip is given to the nearest of so many nodes, drawn at random. Taste."""
+
 
 @dataclass
 class PoseTree:
@@ -171,9 +184,8 @@ class ExtensionSampler:
     def to_shape(self, tree: PoseTree) -> Extension:
         """The whole arm towards a smooth random shape, from the nearest node."""
         arm = self.stepper.space.arm
-        settings = self.settings
-        knots = self.rng.normal(0.0, settings.shape_curvature / arm.links, settings.shape_knots)
-        bends = np.interp(self._middles(), np.linspace(0.0, 1.0, settings.shape_knots), knots)
+        knots = self.rng.normal(0.0, _SHAPE_CURVATURE / arm.links, _SHAPE_KNOTS)
+        bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
         # The base turns anywhere, but winds no more than half a turn more than some node.
         bends[0] = tree.poses[self._any(tree)].headings[0] + self.rng.uniform(-np.pi, np.pi)
         shape = self._pose(np.cumsum(bends))
@@ -185,7 +197,7 @@ class ExtensionSampler:
         node = self._any(tree)
         width = self.rng.uniform(*settings.bump_widths)
         at = self.rng.uniform(0.0, 1.0)
-        turn = self.rng.normal(0.0, settings.bump_turn)
+        turn = self.rng.normal(0.0, _BUMP_TURN)
         bump = turn * np.exp(-(((self._middles() - at) / width) ** 2))
         return self._towards(tree, node, self._pose(tree.poses[node].headings + bump))
 
@@ -197,7 +209,7 @@ class ExtensionSampler:
     def to_place(self, tree: PoseTree) -> Extension:
         """The tip towards a random free place, from a node whose tip is near it."""
         place = self._free_place()
-        choice = self.rng.integers(len(tree), size=self.settings.tip_choice)
+        choice = self.rng.integers(len(tree), size=_TIP_CHOICE)
         # The nearest of all would be drawn again and again where it is stuck.
         node = int(choice[np.argmin(tree.tip_distances(place)[choice])])
         tip = tree.poses[node].points[-1]
@@ -257,11 +269,11 @@ class ExtensionSampler:
 
     def _any(self, tree: PoseTree) -> int:
         """A random node, rather one that has seldom been drawn."""
-        return tree.least_used(self.rng.integers(len(tree), size=self.settings.node_choice))
+        return tree.least_used(self.rng.integers(len(tree), size=_NODE_CHOICE))
 
     def _any_route(self, other: PoseTree) -> FloatArray:
         """One of the routes, or the shape of a random pose of the other tree."""
-        if len(other) and self.rng.random() < self.settings.shapes_as_routes:
+        if len(other) and self.rng.random() < _SHAPES_AS_ROUTES:
             return other.poses[self._any(other)].points
         return self.routes[int(self.rng.integers(len(self.routes)))]
 

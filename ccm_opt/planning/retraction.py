@@ -26,6 +26,12 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, WithdrawalSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
+_LEAST_WAY = 2.0
+"""Of the tip back through passages in which the arm lies and a fold has no room, for drawing back to be tried first, in
+nominal links. Taste."""
+_NEAR_BASE = 3.0
+"""Links nearer to the base along the arm than this do not count, in nominal links. Taste."""
+
 
 @dataclass
 class Withdrawal:
@@ -193,7 +199,7 @@ def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
     """
     widths = widths_beside_arm(stepper, start, path.taut)
     gate = 4.0 * stepper.space.arm.radius + 2.0 * stepper.finder.margin
-    least = stepper.settings.guides.withdrawal.least_way * stepper.space.nominal_length
+    least = _LEAST_WAY * stepper.space.nominal_length
     folded = widths < width_of_fold(stepper)
     return bool(widths.min(initial=np.inf) < gate or np.mean(folded) * path.length > least)
 
@@ -222,7 +228,7 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
     axis = shapely.LineString(start.points)
     apart = shapely.distance(shapely.points(places), axis)
     # Near the base the way back and the way on lie beside the same links.
-    beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > guides.withdrawal.near_base * unit
+    beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > _NEAR_BASE * unit
     beside = beyond_base & (apart < np.minimum(widths, guides.withdrawal.beside * unit))
     return np.where(beside, widths, np.inf)
 
@@ -239,7 +245,7 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
     """
     arm = stepper.space.arm
     way, (joint, route) = way_back
-    near_base = stepper.settings.guides.withdrawal.near_base * stepper.space.nominal_length
+    near_base = _NEAR_BASE * stepper.space.nominal_length
     if joint * arm.link_length <= near_base:
         # An arm with length to spare curls round its base; from the base itself the way on knows nothing of that.
         joint = 0

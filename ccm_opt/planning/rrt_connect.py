@@ -20,6 +20,14 @@ from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.shortcuts import Shortcuts, dense
 from ccm_opt.planning.step import GoalPose, polish
 
+_BATCH = (4, 32)
+"""Targets that are drawn at once, at least and at most; the batch doubles from round to round. Taste: a plain scene is
+solved by a few extensions, a hard one by tens of thousands, which NumPy does together."""
+_GOAL_ROUNDS = 10
+"""Rounds between two searches for more poses at the goal. Taste."""
+_MOST_GOALS = 40
+"""Poses at the goal that the tree may begin with. Taste."""
+
 _DOUBLINGS = 16
 """More doublings of a batch than there ever are."""
 
@@ -65,7 +73,7 @@ class ConnectSearch:
         """
         last = self.extensions + budget
         while self.found is None and self.extensions < last and not self.over():
-            if self.rounds % self.settings.goal_rounds == 0:
+            if self.rounds % _GOAL_ROUNDS == 0:
                 self._new_goals()
             side = self.rounds % 2
             # As long as there is no pose at the goal only the start's tree can grow.
@@ -76,7 +84,7 @@ class ConnectSearch:
     def _new_goals(self) -> None:
         """Add poses at the goal, if there are more, and try to reach them at once."""
         tree = self.trees[1]
-        if len(tree) and np.count_nonzero(tree.parents[: len(tree)] < 0) >= self.settings.most_goals:
+        if len(tree) and np.count_nonzero(tree.parents[: len(tree)] < 0) >= _MOST_GOALS:
             return
         poses = next(self.goals, None)
         if poses is None or len(poses) == 0:
@@ -85,7 +93,7 @@ class ConnectSearch:
 
     def _extend(self, side: int) -> None:
         """Extend a tree towards random targets, and the other tree towards the new nodes."""
-        low, high = self.settings.batch
+        low, high = _BATCH
         count = min(high, low << min(self.rounds, _DOUBLINGS))
         tree = self.trees[side]
         targets = self.draws.draw(self.rng, count, tree, self.trees[1 - side])

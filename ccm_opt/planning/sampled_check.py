@@ -16,6 +16,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import closest_on_segments, segments_cross
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
+_POINT_SPACING = 0.7
+"""Distance of the places that are looked up on the links, in distances that the axis has to keep. Derived: between
+places so near a corner can come no nearer than 94 % of that distance."""
+
 _TO_CORNER = float(np.sqrt(0.5))
 """From the middle of a square of side 1 to its corner."""
 
@@ -147,7 +151,7 @@ class SampledCheck:
         gap = arm.radius + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, settings.cells)
         least = settings.least_spacing * arm.length
-        parts = int(np.ceil(arm.link_length / max(settings.point_spacing * gap, least)))
+        parts = int(np.ceil(arm.link_length / max(_POINT_SPACING * gap, least)))
         places = _places(arm, parts)
         # A place at arc length s takes the whole of every link before it and part of its own.
         before = arm.link_length * np.arange(arm.links)[:, None]

@@ -18,8 +18,6 @@ class SamplingSettings:
     Attributes:
         cells: of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some
             hundredths of a second, and a cell is a thousandth of the reach.
-        point_spacing: distance of the places that are looked up on the links, in distances that the axis has to keep.
-            Derived: between places so near a corner can come no nearer than 94 % of that distance.
         pose_spacing: how far the tip moves between two poses that are looked at, in the same unit. Taste: what is
             missed between them the certificate sees.
         least_spacing: least value of both spacings, as a share of the arm's length. Taste: for thin arms.
@@ -27,7 +25,6 @@ class SamplingSettings:
     """
 
     cells: int = 2000
-    point_spacing: float = 0.7
     pose_spacing: float = 0.75
     least_spacing: float = 0.005
     stride: int = 8
@@ -75,16 +72,9 @@ class ConnectSettings:
     Attributes:
         few_links: arms with at most so many links are planned in all of their bends. Taste: beyond, shapes drawn at
             random in the bends crumple, and smooth ones are drawn.
-        batch: targets that are drawn at once, at least and at most; the batch doubles from round to round. Taste: a
-            plain scene is solved by a few extensions, a hard one by tens of thousands, which NumPy does together.
         range: longest extension of arms of few links, the mean turn of the links [rad]. Measured: on scenes of 4 to 8
             links half as much takes half as long again.
-        smooth_range: the same for arms of more links. Measured on four hard scenes of 24 links among 30 polygons: 0.4
-            solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds nothing in two of them by
-            60 000.
         least: shortest extension that makes a node [rad]. Taste.
-        bumped: share of targets that are poses of the tree with a part of the arm turned aside. Taste.
-        attracted: share of targets that are poses of the other tree. Taste.
         winding: how far the base turns beyond its directions at the ends at most [rad]. Taste: a whole turn leaves both
             ways round.
         knots: curvature of a smooth target is linear between so many knots at most. Measured on the hardest of these
@@ -92,15 +82,8 @@ class ConnectSettings:
         turning: most that a smooth target turns along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5
             takes 5 s, for an arm that curls up gets out from behind them.
         bump_widths: least and greatest width of a turn aside, as shares of the arm's length. Taste.
-        bump: standard deviation of a turn aside [rad]. Taste.
-        goal_rounds: rounds between two searches for more poses at the goal. Taste.
-        most_goals: poses at the goal that the tree may begin with. Taste.
         few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
             Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
-        whole_arm_budgets: the same for other arms with a goal for the whole arm, but for arms so thin that poses lie
-            nearer to each other than these are wide. Taste: a quarter of a second.
-        middle_budgets: the same once more after the candidates with the widest margin. Taste: three seconds.
-        late_budgets: the same for all, before the trees of poses. Taste: some seconds.
         most_links: arms with more links are not planned so. Taste: a pose costs by the links.
         shortcuts: of shortening what is found, before it is optimised.
         turn: most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation.
@@ -109,23 +92,13 @@ class ConnectSettings:
     """
 
     few_links: int = 10
-    batch: tuple[int, int] = (4, 32)
     range: float = 1.5
-    smooth_range: float = 0.4
     least: float = 0.01
-    bumped: float = 0.2
-    attracted: float = 0.1
     winding: float = 2.0 * np.pi
     knots: int = 12
     turning: float = 25.0
     bump_widths: tuple[float, float] = (0.05, 0.3)
-    bump: float = 0.8
-    goal_rounds: int = 10
-    most_goals: int = 40
     few_budgets: tuple[int, ...] = (5000, 10000, 20000)
-    whole_arm_budgets: tuple[int, ...] = (8000,)
-    middle_budgets: tuple[int, ...] = (60000, 60000)
-    late_budgets: tuple[int, ...] = (60000, 60000)
     most_links: int = 48
     shortcuts: ShortcutSettings = field(default_factory=ShortcutSettings)
     turn: float = 0.15
@@ -138,33 +111,17 @@ class EndSettings:
     """Numbers of the ends of a motion.
 
     Attributes:
-        tolerance_share: share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste.
-        precise_place: position tolerances up to this share of the arm's length say how exactly a place is to be met;
-            wider ones make the goal a set. Taste.
-        precise_turn: the same for heading tolerances [rad]. Taste: 2°, twice what is allowed by default.
-        room_used: share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing.
-            Taste.
-        aim_share: share of the position tolerance by which planning may aim beside a goal that the tip cannot take.
-            Taste.
         stretch: share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at.
             Taste: there the tip cannot move along the arm.
         room_share: share of that tolerance that is left as room beside a wall that is too near to the goal. Taste.
         flush: a mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands
             flush on it. Taste.
-        upright: sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves
-            the wall. Taste.
         reach: gaps that are looked at, as a share of the arm's length. Taste.
     """
 
-    tolerance_share: float = 0.5
-    precise_place: float = 5e-3
-    precise_turn: float = 0.03490658503988659
-    room_used: float = 0.95
-    aim_share: float = 0.9
     stretch: float = 2e-3
     room_share: float = 0.05
     flush: float = 1e-5
-    upright: float = 0.1
     reach: float = 0.02
 
 
@@ -183,14 +140,12 @@ class InterpolationSettings:
         arrived: largest turn between a link and the end at which the interpolation has arrived [rad]. Taste; what is
             left is settled or followed once more.
         coordinate_weight: of the coordinates themselves, which ties down what no link heading shows. Taste.
-        coordinate_step: largest change of a coordinate that is asked for in one step [rad] or [1/m]. Taste.
     """
 
     advance: float = 0.1
     leash: float = 0.4
     arrived: float = 0.1
     coordinate_weight: float = 1e-4
-    coordinate_step: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -201,7 +156,6 @@ class TipLedSettings:
         advance: travel of the target in one step, in nominal links. Taste.
         leash: how far the tip may lag before the target waits, in nominal links. Taste.
         longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
-        following_weight: of a link's heading when it lies on the track, per nominal link. Taste.
         largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
         turn_weight: of every link's turn, per nominal link: the arm moves as little as it can. Taste.
         motion_weight: of every joint's motion, per nominal link. Taste.
@@ -210,7 +164,6 @@ class TipLedSettings:
     advance: float = 0.4
     leash: float = 1.5
     longest_error: float = 1.0
-    following_weight: float = 0.1
     largest_turn: float = 0.3
     turn_weight: float = 0.01
     motion_weight: float = 0.01
@@ -227,9 +180,6 @@ class HairpinSettings:
         lengths: of the hairpin that are tried, in nominal links. Measured: what suits a passage lies between the least
             and the greatest.
         passage_share: length of the hairpin that fits a passage, as a share of its width. Measured.
-        passage_quantile: of the widths along a path that counts as the passage's; the least alone may be a corner that
-            is only touched. Taste.
-        same_length: hairpins whose lengths differ by less are the same, in nominal links. Taste.
         advance: travel of the fold in one step, in nominal links. Measured.
         leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured.
         longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
@@ -237,15 +187,11 @@ class HairpinSettings:
         turn_weight: of every link's turn, per nominal link. Measured.
         motion_weight: of every joint's motion, per nominal link. Taste.
         still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
-        longest_shape: the taut path from the base may be this share of the arm's length; it cuts no corner, so the
-            arm itself may fit where the path seems a little too long. Taste.
         places: of the fold among which is the one where it would have led the tip to the end of its track. Taste.
     """
 
     lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
     passage_share: float = 1.18
-    passage_quantile: float = 0.25
-    same_length: float = 0.5
     advance: float = 0.3
     leash: float = 2.5
     longest_error: float = 1.5
@@ -253,7 +199,6 @@ class HairpinSettings:
     turn_weight: float = 0.002
     motion_weight: float = 0.02
     still_weight: float = 4.0
-    longest_shape: float = 1.1
     places: int = 400
 
 
@@ -262,10 +207,7 @@ class WithdrawalSettings:
     """Numbers of drawing an arm back along itself.
 
     Attributes:
-        least_way: of the tip back through passages in which the arm lies and a fold has no room, for drawing back to be
-            tried first, in nominal links. Taste.
         beside: a place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste.
-        near_base: links nearer to the base along the arm than this do not count, in nominal links. Taste.
         advance: travel of the fold in one step, in nominal links. Taste.
         leash: how far the strand may lag before the fold waits, in nominal links. Taste.
         longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
@@ -275,9 +217,7 @@ class WithdrawalSettings:
         motion_weight: of every joint's motion, per nominal link. Taste.
     """
 
-    least_way: float = 2.0
     beside: float = 2.5
-    near_base: float = 3.0
     advance: float = 0.15
     leash: float = 0.3
     longest_error: float = 1.0
@@ -301,7 +241,6 @@ class SlidingSettings:
             one bow and does not crumple.
         evenness: weight of its differences from knot to knot. Taste.
         turn_weight: of every link's turn, per nominal link. Taste.
-        bowing: way over which the arm is bent to a side at first, in nominal links. Taste.
         bow: curvature to which it is then drawn, in nominal links. Taste.
         beside: a gate lies about the arm if its middle is nearer to it than this, in nominal links. Taste.
     """
@@ -313,7 +252,6 @@ class SlidingSettings:
     bending: float = 0.03
     evenness: float = 0.03
     turn_weight: float = 0.002
-    bowing: float = 3.0
     bow: float = 0.1
     beside: float = 0.5
 
@@ -326,18 +264,11 @@ class PassageWidthSettings:
         samples: places along a path at which its passage is measured. Taste.
         narrow: passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in
             a passage is about a third of its width high, and should not be shorter than a nominal link.
-        roomy: width that such passages then have, in nominal links. Taste.
-        fitting_share: share of the gap beside the arm that a planning margin may be. Taste: with all of it taken, a
-            step could move nowhere.
-        margin_share: where no planning margin fits, this share of the gap that there is serves as one. Taste.
         least_margin: least planning margin, in nominal links. Taste.
     """
 
     samples: int = 96
     narrow: float = 2.5
-    roomy: float = 3.2
-    fitting_share: float = 0.8
-    margin_share: float = 0.5
     least_margin: float = 0.001
 
 
@@ -349,7 +280,6 @@ class GuideSettings:
         heading_window: length over which a track's heading is smoothed, in nominal links. Measured, as the hairpin's
             numbers are.
         corner: turn that makes a corner of a path [rad]. Taste.
-        few_corners: a route with more corners bends the arm so that straight interpolation seldom works. Taste.
         interpolation: of the straight interpolation of coordinates.
         tip_led: of tip-led continuation.
         hairpin: of the travelling hairpin.
@@ -360,7 +290,6 @@ class GuideSettings:
 
     heading_window: float = 2.0
     corner: float = 0.02
-    few_corners: int = 2
     interpolation: InterpolationSettings = field(default_factory=InterpolationSettings)
     tip_led: TipLedSettings = field(default_factory=TipLedSettings)
     hairpin: HairpinSettings = field(default_factory=HairpinSettings)
@@ -378,15 +307,12 @@ class LiftingSettings:
     """Numbers of the repair of a lifted motion.
 
     Attributes:
-        repairs: rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; what six do
-            not mend is planned on the task's own links.
         margin: planning margin of a repair, as a share of the arm's length. Taste.
         reach: contacts nearer than this make rows of a repair, as a share of the arm's length. Taste.
         coordinate_weight: of the coordinates themselves against link headings, which ties down what no link heading
             shows. Taste.
     """
 
-    repairs: int = 6
     margin: float = 1.5e-3
     reach: float = 0.02
     coordinate_weight: float = 1e-4
@@ -397,33 +323,25 @@ class LimitArcSettings:
     """Numbers of the arcs that reach a goal with their joints at their limits.
 
     Attributes:
-        ample: share of the joints' limits with which guides get to a goal if an arc does. Measured: at 0.98, what steps
-            use unless an end asks for more, guides do not reach in 13 s goals for which an arc needs 0.96 of them.
         places: joints at which the side to which an arc bends may change. Taste.
         most_turn: arcs that turn by more than this begin bent less, so that they do not coil up [rad]. Taste.
-        heading_length: distance of the tip, in arm lengths, that counts as much as a radian of its heading when the
-            arcs that come nearest to the goal are chosen. Taste.
         tried: arcs that Newton's method begins from. Taste.
         kept: poses at the goal that motions are looked for to. Taste.
         alike: poses of which no joint differs by more than this share of its limit are one. Taste.
         steps: of Newton's method. Taste.
         turn: most that a joint turns in one of them [rad]. Taste.
-        releases: joints beyond their limits are held, and the step taken anew, up to so often. Taste.
         ridge: added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings.
         arrived: error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the
             optimisation asks of a motion's end.
     """
 
-    ample: float = 0.9
     places: int = 24
     most_turn: float = 7.0
-    heading_length: float = 0.25
     tried: int = 16
     kept: int = 4
     alike: float = 0.3
     steps: int = 30
     turn: float = 0.3
-    releases: int = 8
     ridge: float = 1e-13
     arrived: float = 1e-11
 
@@ -436,22 +354,15 @@ class ObjectiveSettings:
         heading: weight of the turns of the links beside the turns of the joints. Taste.
         unevenness: weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste.
         shape: weight of the curve's curvature and of its differences, in nominal links. Taste.
-        shape_change: share of that weight on changes of the curvature from keyframe to keyframe. Taste.
-        second_heading: weight of the turns of the links in ``∫|q''|²``. Taste.
         ridge: weight on changes of all coordinates, so that the metric is definite. Taste.
         blend: weight on changes of the coordinate that blends a whole-arm goal in. Taste.
-        wall_distance: walls farther than this beyond the planning margin cost nothing where clearance is weighed, as
-            a share of the arm's length. Taste.
     """
 
     heading: float = 1e-3
     unevenness: float = 4e-3
     shape: float = 1e-3
-    shape_change: float = 0.1
-    second_heading: float = 0.1
     ridge: float = 1e-8
     blend: float = 1e-3
-    wall_distance: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -464,13 +375,11 @@ class BottleneckSettings:
         power: of a joint's largest turn from keyframe to keyframe over the root mean square of all joints'. Measured:
             with 1 the same motions last 1 % longer in the median.
         least: that ratio counts as at least this much. Taste.
-        least_keyframes: a motion of fewer keyframes has no second differences to speak of. Derived.
     """
 
     share: float = 0.9
     power: float = 0.5
     least: float = 0.2
-    least_keyframes: int = 4
 
 
 @dataclass(frozen=True)
@@ -478,15 +387,11 @@ class InteriorPointSettings:
     """Numbers of the reference, one nonlinear program.
 
     Attributes:
-        solutions: of the nonlinear program, the sweep regions renewed between them. Taste.
-        wider: rows this many times farther away than those of a sequential step are taken in. Taste.
         iterations: of IPOPT. Taste.
         tolerance: of IPOPT. Taste.
         shortenings: shares of the way to the solution that are tried until one is certified. Taste.
     """
 
-    solutions: int = 2
-    wider: float = 2.0
     iterations: int = 200
     tolerance: float = 1e-5
     shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
@@ -501,134 +406,81 @@ class OptimisationSettings:
             twice as many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
             motion through them is certified. Taste.
-        gate_intervals: the same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for
-            about sixty.
-        gate_halvings: times that legs which fail there may be halved. Taste.
         leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
         first_stride: keyframes that a leg of the thinned motion skips at first. Taste.
         margin: gap that rows ask for beyond contact, as a share of the arm's length. Taste.
         reach: walls and links farther apart than this many links make no rows. Taste.
-        largest_link: share of the arm's length that counts as a link at most. Taste.
         active: rows nearer to their bound than this many such links enter the QP. Taste.
-        active_at_many: share of that at many keyframes. Measured: among 300 and 1000 polygons the same motions in three
-            quarters of the time.
-        sectors: directions that count as different when rows are thinned. Taste.
         groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
-        worth_many: share of the way by which steps at many keyframes have to shorten it for more of them. Taste.
         most_intervals: intervals of a motion beyond which none that lets nothing move is cut finer. Taste.
         rounds: most steps that are taken. Taste.
         first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
-        counted_rounds: as how many of the rounds these count. Measured: with 5, six crooked motions among clutter
-            lasted 2 % longer in the median.
         many: keyframes that are many, as a multiple of the intervals wanted. Taste.
-        kept_share: share of its gap that a motion keeps when it is thinned. Taste.
         lack: share of the wanted gap that an interval may lack without its slack becoming dearer. Taste.
         lack_rise: rise of the price of slack where an interval lacks room, step by step. Taste.
-        highest_lack_price: to which it rises. Taste.
         free_rounds: most steps before it is decided where the motion ends. Taste.
         end_rounds: most steps after that. Taste.
         bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
             Taste.
-        enough_room: share of the wanted gap, or of what the ends leave of it, that is enough. Taste.
-        finer: as many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked
-            it, few gained much with as many as before, some with half as many more, most with this.
         finest: intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step.
-        room_passes: times that steps at these keyframes are begun anew, with fresh prices. Taste.
-        room_rounds: most steps of each. Taste.
-        room_worth: as many times the room have to be gained for one more. Taste.
-        room_growth: as many times the most room so far count as growth. Taste.
-        room_patience: steps without growth after which a pass ends. Taste.
-        roomier: as many times the room of another motion decide between two before their lengths do. Taste.
         room_samples: places beside each leg between keyframes at which the room of a smooth path is measured. Taste.
         moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         tries: QPs of one round before it is given up. Taste.
         worth: share of the objective that a round has to gain. Taste.
-        worth_afresh: share of the objective that has to be gained for prices and damping that let nothing move to be
-            put back to where they began. Taste.
         patience: rounds in a row that may gain less. Taste.
         price: first price of one nominal link of slack. Taste.
         price_rise: its rise where the certificate fails. Taste.
         first_damping: weight on the squared turns of the first step. Taste.
         raised_damping: damping from which a refused step raises it. Taste.
         refused_growth: growth of the damping after a refused step. Taste.
-        halved_growth: its growth after a step of half its length or more. Taste.
         shortened_growth: its growth after a shorter step. Taste.
         good_shrinkage: its fall after a good step. Taste.
         least_damping: least damping. Taste.
         shortenings: shares of a step that are tried until one is certified. Taste.
-        yieldings: times that keyframes about intervals which are not certified take less of a step in gates. Taste.
         yielding: share of its part of the step that such a keyframe keeps each time. Taste.
-        yielding_reach: keyframes on either side that give way with it, less and less. Taste.
         sufficient: share of the foreseen gain at which a step is taken. Taste.
         good: share of the foreseen gain from which a step is good. Taste.
         damping_ridge: damping of coordinates beside that of the turns. Taste.
         slack_curvature: curvature of slack, so that the Hessian is definite. Taste.
-        qp_tolerance: of the QP's solution. Taste.
-        qp_gap: duality gap of the QP's solution; a tenth of it relative. Taste.
-        qp_iterations: of the QP. Taste.
     """
 
     intervals: int = 20
     moved_intervals: tuple[int, ...] = (24, 48, 96)
-    gate_intervals: tuple[int, ...] = (40, 60, 90, 135)
-    gate_halvings: int = 3
     leg_depth: int = 2
     first_stride: int = 16
     margin: float = 1e-3
     reach: float = 2.5
-    largest_link: float = 1.0 / 36.0
     active: float = 1.1
-    active_at_many: float = 0.5
-    sectors: int = 12
     groups: int = 36
-    worth_many: float = 0.05
     most_intervals: int = 60
     rounds: int = 14
     free_rounds: int = 9
     first_rounds: int = 5
-    counted_rounds: int = 2
     many: float = 1.5
-    kept_share: float = 0.8
     lack: float = 0.03
     lack_rise: float = 2.0
-    highest_lack_price: float = 500.0
     end_rounds: int = 5
     bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
-    enough_room: float = 0.95
-    finer: float = 2.2
     finest: int = 80
-    room_passes: int = 2
-    room_rounds: int = 20
-    room_worth: float = 1.1
-    room_growth: float = 1.02
-    room_patience: int = 6
-    roomier: float = 1.1
     room_samples: int = 5
     moved_rounds: int = 24
     tries: int = 5
     worth: float = 3e-3
-    worth_afresh: float = 0.1
     patience: int = 2
     price: float = 30.0
     price_rise: float = 4.0
     first_damping: float = 0.3
     raised_damping: float = 0.05
     refused_growth: float = 6.0
-    halved_growth: float = 2.0
     shortened_growth: float = 3.0
     good_shrinkage: float = 3.0
     least_damping: float = 1e-4
     shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
-    yieldings: int = 6
     yielding: float = 0.4
-    yielding_reach: float = 4.0
     sufficient: float = 0.1
     good: float = 0.6
     damping_ridge: float = 1e-3
     slack_curvature: float = 1e-6
-    qp_tolerance: float = 1e-5
-    qp_gap: float = 1e-3
-    qp_iterations: int = 60
 
 
 @dataclass(frozen=True)
@@ -641,10 +493,6 @@ class SearchSettings:
         tree_margins: margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a
             narrow one gets through. Taste.
         reach: contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less.
-        reach_margins: the same in planning margins, where that is more. Taste.
-        design_links: arms with more links are planned with this many, or as many as narrow passages ask for, and
-            lifted. Measured: of 38 motions found in clutter with this many, 34 held on finer arms as they were.
-        many_links: times that number of links from which lifting pays. Taste.
         lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
             Taste: about what an arm of 24 links leaves the curve by.
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
@@ -653,23 +501,16 @@ class SearchSettings:
             Taste.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
         spare_at_ends: share of the gap at the ends that the certificate may ask for. Taste.
-        spare_in_gates: the same of the gap in narrow gates. Taste: half of what poses keep there by their margin.
-        end_reach: gaps at the ends that are looked at, in spares. Taste.
     """
 
     margins: tuple[float, ...] = (0.06, 0.024)
     tree_margins: tuple[float, ...] = (0.12, 0.06, 0.024)
     reach: float = 0.96
-    reach_margins: float = 4.0
-    design_links: int = 24
-    many_links: float = 1.5
     lift_margin: float = 3e-3
     many_walls: int = 150
     put_off: float = 0.5
     spare: float = 1e-4
     spare_at_ends: float = 0.5
-    spare_in_gates: float = 0.1
-    end_reach: float = 4.0
 
 
 @dataclass(frozen=True)
@@ -692,8 +533,6 @@ class SmoothPathSettings:
         met: by how much a knot may miss them, in their units. Derived: four orders below what the verifier allows.
         rank: singular values below this share of the largest count as none. Taste.
         joint_share: share of a joint limit to which bends beyond that are brought back. Taste.
-        certified_samples: samples of a span between which the certificate takes the headings to be linear. Taste.
-        most_certified: samples of the whole path at most. Taste: the certificate's cost.
     """
 
     least_samples: int = 4
@@ -709,8 +548,6 @@ class SmoothPathSettings:
     met: float = 1e-10
     rank: float = 1e-9
     joint_share: float = 0.995
-    certified_samples: int = 12
-    most_certified: int = 6000
 
 
 @dataclass(frozen=True)
@@ -726,8 +563,6 @@ class RailSettings:
         narrowest: by this share more than the least distance to walls still counts as narrowest. Taste: a hundredth
             of a gate's width; lines before a rounded wall, where there is room aside, refuse motions that exist.
         short: a stretch shorter than this many radii of the gate has one line, not one at either end. Taste.
-        same: lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate
-            differ by rounding.
         across: a line is crossed where that is no farther from its middle, in nominal links. Taste.
         catching_up: most that a step asks a crossing to move towards the middle, in nominal links. Taste.
         newton_steps: most steps onto the middles. Taste.
@@ -742,7 +577,6 @@ class RailSettings:
     places: int = 61
     narrowest: float = 1e-3
     short: float = 0.15
-    same: float = 2e-3
     across: float = 0.25
     catching_up: float = 0.02
     newton_steps: int = 5
@@ -762,24 +596,15 @@ class StepSettings:
             and polishing may err by is a hundredth of a degree at most.
         keep_share: share of the planning margin that every accepted pose keeps. Taste.
         largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
-        closing_share: share of its gap beyond the margin by which a near pair may close in one step. Derived: two
-            links that move towards each other close it at most together.
-        mending_share: share of what a gap lacks to its margin that a step asks for. Taste.
         firm_share: the same that rows ask for, where there is such a step; usually nothing. Taste.
         narrow_firm_share: the same where margins are narrow. Taste.
         push_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste.
-        near_joint_limit: bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little
-            more than a step turns a joint.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
         narrow_ridge: the same where margins are narrow. Measured: beside the heavy weights there the solver does not
             tell a Hessian with the usual ridge definite, and takes 600 iterations where 10 do.
-        gate_ridge: the same in gates, with their equations. Measured on an arm of 48 links in two doors: with the
-            narrow ridge a step took 1165 iterations, with this one 2.
         blend_ridge: the same on coordinates that blend a goal of the whole arm in. Measured on a chain in a horn, 12 to
             96 links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
             with this one 3 to 7.
-        iterations_a_row: most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need
-            more than 24 in all. Taste.
         backtracks: halvings of a step before it is given up. Taste.
         narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
         rails: of what draws joints to the middle of narrow gates.
@@ -789,17 +614,12 @@ class StepSettings:
     full_limit_share: float = 0.9995
     keep_share: float = 0.4
     largest_turn: float = 0.15
-    closing_share: float = 0.5
-    mending_share: float = 0.5
     firm_share: float = 0.0
     narrow_firm_share: float = 0.5
     push_weight: float = 30.0
-    near_joint_limit: float = 0.25
     ridge: float = 1e-9
     narrow_ridge: float = 1e-6
-    gate_ridge: float = 1e-5
     blend_ridge: float = 1e-6
-    iterations_a_row: int = 8
     backtracks: int = 6
     narrow_margin: float = 0.024
     rails: RailSettings = field(default_factory=RailSettings)
@@ -834,13 +654,9 @@ class ContinuationSettings:
         patience: steps without progress before a guide is given up. Taste.
         pauses: poses nearer than this to the one before are dropped [rad], the first that leaves the motion
             certified; a path that almost stands still in places cannot be timed well. Taste.
-        mends: times that poses are put between those in gates between which the motion is not certified. Taste.
         settle_steps: most steps of settling on the goal. Taste.
-        settle_least: settling steps that are taken even if the arm hardly moves. Taste.
-        settle_moved: turn of a link below which the arm hardly moves [rad]. Taste.
         settle_growth: growth of the goal's weight from step to step. Taste.
         still_weight: weight on standing still while settling, for all links together. Taste.
-        polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
         polish_turn: turn of the tip's heading from the goal's at which polishing is tried [rad]. Taste.
     """
 
@@ -848,13 +664,9 @@ class ContinuationSettings:
     jerk: float = 1e-4
     patience: int = 60
     pauses: tuple[float, ...] = (0.02, 1e-3)
-    mends: int = 3
     settle_steps: int = 150
-    settle_least: int = 20
-    settle_moved: float = 1e-5
     settle_growth: float = 0.2
     still_weight: float = 0.5
-    polish_distance: float = 0.1
     polish_turn: float = 0.1
 
 
@@ -867,23 +679,13 @@ class GoalSettings:
             orders below what the verifier allows.
         reached: times that tolerance which still counts as on the goal. Taste.
         polish_steps: most steps of Newton's method. Taste: it converges in four or never.
-        heading_step: largest turn onto the goal's heading that a step asks for [rad]. Taste.
-        distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
-        inwards: share of the room about a goal's position, and about its heading, by which a tip outside is led in
-            beyond the edge. Taste.
         heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
-        least_share: singular values below this share of the largest count as none where equations may depend on each
-            other. Taste.
     """
 
     polish_tolerance: float = 1e-9
     reached: float = 10.0
     polish_steps: int = 12
-    heading_step: float = 0.3
-    distance_step: float = 1.5
-    inwards: float = 0.1
     heading_weight: float = 0.3
-    least_share: float = 1e-10
 
     @property
     def on_goal(self) -> float:
@@ -953,11 +755,6 @@ class TipWalkSettings:
             1.2 to 2.0, where the arm has to be laid anew from its base, never.
         early_walks: before poses at the goal are looked for. Taste: half of what those take in vain, or less.
         late_walks: before the trees. Taste: a few times as many.
-        from_start: how often a walk begins at the start, and not where another has come to. Measured: with a tenth
-            fewer fields are solved, and with none but these, too.
-        onto_goal: how often a walk is led on to the goal, and not only to a place drawn at random. Taste.
-        by_place: how often it is led there by way of such a place, which decides how it passes the walls. Taste.
-        about_goal: how often such places are drawn about the goal, and not about the tip. Taste.
         nearest: distance of such places from there at least, as a share of the arm's length. Taste.
         farthest: at most, likewise. Taste.
         places_drawn: places drawn at once when a free one is looked for. Taste.
@@ -973,10 +770,6 @@ class TipWalkSettings:
     longest_way: float = 0.8
     early_walks: int = 150
     late_walks: int = 120
-    from_start: float = 0.35
-    onto_goal: float = 0.7
-    by_place: float = 0.85
-    about_goal: float = 0.7
     nearest: float = 0.05
     farthest: float = 0.3
     places_drawn: int = 16
@@ -996,13 +789,7 @@ class ExtensionSettings:
         along_route: how often the tip is led back along the arm and out along a route.
         folded: how often the arm is pulled over to a route as a rope.
         to_other: how often the whole arm is led to a pose of the other tree.
-        shape_knots: curvature of a random shape is linear between so many knots. Taste.
-        shape_curvature: standard deviation of that curvature, times the arm's length. Taste.
-        bump_turn: standard deviation of a local change of heading [rad]. Taste.
         bump_widths: least and greatest width of such a change, as shares of the arm's length. Taste.
-        shapes_as_routes: share of routes that are shapes of the other tree. Taste.
-        node_choice: of so many random nodes the least used is extended. Taste.
-        tip_choice: a place for the tip is given to the nearest of so many nodes, drawn at random. Taste.
         places_drawn: places drawn at once when a free one is looked for. Taste.
     """
 
@@ -1012,13 +799,7 @@ class ExtensionSettings:
     along_route: float = 0.1
     folded: float = 0.15
     to_other: float = 0.2
-    shape_knots: int = 6
-    shape_curvature: float = 3.0
-    bump_turn: float = 0.8
     bump_widths: tuple[float, float] = (0.05, 0.3)
-    shapes_as_routes: float = 0.3
-    node_choice: int = 4
-    tip_choice: int = 6
     places_drawn: int = 64
 
 
@@ -1029,31 +810,20 @@ class TreeSettings:
     Attributes:
         steps: of the longest extension. Taste.
         patience: steps without progress before an extension ends. Taste.
-        connection_patience: the same for a connection of the trees; what it does not reach, an extension may. Taste.
         dispersion: distance that nodes keep, as ``heading_weight`` measures it. Taste.
         heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
-        node_interval: least number of steps between two nodes of one extension. Taste.
         saturated: extensions in a row that add no node before the search is given up. Taste.
         most_extensions: extensions in all before the search is given up, however much time is left, so that what is
             found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
-        connections: nodes of the other tree that a new node is connected to, nearest first. Taste.
-        root_interval: extensions between two new poses at the goal. Taste.
-        settling_distance: a tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the
-            leash of tip-led continuation.
         extensions: by which extensions are drawn.
     """
 
     steps: int = 250
     patience: int = 12
-    connection_patience: int = 5
     dispersion: float = 0.04
     heading_weight: float = 0.1
-    node_interval: int = 10
     saturated: int = 80
     most_extensions: int = 400
-    connections: int = 1
-    root_interval: int = 40
-    settling_distance: float = 3.0
     extensions: ExtensionSettings = field(default_factory=ExtensionSettings)
 
 
@@ -1089,10 +859,7 @@ class UserLimitSettings:
         keyframe_turn: a keyframe that needs a larger turn of a link to meet its equations does not meet them [rad].
             Taste.
         reserve: share of the kept margin that a gap keeps between keyframes, for what lies between samples. Taste.
-        knot_reserves: reserves to which a knot of the smooth path is moved that has less than half of that. Measured:
-            with 2 a path at the edge of a camera's view was refused, with 4 it is laid.
         samples: samples of an interval between keyframes. Taste.
-        near_end: share of the intervals at either end at which a gap may be as narrow as at that end. Taste.
     """
 
     margin: float = 2e-3
@@ -1109,9 +876,7 @@ class UserLimitSettings:
     far: float = 2.0
     keyframe_turn: float = 0.5
     reserve: float = 0.02
-    knot_reserves: float = 4.0
     samples: int = 4
-    near_end: float = 0.1
 
 
 @dataclass(frozen=True)

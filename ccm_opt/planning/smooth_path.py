@@ -21,6 +21,11 @@ from ccm_opt.planning.settings import SmoothPathSettings
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 from ccm_opt.robot.arm import Arm
 
+_CERTIFIED_SAMPLES = 12
+"""Samples of a span between which the certificate takes the headings to be linear. Taste."""
+_MOST_CERTIFIED = 6000
+"""Samples of the whole path at most. Taste: the certificate's cost."""
+
 
 def path_through_knots(motion: Motion, task: MotionTask) -> BSpline | None:
     """The certified path through knots that meet the task's limits; None when there is none.
@@ -73,7 +78,7 @@ def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
         spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=3)
         missed = _missed_spans(spline, knots, limits, settings.equation_samples)
         if not len(missed):
-            missed = _short_spans(spline, knots, limits, settings)
+            missed = _short_spans(spline, knots, limits)
         if not len(missed):
             return spline
         if len(knots) + len(missed) > settings.most_spans:
@@ -157,11 +162,9 @@ def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...],
     return np.unique(np.minimum(np.flatnonzero(missed) // samples, len(knots) - 2))
 
 
-def _short_spans(
-    spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...], settings: SmoothPathSettings
-) -> IntArray:
+def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...]) -> IntArray:
     """Spans in which a limit holds, but with less room than its certificate asks for, sorted."""
-    places = _samples(spline, settings)
+    places = _samples(spline)
     # Sample i to i + 1 lies in the span whose first knot is the last at or before it.
     failing = places[failed_intervals(limits, spline(places))]
     return np.unique(np.clip(np.searchsorted(knots, failing, side="right") - 1, 0, len(knots) - 2))
@@ -170,20 +173,20 @@ def _short_spans(
 def _within_limits(spline: BSpline, task: MotionTask) -> bool:
     """Whether the bends keep their limits at samples of the path."""
     arm = task.arm
-    bends = np.abs(arm.bends(spline(_samples(spline, task.settings.smooth_path))[:, : arm.links]))
+    bends = np.abs(arm.bends(spline(_samples(spline))[:, : arm.links]))
     # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
     return bool(np.all(bends <= np.maximum(arm.bend_limits, bends[[0, -1]].max(axis=0))))
 
 
 def _uncertified(spline: BSpline, task: MotionTask) -> IntArray:
     """Intervals between samples of a path that are not certified."""
-    return task.certificate.failures(spline(_samples(spline, task.settings.smooth_path)))
+    return task.certificate.failures(spline(_samples(spline)))
 
 
-def _samples(spline: BSpline, settings: SmoothPathSettings) -> FloatArray:
+def _samples(spline: BSpline) -> FloatArray:
     """Places along a path, evenly spread in every span."""
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
-    count = max(2, min(settings.certified_samples, settings.most_certified // (len(knots) - 1)))
+    count = max(2, min(_CERTIFIED_SAMPLES, _MOST_CERTIFIED // (len(knots) - 1)))
     return np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)
 
 

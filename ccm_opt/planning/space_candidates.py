@@ -14,6 +14,18 @@ from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.space_arm import SpaceArm
 
+_CLOSE_ONTO_TRACK = 3.0
+"""The same where an arm got stuck on walls; links that are long beside the bends of a duct do with less (measured in
+pipes and slots with 8 and 12 links)."""
+_SHORTCUT_GAP = 0.5
+"""Room that straight parts keep where corners are cut [u]."""
+_DETOUR_PRICE = 4.0
+"""What a way costs more near one that has failed, as a multiple."""
+_DETOURS = 3
+"""Ways that keep away from those before, at most."""
+_SPARE_LENGTH = 2.0
+"""By how much a way may be longer than what an arm can be fed [u]."""
+
 
 @dataclass(frozen=True)
 class BendAllowance:
@@ -148,7 +160,7 @@ class SpaceTipWays:
             if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
                 seen.append(way)
                 yield TipWay("behind the tip", way, settings.ways.close, settings.guide.onto_track)
-                yield TipWay("close behind the tip", way, settings.ways.close, settings.guide.close_onto_track)
+                yield TipWay("close behind the tip", way, settings.ways.close, _CLOSE_ONTO_TRACK)
                 yield TipWay("behind the tip, more freely", way, settings.ways.close)
 
     def _followable(
@@ -160,7 +172,7 @@ class SpaceTipWays:
         nearness, margin = price
         grid = self._grid(cells, margin, allowance.beside, self._longest_followed)
         avoided = self._followed
-        dear = _prices(grid, avoided, task.settings.ways.detour_price) if avoided else None
+        dear = _prices(grid, avoided, _DETOUR_PRICE) if avoided else None
         prices = grid.prices(nearness, dear)
         search = FollowableWays(grid, prices, allowance.radius, task.unit, settings, task.deadline)
         most = self._longest_followed
@@ -183,7 +195,7 @@ class SpaceTipWays:
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
         """Ways that keep away from those that have failed already."""
         settings = self.task.settings.ways
-        for _ in range(settings.detours):
+        for _ in range(_DETOURS):
             way = self._through_grid(cells, settings.nearness[0], settings.margins[-1], settings.approaches[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
                 return
@@ -217,7 +229,7 @@ class SpaceTipWays:
         if task.deadline.passed():
             return None
         grid = self._grid(cells, margin)
-        dear = None if avoided is None else _prices(grid, avoided, task.settings.ways.detour_price)
+        dear = None if avoided is None else _prices(grid, avoided, _DETOUR_PRICE)
         places = [self.start, *self._ends(approach)]
         inner = places[:-1] if len(places) > 2 and self.direction is not None and approach > 0.0 else places
         parts = []
@@ -225,7 +237,7 @@ class SpaceTipWays:
             part = grid.cheapest_way(before, after, nearness, dear)
             if part is None:
                 return None
-            kept = task.arm.radius + task.clearance + task.settings.ways.shortcut_gap * task.unit
+            kept = task.arm.radius + task.clearance + _SHORTCUT_GAP * task.unit
             parts.append(shortened(task.tree, part, kept, task.unit))
         parts.append(np.stack(places[len(inner) - 1 :]))
         return self._joined(parts)
@@ -233,7 +245,7 @@ class SpaceTipWays:
     @property
     def _longest_followed(self) -> float:
         """Length of the longest way to where the approach begins that an arm can follow behind its tip [m]."""
-        return (self.fed or 0.0) + self.task.settings.followable.spare_length * self.task.unit
+        return (self.fed or 0.0) + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
         """The grid of places with room for the tip, a share of the margin and a further distance [m].

@@ -15,6 +15,9 @@ from ccm_opt.planning.space_settings import SpaceConnectSettings
 from ccm_opt.planning.space_step import SpaceStepper, moved_metric
 from ccm_opt.planning.space_sweep import edge_is_safe, in_pieces
 
+_EXTENSION = 2.0
+"""Longest edge, in the norm of turns of the links [rad]."""
+
 
 @dataclass(eq=False)
 class _Tree:
@@ -104,7 +107,7 @@ class Connect:
         length = float(np.linalg.norm(way @ self._root))
         if length < 1e-9:
             return near
-        v = tree.leaves[near] + way * min(1.0, self.settings.extension / length)
+        v = tree.leaves[near] + way * min(1.0, _EXTENSION / length)
         if not edge_is_safe(self.stepper, tree.leaves[near], v, self.stepper.settings.certificate.step_depth):
             return None
         tree.leaves.append(v)

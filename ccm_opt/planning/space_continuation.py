@@ -11,6 +11,9 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 
+_POLISH = 0.5
+"""From how near Newton's method puts the arm onto the goal [u]."""
+
 
 @dataclass(frozen=True)
 class SpaceTipPose:
@@ -71,7 +74,7 @@ def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> Spac
     settings = stepper.settings.guide
     unit = stepper.unit
     distance, turn = goal.errors(pose)
-    if distance > settings.polish * unit or turn > settings.polish_turn:
+    if distance > _POLISH * unit or turn > settings.polish_turn:
         return None
     now = onto_goal(stepper, goal, pose)
     if now is None or not stepper.within_limits(now.q) or not keeps_terms_at_goal(stepper, now):

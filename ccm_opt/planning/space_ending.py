@@ -34,6 +34,14 @@ from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.biarc import straight_at_exit
 from ccm_opt.solution import SpaceGoalPoseRecord
 
+_OPENING = 1.05
+"""Gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a little more, so
+that the planes of the NLP leave all that is wanted (taste)."""
+_OPENING_STEPS = 20
+"""Most of these; five bring nearly all that there is."""
+_OPENING_WEIGHT = 10.0
+"""Of the goal in them, beside the pull of walls that are too near."""
+
 
 def opened(task: SpaceTask, motion: SpaceMotion) -> list[SpacePose]:
     """Poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
@@ -46,14 +54,14 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[SpacePose]:
         The first is the motion's end; there are no others where steps do not lead back onto the goal.
     """
     settings = task.settings.ending
-    stepper = task.stepper(motion.curve, settings.opening * task.wanted_gap / task.margin)
+    stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
     pose = stepper.pose(motion.unknowns[-1])
     poses = [pose]
     if task.goal is None:
         return poses
-    for _ in range(settings.opening_steps):
+    for _ in range(_OPENING_STEPS):
         before = pose
-        pose = stepper.step(pose, terms_to_goal(stepper, task.goal, pose, settings.opening_weight))
+        pose = stepper.step(pose, terms_to_goal(stepper, task.goal, pose, _OPENING_WEIGHT))
         if pose is before or task.deadline.passed():
             break
         poses.append(pose)

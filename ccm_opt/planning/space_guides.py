@@ -10,6 +10,9 @@ from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
 from ccm_opt.planning.space_settings import SpaceGuideSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
+_TRACK_LEASH = 1.0
+"""The same where all joints are drawn onto the track of the tip [u]."""
+
 _FINE = 0.05
 """Spacing of places at which links on a track are looked at, in links."""
 _LONGEST = 2.0
@@ -222,7 +225,7 @@ class SpaceTrackLed:
     def progress(self, pose: SpacePose) -> bool:
         """Move the target on if the tip keeps up; whether it did."""
         moved = False
-        leash = self._settings.track_leash * self._unit
+        leash = _TRACK_LEASH * self._unit
         step = self._settings.advance * self._unit
         while self._behind(pose) < leash and self._arc != self._end:
             left = self._end - self._arc
@@ -232,7 +235,7 @@ class SpaceTrackLed:
 
     def finished(self, pose: SpacePose) -> bool:
         """Whether the target is at the end, and the tip near it."""
-        return self._arc == self._end and self._behind(pose) < self._settings.track_leash * self._unit
+        return self._arc == self._end and self._behind(pose) < _TRACK_LEASH * self._unit
 
     def describe(self, pose: SpacePose) -> str:
         """How far the tip has come, in words."""

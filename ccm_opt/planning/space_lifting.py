@@ -20,6 +20,13 @@ from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.space_arm import SpaceArm
 
+_MOST_BEND = 0.9
+"""Bound on the bends of the coarse arm's joints [rad]."""
+_RAISED_RIDGE = 1e-2
+"""To which it is raised at once by a step that gains nothing."""
+_RIDGE_RISE = 10.0
+"""Its further rise by such steps, and its fall by others."""
+
 
 def coarse_task(task: SpaceTask) -> SpaceTask | None:
     """What the search is asked for nominal links; None where the arm's own links are to be planned.
@@ -35,7 +42,7 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     curve, start = CurveMap.through(arm, task.start)
     if float(np.max(np.abs(curve.offset), initial=0.0)) > settings.offset:
         return None
-    coarse = coarse_arm(arm, settings)
+    coarse = coarse_arm(arm)
     of_coarse = replace(task, arm=coarse).stepper(CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0], 0.0)
     points = _Along.coarse_joints(arm.links).of(Chains(arm).places(task.start)[0])
     same_curve = start * curve.scale / of_coarse.curve.scale
@@ -72,7 +79,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     return SpaceMotion(curve, unknowns, configurations, f"{found.candidate}, lifted from {found.curve.arm.links} links")
 
 
-def coarse_arm(arm: SpaceArm, settings: LiftingSettings) -> SpaceArm:
+def coarse_arm(arm: SpaceArm) -> SpaceArm:
     """The arm with nominal links, which bend as much over the same length as far as they may.
 
     What it weighs does not matter to the search, so that its mass is spread evenly.
@@ -83,7 +90,7 @@ def coarse_arm(arm: SpaceArm, settings: LiftingSettings) -> SpaceArm:
         arm,
         links=links,
         link_length=arm.length / links,
-        joint_limit=min(arm.joint_limit * arm.links / links, settings.most_bend),
+        joint_limit=min(arm.joint_limit * arm.links / links, _MOST_BEND),
         masses=np.full(links, share * float(np.mean(arm.masses))),
         inertia_axial=np.full(links, share * float(np.mean(arm.inertia_axial))),
         inertia_transverse=np.full(links, share * float(np.mean(arm.inertia_transverse))),
@@ -189,12 +196,12 @@ def _nearest(
         left = ((wanted - along.of(trial.chain.points)) / stepper.unit).ravel()
         gained = float(missing @ missing - left @ left)
         if not gained > 0.0:
-            ridge = settings.ridge_rise * max(ridge, settings.raised_ridge)
+            ridge = _RIDGE_RISE * max(ridge, _RAISED_RIDGE)
             continue
         settled = gained < settings.worth * float(missing @ missing)
         pose = trial
         missing = left
-        ridge = max(ridge / settings.ridge_rise, settings.ridge)
+        ridge = max(ridge / _RIDGE_RISE, settings.ridge)
         if settled:
             break
     return _Laid(pose.v, float(np.max(np.linalg.norm(missing.reshape(-1, 3), axis=1))))

@@ -29,6 +29,16 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 
+_FINER_LACK = 0.15
+"""A motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes and wing boxes
+with few links seven in ten of those come out with all the room that there is."""
+_FINER_INTERVALS = 32
+"""Least number of intervals then."""
+_FINER_PRICE = 400.0
+"""First price of slack then."""
+_PATIENCE_IN_WANT = 3
+"""The same of a motion that lacks room."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Iterate:
@@ -103,7 +113,7 @@ class SequentialConvex:
                 # The rows did not foresee what came of the step: a shorter one.
                 damping = settings.refused_growth * max(following.damping, settings.raised_damping)
                 iterate = replace(best, damping=damping, prices=following.prices)
-            patience = settings.patience if best.lack <= 0.0 else settings.patience_in_want
+            patience = settings.patience if best.lack <= 0.0 else _PATIENCE_IN_WANT
             if idle >= patience or self.task.deadline.passed():
                 break
         return best.sweep.unknowns
@@ -230,10 +240,10 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
     settings = task.settings.optimisation
     first = _optimised(motion, task)
     lacking = _lacking(task, first)
-    if lacking <= settings.finer_lack * task.wanted_gap or task.deadline.passed():
+    if lacking <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
         return first
-    finer = replace(settings, intervals=settings.finer_intervals, price=settings.finer_price)
-    finer = replace(finer, highest_price=settings.highest_price * settings.finer_price / settings.price)
+    finer = replace(settings, intervals=_FINER_INTERVALS, price=_FINER_PRICE)
+    finer = replace(finer, highest_price=settings.highest_price * _FINER_PRICE / settings.price)
     second = _optimised(motion, replace(task, settings=replace(task.settings, optimisation=finer)))
     return second if _lacking(task, second) < lacking else first
 

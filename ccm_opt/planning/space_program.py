@@ -15,6 +15,12 @@ from ccm_opt.planning.space_rows import KeyframeRows, SpaceRows
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
 
+_NEAR_LIMIT = 0.3
+"""Coordinates nearer to their limit than this are limited in the program [rad, m]."""
+_KNOT_BEND = 1.1
+"""Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
+about its place, which is less."""
+
 _FAR = 1e30
 
 
@@ -168,7 +174,7 @@ class SpaceKeyframeProgram:
         arm = sweep.curve.arm
         room_up = arm.upper_limits - sweep.configurations
         room_down = sweep.configurations - arm.lower_limits
-        at, coordinate = np.nonzero(np.minimum(room_up, room_down)[1:] < self.settings.near_limit)
+        at, coordinate = np.nonzero(np.minimum(room_up, room_down)[1:] < _NEAR_LIMIT)
         at = at + 1
         limit_rows = sweep.slopes[at, coordinate]
         limit_lines = m + np.repeat(np.arange(len(at)), p)
@@ -201,6 +207,6 @@ class SpaceKeyframeProgram:
             return sp.csc_matrix((0, count * (p + 1))), np.zeros(0), np.zeros(0)
         rows = arm.link_length * sweep.curve.curvature_rows
         now = sweep.unknowns[1:] @ rows.T
-        most = np.maximum(self.settings.knot_bend * arm.joint_limit, np.abs(now))
+        most = np.maximum(_KNOT_BEND * arm.joint_limit, np.abs(now))
         block = np.hstack((rows, np.zeros((len(rows), 1))))
         return sp.kron(sp.eye(count), block).tocsc(), (-most - now).ravel(), (most - now).ravel()

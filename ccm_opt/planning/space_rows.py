@@ -16,6 +16,11 @@ from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
 
+_MOST_TRAVEL = 0.75
+"""Of the way of a joint over an interval that rows reach for [u]."""
+_PAIR_SHARE = 0.25
+"""Of what links between two leave at full stretch that these are asked to keep apart."""
+
 
 @dataclass(frozen=True, eq=False)
 class SpaceRows:
@@ -96,7 +101,7 @@ def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
     nothing of the way past the edge, and is left to the planes at the keyframes and in between.
     """
     chords = np.linalg.norm(np.diff(sweep.points, axis=0), axis=2)
-    travel = min(0.5 * float(np.max(chords, initial=0.0)), settings.most_travel * sweep.stepper.unit)
+    travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.stepper.unit)
     kept = sweep.stepper.kept + room
     reach = kept + settings.active * sweep.stepper.unit
     interval, link, normal, foot = _half_spaces(sweep, sweep.middle_points, reach + travel, settings)
@@ -217,9 +222,7 @@ def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
         near = motion.near_pairs(points, reach)
         if len(near.first) == 0:
             continue
-        kept = 2.0 * arm.radius + np.minimum(
-            room, settings.pair_share * _slack_between(sweep, near.second - near.first)
-        )
+        kept = 2.0 * arm.radius + np.minimum(room, _PAIR_SHARE * _slack_between(sweep, near.second - near.first))
         off = sweep.halfway_off[k]
         bows = [_lost(near.normal, off[near.first + s] - off[near.second + t]) for s in (0, 1) for t in (0, 1)]
         columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + np.max(bows, axis=0)))

@@ -25,6 +25,9 @@ from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.space_kinematics import joint_positions
 
+_FOLLOW = 0.1
+"""Weight on the links' directions along the track of the tip."""
+
 
 def find_motion(task: SpaceTask) -> SpaceMotion:
     """A certified motion from the start to the goal.
@@ -224,7 +227,7 @@ class _Search:
             poses = [pose]
             for corners, place in self._legs(way):
                 track = SpaceTipTrack.along(poses[-1].chain.points, corners)
-                guide: SpaceGuide = SpaceTipLed(track, task.unit, task.settings.step.follow, task.settings.guide)
+                guide: SpaceGuide = SpaceTipLed(track, task.unit, _FOLLOW, task.settings.guide)
                 if way.followed:
                     guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide, way.followed)
                 poses += follow(stepper, guide, poses[-1], task.deadline)[1:]

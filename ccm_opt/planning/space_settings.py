@@ -63,10 +63,6 @@ class EndingSettings:
             that follows its tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed
             arms keep 0.82 to 1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1.
         bending_from: places along a motion, as shares of it, from where on it is tried to be bent to another end.
-        opening: gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a
-            little more, so that the planes of the NLP leave all that is wanted (taste).
-        opening_steps: most of these; five bring nearly all that there is.
-        opening_weight: of the goal in them, beside the pull of walls that are too near.
         opened: they end when no joint moves farther than this [u].
     """
 
@@ -74,9 +70,6 @@ class EndingSettings:
     enough: float = 0.9
     room_share: float = 1.6
     bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
-    opening: float = 1.05
-    opening_steps: int = 20
-    opening_weight: float = 10.0
     opened: float = 0.02
 
 
@@ -85,7 +78,6 @@ class SpaceConnectSettings:
     """Of the sampler, RRT-Connect in the unknowns of the curve.
 
     Attributes:
-        extension: longest edge, in the norm of turns of the links [rad].
         draws: of targets, at most, each time that it begins.
         rounds: how often it begins with other draws and poses, as long as there is time; the first half of them before
             the finest grid is searched. Measured among 320 bodies.
@@ -94,7 +86,6 @@ class SpaceConnectSettings:
             start and a goal.
     """
 
-    extension: float = 2.0
     draws: int = 8000
     rounds: int = 4
     goals: int = 8
@@ -108,26 +99,20 @@ class LiftingSettings:
     Attributes:
         most_links: arms of no more links are planned as they are.
         clearance: room that the coarse motion keeps beside the clearance [u].
-        most_bend: bound on the bends of the coarse arm's joints [rad].
         time_share: of the time that is left, which the search for nominal links may take.
         offset: bends of the start that no curve shows, beyond which nothing is lifted [rad].
         fits: most steps by which an arm is laid on another.
         ridge: least damping of them, in the squares of nominal links by unknowns.
-        raised_ridge: to which it is raised at once by a step that gains nothing.
-        ridge_rise: its further rise by such steps, and its fall by others.
         near: how far its joints may be off for another beginning not to be tried [u].
         worth: share of the squared distances that a step gains, below which it is the last.
     """
 
     most_links: int = 36
     clearance: float = 0.04
-    most_bend: float = 0.9
     time_share: float = 0.4
     offset: float = 0.02
     fits: int = 20
     ridge: float = 1e-4
-    raised_ridge: float = 1e-2
-    ridge_rise: float = 10.0
     near: float = 0.1
     worth: float = 0.01
 
@@ -158,22 +143,16 @@ class SpaceOptimisationSettings:
     Attributes:
         intervals: least number of intervals; a motion that needs more edges to be certified keeps them.
         many: intervals that are many, as a multiple of that.
-        finer_lack: a motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes
-            and wing boxes with few links seven in ten of those come out with all the room that there is.
-        finer_intervals: least number of intervals then.
-        finer_price: first price of slack then.
         leg_depth: how often an edge of the thinned motion may be halved by its certificate.
         first_stride: keyframes that an edge skips at first.
         rounds: most steps.
         first_rounds: steps at many keyframes, before the motion is thinned again.
         margin: gap that rows ask for beyond contact [u].
         active: rows nearer to their bound than this enter the program [u].
-        most_travel: of the way of a joint over an interval that rows reach for [u].
         between: shares of an interval at which links that lack room have rows too.
         planes: most half-spaces about a link.
         behind: by how much surfaces may stand out from one of them without getting one of their own [u].
         groups: arms with more links than this have rows for groups of neighbouring joints.
-        pair_share: of what links between two leave at full stretch that these are asked to keep apart.
         price: first price of one nominal link of slack, and what it lacks in room counts in a motion's merit.
         price_rise: its rise where the certificate fails.
         lack: share of the wanted gap that an interval may lack without its slack becoming dearer.
@@ -191,12 +170,8 @@ class SpaceOptimisationSettings:
         good: share of the foreseen gain from which a step is good.
         worth: share of the merit that a round has to gain.
         patience: rounds in a row that may gain less.
-        patience_in_want: the same of a motion that lacks room.
         tries: programs of one round before it is given up.
-        near_limit: coordinates nearer to their limit than this are limited in the program [rad, m].
         spare_turn: of the limits that rows leave [rad, m].
-        knot_bend: bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint
-            takes the mean about its place, which is less.
         slack_curvature: curvature of slack, so that the Hessian is definite.
         tolerance: of the program's solution.
         iterations: of the program.
@@ -205,21 +180,16 @@ class SpaceOptimisationSettings:
 
     intervals: int = 24
     many: float = 1.2
-    finer_lack: float = 0.15
-    finer_intervals: int = 32
-    finer_price: float = 400.0
     leg_depth: int = 4
     first_stride: int = 8
     rounds: int = 24
     first_rounds: int = 2
     margin: float = 0.02
     active: float = 0.3
-    most_travel: float = 0.75
     between: tuple[float, ...] = (0.25, 0.75)
     planes: int = 6
     behind: float = 0.06
     groups: int = 24
-    pair_share: float = 0.25
     price: float = 100.0
     price_rise: float = 4.0
     lack: float = 0.03
@@ -237,11 +207,8 @@ class SpaceOptimisationSettings:
     good: float = 0.6
     worth: float = 0.02
     patience: int = 1
-    patience_in_want: int = 3
     tries: int = 6
-    near_limit: float = 0.3
     spare_turn: float = 0.004
-    knot_bend: float = 1.1
     slack_curvature: float = 1e-6
     tolerance: float = 1e-5
     iterations: int = 60
@@ -277,24 +244,14 @@ class SpaceSmoothPathSettings:
         samples: of a span between which the path is proved as if it were linear.
         feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
             so that none is bent on a span on which the tube holds it [u].
-        user_samples: of a span at which users' constraints are looked at, which are not proved between; taste.
         looks: places for every keyframe of the motion at which the room of the path is looked at.
-        lost_room: share of the wanted gap by which a path may lack more of it than its motion does; taste.
-        roomy_refinements: how often legs of the control polygon are halved to keep room; a path has ever more corners.
         refinements: how often legs of the control polygon are halved.
-        most_control: control points beyond which none are added.
-        limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
     """
 
     samples: int = 4
-    user_samples: int = 32
     feed: float = 0.12
     looks: int = 5
-    lost_room: float = 0.02
-    roomy_refinements: int = 2
     refinements: int = 16
-    most_control: int = 400
-    limit_slack: float = 1e-8
 
 
 @dataclass(frozen=True)
@@ -310,10 +267,6 @@ class SpaceStepSettings:
         turn: largest turn of a link in a step [rad].
         travel: farthest way of a joint in a step [u].
         feed: farthest way of the base in a step [u].
-        travel_near_walls: the same where walls or other links are within reach.
-        still_turns: weight on the turns of the links.
-        still_moves: weight on the ways of the joints.
-        follow: weight on the links' directions along the track of the tip.
         bends: weight on the curve's curvature, as bends of a nominal link.
         evenness: weight on its differences from knot to knot.
         spare_turn: of the joint limits that rows leave [rad].
@@ -329,11 +282,7 @@ class SpaceStepSettings:
     pull: float = 30.0
     turn: float = 0.15
     travel: float = 1.5
-    travel_near_walls: float = 0.8
     feed: float = 0.3
-    still_turns: float = 0.01
-    still_moves: float = 0.01
-    follow: float = 0.1
     bends: float = 1e-4
     evenness: float = 1e-4
     spare_turn: float = 0.005
@@ -348,16 +297,12 @@ class SpaceGuideSettings:
 
     Attributes:
         leash: how far the target may be ahead of the tip [u].
-        track_leash: the same where all joints are drawn onto the track of the tip [u].
         onto_track: weight on their distance from it.
-        close_onto_track: the same where an arm got stuck on walls; links that are long beside the bends of a duct do
-            with less (measured in pipes and slots with 8 and 12 links).
         advance: how far it moves on at a time [u].
         patience: steps without progress before a guide is given up.
         approach: length of the straight end of a path along the wanted direction [u].
         settle_steps: most steps from the end of a path onto the goal.
         settle_growth: by how much the weight of the goal grows from step to step.
-        polish: from how near Newton's method puts the arm onto the goal [u].
         polish_turn: the same of the direction [rad].
         polish_steps: most steps of it.
         pose_step: how far the target moves on at a time on its way to a pose, in unknowns.
@@ -365,15 +310,12 @@ class SpaceGuideSettings:
     """
 
     leash: float = 1.5
-    track_leash: float = 1.0
     onto_track: float = 0.1
-    close_onto_track: float = 3.0
     advance: float = 0.4
     patience: int = 60
     approach: float = 3.0
     settle_steps: int = 60
     settle_growth: float = 0.5
-    polish: float = 0.5
     polish_turn: float = 0.2
     polish_steps: int = 12
     pose_step: float = 0.15
@@ -391,10 +333,7 @@ class WaySettings:
         margins: shares of the margin with which the grid is free; tried in turn until there is a way.
         close: share of the margin that steps keep where the whole of it has failed.
         approaches: lengths of the straight end along the wanted direction, tried in turn [u].
-        shortcut_gap: room that straight parts keep where corners are cut [u].
         far: distance from which on walls do not make a way dearer [u].
-        detour_price: what a way costs more near one that has failed, as a multiple.
-        detours: ways that keep away from those before, at most.
         around: how far beyond everything in the scene ways may go [u]; there is nothing to go round farther out.
     """
 
@@ -404,10 +343,7 @@ class WaySettings:
     margins: tuple[float, ...] = (1.0, 0.0)
     close: float = 0.4
     approaches: tuple[float, ...] = (3.0, 0.0, 1.5, 6.0)
-    shortcut_gap: float = 0.5
     far: float = 2.0
-    detour_price: float = 4.0
-    detours: int = 3
     around: float = 4.0
 
 
@@ -424,13 +360,10 @@ class FollowableWaySettings:
         step: length of the arcs of which a way is made [u].
         bends: of the arcs, as shares of the tightest one; straight ones come first.
         azimuths: towards which arcs bend.
-        bend_price: what the tightest bend costs more than a straight way, as a multiple.
         place_bin: states in one bin count as one: size of its places [u].
         direction_bins: half the number of bins along each side of the six faces of directions.
         landing: from how near two arcs to the goal are tried [u].
-        longest_landing: these two may be longer than the straight line by this multiple.
         most_states: that are looked at.
-        spare_length: by how much a way may be longer than what an arm can be fed [u].
         cells: of the grids that they are looked for in, in turn.
         approaches: lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links
             where these are longer.
@@ -444,13 +377,10 @@ class FollowableWaySettings:
     step: float = 1.0
     bends: tuple[float, ...] = (0.5, 1.0)
     azimuths: int = 8
-    bend_price: float = 1.0
     place_bin: float = 0.5
     direction_bins: int = 2
     landing: float = 6.0
-    longest_landing: float = 1.6
     most_states: int = 20_000
-    spare_length: float = 2.0
     cells: tuple[int, ...] = (200_000, 1_500_000)
     approaches: tuple[float, ...] = (1.0, 0.0)
     prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))

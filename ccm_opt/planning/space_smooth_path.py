@@ -23,6 +23,17 @@ from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_kinematics import joint_positions
 
+_USER_SAMPLES = 32
+"""Of a span at which users' constraints are looked at, which are not proved between; taste."""
+_LOST_ROOM = 0.02
+"""Share of the wanted gap by which a path may lack more of it than its motion does; taste."""
+_ROOMY_REFINEMENTS = 2
+"""How often legs of the control polygon are halved to keep room; a path has ever more corners."""
+_MOST_CONTROL = 400
+"""Control points beyond which none are added."""
+_LIMIT_SLACK = 1e-8
+"""By how much rounding may carry coordinates beyond their limits [rad, m]."""
+
 DEGREE = 3
 
 
@@ -91,10 +102,10 @@ def _missed_spans(user: SpaceUserLimit, spline: BSpline, knots: FloatArray, samp
 def _safe(task: SpaceTask, spline: BSpline) -> bool:
     """Whether a path keeps the limits of coordinates and is certified, linear between its samples."""
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
-    count = max(2 * task.settings.smooth_path.samples, -(-task.settings.smooth_path.most_control // (len(knots) - 1)))
+    count = max(2 * task.settings.smooth_path.samples, -(-_MOST_CONTROL // (len(knots) - 1)))
     places = np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)
     q = np.asarray(spline(places))
-    slack = task.settings.smooth_path.limit_slack
+    slack = _LIMIT_SLACK
     within = np.all(q >= task.arm.lower_limits - slack) and np.all(q <= task.arm.upper_limits + slack)
     return bool(within) and len(task.certificate.failures(q)) == 0
 
@@ -176,12 +187,12 @@ def _drawn_near(
         ends = _span_ends(control, even=u is None)
         spline = path(control[:, :-1], ends)
         places = _failing_places(task, spline)
-        if room is not None and refinement < settings.roomy_refinements:
+        if room is not None and refinement < _ROOMY_REFINEMENTS:
             places = np.append(places, room.lost_places(spline))
         failing = np.unique(np.searchsorted(ends, places, side="right") - 1)
         if len(failing) == 0:
             return spline
-        if len(control) > settings.most_control or task.deadline.passed():
+        if len(control) > _MOST_CONTROL or task.deadline.passed():
             return None
         # A span k is shaped by the control points k to k + 3.
         legs = np.unique(np.clip(np.add.outer(failing, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
@@ -236,7 +247,7 @@ class _Room:
     def lost_places(self, spline: BSpline) -> FloatArray:
         """Where a path lacks more, but for a small share of the wanted room."""
         lacking = _lacking(self.task, np.asarray(spline(self._looks)))
-        return self._looks[lacking > self.lack + self.task.settings.smooth_path.lost_room * self.task.wanted_gap]
+        return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
 
     def lacking(self, spline: BSpline) -> float:
         """What a path lacks of the wanted room at most [m]."""
@@ -303,7 +314,7 @@ def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
     failing = middles[np.unique(task.certificate.failures(q) // samples)]
     if task.user is None:
         return failing
-    user_samples = task.settings.smooth_path.user_samples
+    user_samples = _USER_SAMPLES
     finer = (knots[:-1, None] + np.arange(user_samples) / user_samples * np.diff(knots)[:, None]).ravel()
     return np.concatenate((failing, finer[task.user.missed_on_path(np.asarray(spline(finer)), finer)]))
 

@@ -16,6 +16,13 @@ from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_TRAVEL_NEAR_WALLS = 0.8
+"""The same where walls or other links are within reach."""
+_STILL_TURNS = 0.01
+"""Weight on the turns of the links."""
+_STILL_MOVES = 0.01
+"""Weight on the ways of the joints."""
+
 _FAR = 1e30
 EQUAL = 5
 """DAQP's number for an equation."""
@@ -116,7 +123,7 @@ class SpaceStepper:
     def _scaled(self, pose: SpacePose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
         """The step no longer than its linearisation is good for."""
         settings = self.settings.step
-        travel = settings.travel_near_walls if near_walls else settings.travel
+        travel = _TRAVEL_NEAR_WALLS if near_walls else settings.travel
         turns = np.linalg.norm(pose.chain.turning @ delta, axis=1)
         moves = np.linalg.norm(pose.chain.moving @ delta, axis=1)
         excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (travel * self.unit))
@@ -211,8 +218,8 @@ class SpaceStepper:
         across = self._curvature_differences
         scale = self._per_link
         return [
-            SpaceTerm(turning, np.zeros(len(turning)), settings.still_turns * scale),
-            SpaceTerm(moving, np.zeros(len(moving)), settings.still_moves * scale / self.unit**2),
+            SpaceTerm(turning, np.zeros(len(turning)), _STILL_TURNS * scale),
+            SpaceTerm(moving, np.zeros(len(moving)), _STILL_MOVES * scale / self.unit**2),
             SpaceTerm(curvature, -curvature @ pose.v, settings.bends),
             SpaceTerm(across, -across @ pose.v, settings.evenness),
         ]

@@ -14,6 +14,19 @@ from ccm_opt.planning.pose import Pose, Term, pose_in
 from ccm_opt.planning.settings import GoalSettings, MotionSettings
 from ccm_opt.scene.contact_finder import ContactFinder
 
+_ITERATIONS_A_ROW = 8
+"""Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
+Taste."""
+_HEADING_STEP = 0.3
+"""Largest turn onto the goal's heading that a step asks for [rad]. Taste."""
+_DISTANCE_STEP = 1.5
+"""Largest advance onto the goal that a step asks for, in nominal links. Taste."""
+_INWARDS = 0.1
+"""Share of the room about a goal's position, and about its heading, by which a tip outside is led in beyond the edge.
+Taste."""
+_LEAST_SHARE = 1e-10
+"""Singular values below this share of the largest count as none where equations may depend on each other. Taste."""
+
 _EQUATION = 5
 """The solver's mark of a row that is an equation."""
 
@@ -71,7 +84,7 @@ class Stepper:
             sense[first : first + rows.equations] = _EQUATION
             first += len(rows.upper)
 
-        most = settings.iterations_a_row * len(upper)
+        most = _ITERATIONS_A_ROW * len(upper)
         delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
         if delta is None and np.any(lower[sense == 0] > 0.0):
             # What rows ask to be mended cannot be at once: then it may stay as it is.
@@ -218,18 +231,18 @@ class GoalPose:
         unit = space.nominal_length
         error = self._inwards(pose)
         # A far goal is asked for a stretch at a time: beyond that the linearised tip says nothing of use.
-        error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), TINY))
+        error = error * min(1.0, _DISTANCE_STEP * unit / max(float(np.hypot(*error)), TINY))
         terms = []
         if self.room[0] == 0.0 or np.any(error):
             terms.append(Term(jacobians[-1] / unit, error / unit, weight))
         turn = self.turn(pose)
         if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
             # Some way into the range, or the tip would only creep up to its edge.
-            turn += np.copysign(settings.inwards * self.room[1], turn)
-            step = np.clip(turn, -settings.heading_step, settings.heading_step)
+            turn += np.copysign(_INWARDS * self.room[1], turn)
+            step = np.clip(turn, -_HEADING_STEP, _HEADING_STEP)
             terms.append(Term(space.tip_heading_row, np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
-            rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
+            rows, wanted = limit.mending(space, pose.headings, _HEADING_STEP)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 
@@ -237,7 +250,7 @@ class GoalPose:
         """From a tip outside the room about the position to a place some way inside it, shape (2,) [m]."""
         offset = self.offset(pose)
         distance = float(np.hypot(*offset))
-        return offset if distance == 0.0 else offset * (1.0 + self.settings.inwards * self.room[0] / distance)
+        return offset if distance == 0.0 else offset * (1.0 + _INWARDS * self.room[0] / distance)
 
     def tip_equations(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Rows of the tip that the polish solves, shape (k, p), and by how much they have to change, shape (k,).
@@ -276,7 +289,7 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
         # min ½ δᵀ M δ subject to J δ = e: δ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ e.
         spread = space.spread(v, rows)
         independent = len(error) == of_tip  # what limits add may follow from the tip's equations
-        v = v + spread @ _solved(rows @ spread, error, goal.settings.least_share, independent=independent)
+        v = v + spread @ _solved(rows @ spread, error, _LEAST_SHARE, independent=independent)
     return v
 
 

@@ -20,6 +20,14 @@ from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
 from ccm_opt.planning.tree_search import TREES, search_by_trees
 
+_WHOLE_ARM_BUDGETS = (8000,)
+"""The same for other arms with a goal for the whole arm, but for arms so thin that poses lie nearer to each other than
+these are wide. Taste: a quarter of a second."""
+_MIDDLE_BUDGETS = (60000, 60000)
+"""The same once more after the candidates with the widest margin. Taste: three seconds."""
+_LATE_BUDGETS = (60000, 60000)
+"""The same for all, before the trees of poses. Taste: some seconds."""
+
 
 class Turn(IntEnum):
     """When RRT-Connect has its turn: before the candidates, among them, after them, or after the trees."""
@@ -133,12 +141,12 @@ class ConnectStrategy:
         # Thin arms of many links have their late turn after the trees, for to look at them takes long.
         slow = not few and looked_at_slowly(task)
         if self.turn in {Turn.LATE, Turn.LAST}:
-            return settings.late_budgets if slow == (self.turn is Turn.LAST) else ()
+            return _LATE_BUDGETS if slow == (self.turn is Turn.LAST) else ()
         if few:
             return settings.few_budgets if self.turn is Turn.EARLY else ()
         if task.goal_headings is None or slow:
             return ()
-        return settings.whole_arm_budgets if self.turn is Turn.EARLY else settings.middle_budgets
+        return _WHOLE_ARM_BUDGETS if self.turn is Turn.EARLY else _MIDDLE_BUDGETS
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,17 @@ from ccm_opt.core.polyline import (
 )
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.narrow_gates import gate_rails
 from ccm_opt.scene.workspace import Obstacle
+
+_ARC_STEP = 0.3
+"""Angle between points on an arc round a punctured base [rad]. Taste; the arc is drawn taut, only its class counts."""
+_ARC_RADIUS = 1e-3
+"""Radius of that arc as a share of how far the shorter path strays from the base. Taste; well inside every obstacle's
+gap."""
+_LEAST_CURL = 2.4
+"""An arm whose first link turns by more than this when the arm is drawn taut is curled round its base [rad]. Taste:
+well beyond how bends to and fro lie off the taut line."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +145,7 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
     drawn = leg_headings(without_repeats(taut, ROUNDING))
     # Both end at the tip: wound alike there, their first headings differ by what the base has to turn.
     curl = (drawn[0] - drawn[-1]) - (lying[0] - lying[-1]) + wrap(float(drawn[-1] - lying[-1]))
-    if abs(curl) < free_space.settings.least_curl:
+    if abs(curl) < _LEAST_CURL:
         return points, 0.0
     return taut, float(curl)
 
@@ -174,7 +182,7 @@ def taut_round_base(
     """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
     if len(points) < 2:
         return _taut_route(free_space, route, shrink)
-    return free_space.taut_path(round_base(points, route, side, free_space.settings), shrink=shrink)
+    return free_space.taut_path(round_base(points, route, side), shrink=shrink)
 
 
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
@@ -187,30 +195,27 @@ def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> Floa
     return shapely.get_coordinates(shapely.LineString(path).simplify(SHORTEST))
 
 
-def round_base(
-    points: FloatArray, route: FloatArray, side: int, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
-) -> FloatArray:
+def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
     """Back along the arm, round its base on one side, out along a route.
 
     Args:
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
         route: from the base outwards, shape (k, 2) [m].
         side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
-        settings: how finely and how near to the base the arc is drawn.
 
     Returns:
         Shape (·, 2) [m].
     """
     base = points[0]
     strays = [np.linalg.norm(path - base, axis=1).max() for path in (points, route)]
-    radius = settings.arc_radius * min(strays)
+    radius = _ARC_RADIUS * min(strays)
     inwards = _beyond(points, radius)[::-1]
     outwards = _beyond(route, radius)
 
     first = heading_of(inwards[-1] - base)
     last = heading_of(outwards[0] - base)
     sweep = sweep_on_side(last - first, side)
-    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / settings.arc_step) + 2))
+    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / _ARC_STEP) + 2))
     arc = base + radius * unit_vector(angles)
     return np.vstack((inwards, arc[1:-1], outwards))
 

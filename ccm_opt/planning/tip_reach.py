@@ -44,9 +44,6 @@ class ReachSettings:
         progress: share of the way left that a round may leave, or the place is given up. Taste.
         attempts: neighbours from which a heading is tried in a cell before it counts as not found. Measured: with two a
             map takes a third longer and has one heading in a hundred more.
-        seeks: cells without a pose at most for which poses are sought anew, one after the other, when nothing more is
-            reached from the cells beside. Taste: a quarter of a second each.
-        seek_spacing: of these cells, in cells. Taste.
         motion: of the steps.
     """
 
@@ -58,8 +55,6 @@ class ReachSettings:
     settle_rounds: int = 4
     progress: float = 0.5
     attempts: int = 1
-    seeks: int = 24
-    seek_spacing: int = 3
     motion: MotionSettings = field(default_factory=MotionSettings)
 
 

@@ -32,6 +32,16 @@ from ccm_opt.planning.step import GoalPose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
+_FROM_START = 0.35
+"""How often a walk begins at the start, and not where another has come to. Measured: with a tenth fewer fields are
+solved, and with none but these, too."""
+_ONTO_GOAL = 0.7
+"""How often a walk is led on to the goal, and not only to a place drawn at random. Taste."""
+_BY_PLACE = 0.85
+"""How often it is led there by way of such a place, which decides how it passes the walls. Taste."""
+_ABOUT_GOAL = 0.7
+"""How often such places are drawn about the goal, and not about the tip. Taste."""
+
 
 @dataclass(frozen=True)
 class TipWays:
@@ -64,10 +74,10 @@ class TipWays:
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]
         shrink = self.shrink * float(rng.choice(settings.rounding))
-        onto_goal = bool(rng.random() < settings.onto_goal)
-        if onto_goal and rng.random() >= settings.by_place:
+        onto_goal = bool(rng.random() < _ONTO_GOAL)
+        if onto_goal and rng.random() >= _BY_PLACE:
             return self._led_onto(np.vstack((tip, entry)), place, shrink), True
-        middle = place if rng.random() < settings.about_goal else tip[0]
+        middle = place if rng.random() < _ABOUT_GOAL else tip[0]
         via = self._free_place(middle, rng)
         if not onto_goal:
             return self._led_onto(np.vstack((tip, via)), via, shrink), False
@@ -253,7 +263,7 @@ class TipWalks:
 
     def _beginning(self) -> int:
         """Number of the pose where the next walk begins: the start, or rather one near the goal and seldom used."""
-        if self.rng.random() < self.settings.from_start:
+        if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached
         distances = reached.tip_distances(self.runs[0].goal.position) / reached.length

@@ -23,6 +23,18 @@ from ccm_opt.planning.settings import TreeSettings
 from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_CONNECTION_PATIENCE = 5
+"""The same for a connection of the trees; what it does not reach, an extension may. Taste."""
+_NODE_INTERVAL = 10
+"""Least number of steps between two nodes of one extension. Taste."""
+_CONNECTIONS = 1
+"""Nodes of the other tree that a new node is connected to, nearest first. Taste."""
+_ROOT_INTERVAL = 40
+"""Extensions between two new poses at the goal. Taste."""
+_SETTLING_DISTANCE = 3.0
+"""A tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the leash of tip-led
+continuation."""
+
 TREES = "trees"
 """Name of what is found, among the names of candidates."""
 
@@ -155,7 +167,7 @@ class TreeSearch:
     def run(self) -> None:
         """Extend the trees in turn."""
         while not self.found and not self.task.deadline.passed() and not self._exhausted:
-            if self.extensions % self.task.settings.root_interval == 0:
+            if self.extensions % _ROOT_INTERVAL == 0:
                 self._draw_root()
             side = self.extensions % 2 if len(self.trees[_Root.GOAL]) else _Root.START
             self._extend(side)
@@ -218,7 +230,7 @@ class TreeSearch:
         # Poses too near to known ones stay inside an edge, so that every node records how it was reached.
         for k, pose in enumerate(poses[1:], start=1):
             edge.append(pose)
-            long_enough = k == last or len(edge) >= settings.node_interval
+            long_enough = k == last or len(edge) >= _NODE_INTERVAL
             if long_enough and tree.distances(pose).min() > settings.dispersion:
                 node = tree.add(node, edge)
                 added.append(node)
@@ -233,7 +245,7 @@ class TreeSearch:
         tree = self.trees[_Root.START]
         pose = tree.poses[node]
         distance, _ = task.goal.errors(pose)
-        if distance > task.settings.settling_distance * task.space.nominal_length:
+        if distance > _SETTLING_DISTANCE * task.space.nominal_length:
             return
         try:
             poses = settle(task.steppers[-1], task.goal, pose, task.deadline)
@@ -251,12 +263,11 @@ class TreeSearch:
         if not len(other):
             return
         pose = tree.poses[node]
-        settings = self.task.settings
         interpolation = self.task.steppers[-1].settings.guides.interpolation
-        for target in np.argsort(other.distances(pose))[: settings.connections]:
+        for target in np.argsort(other.distances(pose))[:_CONNECTIONS]:
             end = other.poses[int(target)]
             guide = Interpolation(self.task.space, pose.v, end.v, settings=interpolation)
-            poses = self._led(guide, pose, settings.connection_patience)
+            poses = self._led(guide, pose, _CONNECTION_PATIENCE)
             arrived = guide.finished(poses[-1])
             if arrived:
                 poses = [*poses, end]

@@ -7,6 +7,20 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, GridSettings
 
+_EVEN_SHARE = 0.3
+"""Share of the intervals that is spread evenly over the spans, for those where the path turns rather than moves; the
+others go by length. Taste."""
+_END_HALVINGS = 8
+"""Extra points in the first interval and in the last, each half as far from the end of the path as the one before.
+Taste."""
+_STOP_POINTS = 10
+"""Extra points on either side of a stop. Taste."""
+_STOP_RATIO = 0.7
+"""Distance of each of them from the stop, as a share of that of the one before. Taste."""
+_STOPPED = 1e-6
+"""Share of the greatest ``|q'|`` of all knots below which the path stops at a knot. Taste, far above rounding and far
+below what a path that moves has."""
+
 
 def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> FloatArray:
     """Grid points of the path parameter, 0 and 1 included.
@@ -25,15 +39,15 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
     # Two intervals a span at least, however many keyframes there are, up to a bound.
     count = min(max(settings.intervals, 2 * (len(knots) - 1)), settings.most_intervals)
     lengths = span_lengths(spline, knots)
-    even = settings.even_share
+    even = _EVEN_SHARE
     share = (1.0 - even) * lengths / np.sum(lengths) + even * np.diff(knots)
     pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
     # Read over the running count of pieces, the knots turn into spans cut into equal pieces.
     points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
     # A slow joint may reach its speed at once, in the first interval or in the last.
-    ramp = 0.5 ** np.arange(settings.end_halvings, 0, -1)
+    ramp = 0.5 ** np.arange(_END_HALVINGS, 0, -1)
     points = np.concatenate(([0.0], points[1] * ramp, points[1:-1], 1.0 - (1.0 - points[-2]) * ramp[::-1], [1.0]))
-    return _around_stops(points, stops(spline, knots, settings.stopped), settings)
+    return _around_stops(points, stops(spline, knots, _STOPPED))
 
 
 def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
@@ -42,10 +56,10 @@ def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
     return np.asarray(knots[1:-1][rates[1:-1] < share * np.max(rates)])
 
 
-def _around_stops(points: FloatArray, places: FloatArray, settings: GridSettings) -> FloatArray:
+def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
     """Grid points drawn closer and closer to stops from both sides, where the path speed grows without bound."""
     at = np.searchsorted(points, places)
-    ramp = settings.stop_ratio ** np.arange(1, settings.stop_points + 1)
+    ramp = _STOP_RATIO ** np.arange(1, _STOP_POINTS + 1)
     near = [points[at, None] + (points[at + side] - points[at])[:, None] * ramp for side in (-1, 1)]
     return np.union1d(points, np.concatenate(near).ravel())
 

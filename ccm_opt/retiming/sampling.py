@@ -22,6 +22,10 @@ from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import JointPath, JointTrajectory
 
+_BESIDE_JUMP = 0.02
+"""Share of a step by which such a sample is at least away from its neighbours. Derived: nearer than this to a sample, a
+jump adds less than 4 %."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -89,7 +93,7 @@ def sample_motion(
     if chords is not None:
         time = near_the_path(spline, profile, time, chords, coordinates, settings)
     if jumps is not None:
-        time = with_jumps(time, jumps, settings.beside_jump)
+        time = with_jumps(time, jumps, _BESIDE_JUMP)
     return samples_at(spline, profile, time)
 
 

@@ -37,6 +37,27 @@ from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
+_GRID_SHARE = 0.99
+"""Share of every limit used at the grid points. Taste: it leaves room for what is passed between them."""
+_NEGLIGIBLE = 1.004
+"""Stretch of time that is not worth another round. Taste."""
+_LEAST_TANGENT = 0.5
+"""Share of the speed at which the tangent of friction was taken, below which it is not taken in the next round.
+Measured: without, the rounds of 1 in 240 random paths with friction end at 1.6 times the best duration, with it at most
+1.002 times."""
+_FRICTION_SHARE = 0.7
+"""Share of the room above the static part that half the friction may take in the rows. Derived: below 1, so that some
+room is left for moving; at terminal velocity half the friction takes 0.5."""
+_TANGENT_SHARE = 0.5
+"""Share of the way to the speeds of the round before at which the tangent of friction is taken, once rows are no longer
+tightened. Measured: with 1 the rounds of 1 in 120 random paths with friction swing between 8.5 and 21.7 s; with 0.5
+they come to 7.5 s, and no other path is timed slower by more than 0.02 %."""
+_SPEED_CAP = 1e6
+"""Bound on ṡ², in units in which a motion takes about 1 s, where nothing moves and so no limit bounds it. Taste."""
+_SLOWEST = 1e-6
+"""What stands for a squared speed of zero inside, as a share of the least that is not. Taste; slowing down mends the
+rows."""
+
 
 class _Lines(NamedTuple):
     """Bounds on y that are linear in x: ``start + slope x``."""
@@ -122,7 +143,7 @@ def reachable_speeds(
         squared[k + 1] = min(max(high, low, 0.0), stage.reach)
 
     # Zeros inside would be stops for ever.
-    slowest = settings.slowest * np.min(squared, where=squared > 0.0, initial=np.max(cap))
+    slowest = _SLOWEST * np.min(squared, where=squared > 0.0, initial=np.max(cap))
     squared[1:-1] = np.maximum(squared[1:-1], slowest)
     return squared
 
@@ -158,7 +179,7 @@ def fastest_profile(
     Returns:
         The profile, its speeds positive inside; ``timed_by`` says what found them.
     """
-    capped = np.minimum(cap, settings.speed_cap / _time_unit(rows) ** 2)
+    capped = np.minimum(cap, _SPEED_CAP / _time_unit(rows) ** 2)
     try:
         return SpeedProfile(rows.s, toppra_speeds(rows, slack, capped), "toppra")
     except RetimingError as failure:
@@ -247,31 +268,31 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
     """
     substeps = settings.substeps
     rows = dense.every(substeps)
-    bounds = _Bounds.before_the_first_round(dense, substeps, settings.grid_share)
+    bounds = _Bounds.before_the_first_round(dense, substeps, _GRID_SHARE)
     # No speed is known before the first round, so its tangent leaves friction out.
     speed = np.zeros(len(rows.s))
     duration = np.inf
     stretched: list[SpeedProfile] = []
 
     for number in range(settings.rounds):
-        tangent = rows.with_friction(speed, settings.friction_share)
+        tangent = rows.with_friction(speed, _FRICTION_SHARE)
         profile = fastest_profile(tangent, bounds.slack(tangent), bounds.cap, settings)
         check = check_profile(profile, dense, substeps, settings.dense_share)
         stretched.append(profile.slowed(check.stretch))
         settled = rows.d is None or abs(profile.duration - duration) <= settings.settled * duration
-        if check.stretch <= settings.negligible and settled:
+        if check.stretch <= _NEGLIGIBLE and settled:
             break
 
         if rows.d is not None:
             # Rows must not be tightened for friction that the tangent missed: the next tangent will not miss it.
-            between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), settings.friction_share)
+            between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), _FRICTION_SHARE)
             check = check_profile(profile, between, substeps, settings.dense_share)
         bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
         # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
-        share = 1.0 if number < settings.tightenings else settings.tangent_share
+        share = 1.0 if number < settings.tightenings else _TANGENT_SHARE
         slowed = speed + share * (np.sqrt(profile.squared) - speed)
         # A tangent at a high speed holds for too much friction at a low one, and may bring the path almost to a stop.
-        speed = np.maximum(slowed, settings.least_tangent * speed)
+        speed = np.maximum(slowed, _LEAST_TANGENT * speed)
         duration = profile.duration
 
     return min(stretched, key=lambda profile: profile.duration)

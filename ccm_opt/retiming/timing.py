@@ -26,6 +26,21 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
+_PERIOD = 1e-3
+"""Time between looks at the smoothed motion, which has no grid of its own [s]. Taste."""
+_JUMP = 0.1
+"""Change of an acceleration or effort, as a share of its limit, at which a sample is put when it happens at once. A
+drive's reference that is interpolated between two samples beside a jump passes the accelerations before and after it by
+up to a third of the jump. Taste: what smaller ones add is within the share that plans leave."""
+_SMALL_STRETCH = 1.01
+"""Stretch of time that keeps the samples where they are on the path; steps are shorter by as much before it. Taste."""
+_RESAMPLINGS = 60
+"""Most samplings, each of a motion slower than the last by at least a small stretch. Derived: they reach 1.8 times the
+duration."""
+_MOST_STRETCH = 100.0
+"""From which on a motion is not slowed down but given up: samples this far beyond a limit are those of a path that
+nothing can be driven along, as one with a corner is, and a motion as slow has millions of them. Taste."""
+
 
 def retime(
     path: JointPath,
@@ -124,21 +139,19 @@ class _Timing:
         spline = self.path.spline
         coordinates = self.path.coordinates
         profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
-        looks = sample_motion(
-            spline, profile, self.settings.smoothing.period, None, coordinates, self.settings.sampling
-        )
+        looks = sample_motion(spline, profile, _PERIOD, None, coordinates, self.settings.sampling)
         # As between the points of a grid, samples will fall beside the looks.
         return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
 
     def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> MotionSamples:
         """Samples that keep the limits, of the motion or one a little slower."""
         settings = self.settings.sampling
-        for _ in range(settings.resamplings):
+        for _ in range(_RESAMPLINGS):
             # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
             samples = sample_motion(
                 self.path.spline,
                 profile,
-                step / settings.small_stretch,
+                step / _SMALL_STRETCH,
                 chords,
                 self.path.coordinates,
                 settings,
@@ -146,10 +159,10 @@ class _Timing:
             )
             samples = self._with_all_seen(samples, profile)
             stretch = needed_stretch(samples, self.limits)
-            if stretch <= settings.small_stretch:
+            if stretch <= _SMALL_STRETCH:
                 return samples.slowed(max(stretch, 1.0))
             self.rows(samples.s)  # a drive that is too weak between grid points is the reason, and is named
-            if stretch > settings.most_stretch:
+            if stretch > _MOST_STRETCH:
                 break
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
@@ -170,7 +183,7 @@ class _Timing:
             return None
         # Rows are shares of the limits, so the greatest coefficient of s̈ is what a change of it does to any of them.
         gain = np.max(np.abs(self._dense.every(self.settings.profile.substeps).a), axis=1)
-        return profile.jumps(gain, self.settings.sampling.jump)
+        return profile.jumps(gain, _JUMP)
 
 
 def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:

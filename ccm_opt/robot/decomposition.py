@@ -14,7 +14,10 @@ import numpy as np
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment import DEFAULT_SEGMENTS, PIECES, POWERS, CurvatureSegment, Knots, SegmentSettings
+from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment, Knots
+
+_FIT_SAMPLES = 65
+"""Headings that a least-squares fit of one segment looks at. Taste: thirteen for each value that it finds."""
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:
@@ -53,9 +56,7 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
     return _replaced(configuration, index, index + 1, parts)
 
 
-def merge_segments(
-    configuration: Configuration, index: int, tolerance: float = 1e-9, settings: SegmentSettings = DEFAULT_SEGMENTS
-) -> Configuration:
+def merge_segments(configuration: Configuration, index: int, tolerance: float = 1e-9) -> Configuration:
     """The same curve with two neighbours merged.
 
     Two segments have up to seven inner knots, one has three. Where the knots that count are three or fewer, as after a
@@ -65,12 +66,11 @@ def merge_segments(
         configuration: the curve.
         index: of the first of the two.
         tolerance: how far the heading may move [rad].
-        settings: of the fit.
 
     Raises:
         ProblemError: one segment cannot follow the two within the tolerance.
     """
-    merged = _joined(configuration, index).fitted(tolerance, settings)
+    merged = _joined(configuration, index).fitted(tolerance)
     return _replaced(configuration, index, index + 2, (merged,))
 
 
@@ -79,7 +79,6 @@ def move_boundary(
     index: int,
     length: float,
     tolerance: float = 1e-9,
-    settings: SegmentSettings = DEFAULT_SEGMENTS,
 ) -> Configuration:
     """The same curve with the boundary between two neighbours elsewhere: one becomes longer, the other shorter.
 
@@ -88,7 +87,6 @@ def move_boundary(
         index: of the first of the two.
         length: the first will have [m].
         tolerance: how far the heading may move [rad].
-        settings: of the fit.
 
     Raises:
         ProblemError: nothing is left of one of the two, or a segment cannot follow its part within the tolerance.
@@ -96,8 +94,8 @@ def move_boundary(
     stretch = _joined(configuration, index)
     if not SHORTEST * stretch.length <= length <= (1.0 - SHORTEST) * stretch.length:
         raise ProblemError(f"the two segments share {stretch.length:g} m; got {length:g} m for the first of them")
-    first = stretch.part(0.0, length).fitted(tolerance, settings)
-    second = replace(stretch.part(length, stretch.length).fitted(tolerance, settings), heading=first.end_heading)
+    first = stretch.part(0.0, length).fitted(tolerance)
+    second = replace(stretch.part(length, stretch.length).fitted(tolerance), heading=first.end_heading)
     return _replaced(configuration, index, index + 2, (first, second))
 
 
@@ -277,7 +275,7 @@ class _Stretch:
             made.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
         return tuple(made)
 
-    def fitted(self, tolerance: float, settings: SegmentSettings) -> CurvatureSegment:
+    def fitted(self, tolerance: float) -> CurvatureSegment:
         """One segment for the stretch: exact where that is possible, else the least-squares fit of its headings.
 
         Raises:
@@ -286,7 +284,7 @@ class _Stretch:
         exact = self._exact()
         if exact is not None:
             return exact
-        fit, error = self._fit(settings.fit_samples)
+        fit, error = self._fit(_FIT_SAMPLES)
         if error > tolerance:
             raise ProblemError(
                 f"one segment cannot follow the two: its heading would be {error:.3g} rad off, {tolerance:.3g} rad are "

@@ -60,21 +60,7 @@ class LinkMarginSettings:
     share: float = 0.2
 
 
-@dataclass(frozen=True)
-class PoseCheckSettings:
-    """What counts as a bad pose in three dimensions.
-
-    Attributes:
-        least_determinant: determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is
-            singular. Taste.
-    """
-
-    least_determinant: float = 0.05
-
-
 DEFAULT_MAPPING = MappingSettings()
 """The mappings' numbers unless others are passed."""
 DEFAULT_LINK_MARGINS = LinkMarginSettings()
 """The margins' numbers unless others are passed."""
-DEFAULT_POSE_CHECK = PoseCheckSettings()
-"""The pose check's numbers unless others are passed."""

@@ -7,7 +7,9 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.robot.link_bodies import DEFAULT_POSE_CHECK, PoseCheckSettings
+
+_LEAST_DETERMINANT = 0.05
+"""Determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is singular. Taste."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,7 @@ class PoseIssue:
     text: str
 
 
-def pose_issues(
-    arm: Arm, angles: FloatArray, settings: PoseCheckSettings = DEFAULT_POSE_CHECK
-) -> tuple[PoseIssue, ...]:
+def pose_issues(arm: Arm, angles: FloatArray) -> tuple[PoseIssue, ...]:
     """Everything wrong with a pose, from the base outward.
 
     A link's deflection is the angle between it and the link before, acos(cos θ1 cos θ2) with θ3 turning about itself;
@@ -41,7 +41,6 @@ def pose_issues(
     Args:
         arm: the arm; its bend limits are taken as limits on deflections.
         angles: revolute angles, shape (3 * links,) [rad].
-        settings: what counts as singular.
     """
     yaw = angles[0::3]
     bend = angles[1::3]
@@ -52,8 +51,8 @@ def pose_issues(
         limit = float(arm.bend_limits[ball])
         if deflections[ball] > limit:
             issues.append(_beyond_limit(name, float(deflections[ball]), limit))
-        if determinants[ball] < settings.least_determinant:
-            issues.append(_singular(arm, name, float(determinants[ball]), settings.least_determinant))
+        if determinants[ball] < _LEAST_DETERMINANT:
+            issues.append(_singular(arm, name, float(determinants[ball]), _LEAST_DETERMINANT))
     return tuple(issues)
 
 

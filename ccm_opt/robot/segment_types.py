@@ -9,7 +9,10 @@ from scipy.special import j0
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import heading_of, wrap
 from ccm_opt.errors import ProblemError
-from ccm_opt.robot.segment import DEFAULT_SEGMENTS, CurvatureSegment, SegmentSettings
+from ccm_opt.robot.segment import CurvatureSegment
+
+_SIGN_SAMPLES = 32
+"""Headings at which the signs of a segment's curvature are looked for, on each of its cubic pieces. Taste."""
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
 """Where the chord of a modal curve vanishes [rad]."""
@@ -35,20 +38,17 @@ class SegmentType(StrEnum):
 _OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
 
 
-def classify(
-    segment: CurvatureSegment, least_turn: float = 1e-3, settings: SegmentSettings = DEFAULT_SEGMENTS
-) -> SegmentType:
+def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
     """The type of a segment by the signs of its curvature.
 
     Args:
         segment: the segment.
         least_turn: a stretch of one sign counts when it turns the heading by more than this [rad].
-        settings: how densely signs are looked for.
 
     Raises:
         ProblemError: the curvature changes sign more than once; the segment must be divided first.
     """
-    arc = np.unique(np.linspace(segment.breakpoints[:-1], segment.breakpoints[1:], settings.sign_samples + 1))
+    arc = np.unique(np.linspace(segment.breakpoints[:-1], segment.breakpoints[1:], _SIGN_SAMPLES + 1))
     heading = segment.heading_at(arc)
     turning = heading[np.concatenate(([0], _extrema(heading), [len(arc) - 1]))]
     turns = np.diff(turning)

@@ -72,14 +72,12 @@ class CertificateSettings:
         contact: depth below contact that motions of an arm with some width may have where they begin or end in
             contact, in these units. Derived: half of what the verifier allows; where the problem asks the verifier for
             more or less, half of that.
-        contact_share: this half.
     """
 
     depth: int = 7
     touch: float = 1e-9
     rounding: float = 1e-9
     contact: float = 5e-7
-    contact_share: float = 0.5
 
 
 @dataclass(frozen=True)

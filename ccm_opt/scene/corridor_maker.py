@@ -32,6 +32,16 @@ from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSetti
 from ccm_opt.scene.sleeve import TautString
 from ccm_opt.scene.triangulation import Partition, Triangulation, merge
 
+_WALLS_FIRST = 48
+"""Walls that are shut out of a growing region before the others are looked at; these usually hide all others, so the
+number moves the time only. Taste."""
+_PORTAL_WIDTH = 0.5
+"""Width that a portal should have, as a share of the route's narrowest edge. Taste."""
+_PORTAL_TRIALS = 6
+"""Crossings of the string at which a portal is tried, at most. Taste."""
+_OVERLAP_THICKNESS = 0.2
+"""Least thickness of an overlap, as a share of the width that its portal should have. Taste."""
+
 UNUSABLE = -1.0
 """Marks a pair of regions whose overlap is away from the string: taken where nothing else leads on."""
 WORTHLESS = 1e-7
@@ -106,7 +116,7 @@ class Cover:
         """How two candidates overlap."""
         if (here, there) not in self._links:
             pair = self.candidates[here], self.candidates[there]
-            self._links[here, there] = link_between(*pair, self.taut, self.slack, self.settings)
+            self._links[here, there] = link_between(*pair, self.taut, self.slack)
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
@@ -188,7 +198,6 @@ def link_between(
     there: RegionSpan,
     taut: TautString,
     beside: float,
-    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE,
 ) -> Link:
     """The overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
     first = max(here.first, there.first)
@@ -199,7 +208,7 @@ def link_between(
 
     # Where the string runs beside the overlap, portals are tried at the nearest points of the overlap; they count in
     # full only where they pass the string by no more than is allowed.
-    places = _trial_places(taut, first, last, settings.portal_trials)
+    places = _trial_places(taut, first, last, _PORTAL_TRIALS)
     points = [_nearest_within(overlap, normals, offsets, taut.at(place)) for place in places]
     near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + ROUNDING]
     trials = [
@@ -208,7 +217,7 @@ def link_between(
         for direction, squareness in taut.directions_across(places[k])
     ]
     found = _chords(trials, normals, offsets)
-    best = min(max(choice.score for choice in found), _thickness(overlap) / settings.overlap_thickness)
+    best = min(max(choice.score for choice in found), _thickness(overlap) / _OVERLAP_THICKNESS)
     return Link(best if near else UNUSABLE, found)
 
 
@@ -266,9 +275,7 @@ def region_of(vertices: FloatArray) -> ConvexRegion:
     return ConvexRegion(vertices, *half_planes(vertices))
 
 
-def grow(
-    cell: FloatArray, walls: FloatArray, room: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
-) -> ConvexRegion:
+def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
     """A convex free region that contains a convex free cell.
 
     Args:
@@ -280,7 +287,7 @@ def grow(
     Returns:
         The region; it contains the cell and meets no wall, both within 1e-9 m.
     """
-    near = _nearest_first(cell, walls)[: settings.walls_first]
+    near = _nearest_first(cell, walls)[:_WALLS_FIRST]
     region = _shut_out(cell, walls[near], room)
     normals, offsets = half_planes(without_short_edges(region, ROUNDING))
     left_over = ~np.any(np.all(walls @ normals.T >= offsets - ROUNDING, axis=1), axis=1)
@@ -409,7 +416,7 @@ class CorridorMaker:
         """The region grown from a convex free polygon or segment, vertices (m, 2) [m]."""
         key = seed.tobytes()
         if key not in self._grown:
-            self._grown[key] = grow(seed, self.triangulation.walls, self._room, self.settings)
+            self._grown[key] = grow(seed, self.triangulation.walls, self._room)
         return self._grown[key]
 
     def corridor_along(self, route: Route, path: FloatArray | None = None) -> Corridor:
@@ -427,7 +434,7 @@ class CorridorMaker:
         # Portals need not be wider than the route allows; without an edge to cross any width is wide enough.
         narrowest = float(np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=np.inf))
         cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack, self.settings)
-        kept = cover.sequence(self.settings.portal_width * narrowest)
+        kept = cover.sequence(_PORTAL_WIDTH * narrowest)
         return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
 
     def _candidates(self, sleeve: tuple[int, ...], edges: FloatArray, taut: TautString) -> list[RegionSpan]:

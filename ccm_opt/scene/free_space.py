@@ -32,6 +32,13 @@ from ccm_opt.scene.sleeve import taut_string
 from ccm_opt.scene.triangulation import Triangulation, triangulate
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
+_CIRCLE_QUAD_SEGS = 3
+"""Sides of the polygon around a quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices.
+Taste."""
+_CORNER_SLACK = 0.9
+"""Share of the inflation by which a taut string may leave a corridor where it bends round a corner. Derived: less than
+1, so that no obstacle fits in between."""
+
 
 def free_set(
     workspace: Workspace, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
@@ -69,7 +76,7 @@ def grown_outline(
     radius = obstacle.rounding + inflation
     core = obstacle.core
     if isinstance(core, shapely.Point):
-        return obstacle.outline(inflation, settings.circle_quad_segs)
+        return obstacle.outline(inflation, _CIRCLE_QUAD_SEGS)
     if isinstance(core, shapely.LineString):
         points = shapely.get_coordinates(core)
         return shapely.union_all([_capsule(a, b, radius) for a, b in itertools.pairwise(points)])
@@ -147,7 +154,7 @@ class FreeSpace:
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
         """Convex cells and the regions grown from them."""
-        return CorridorMaker(self.triangulation, self.settings.corner_slack * self.inflation, self.settings)
+        return CorridorMaker(self.triangulation, _CORNER_SLACK * self.inflation, self.settings)
 
     @cached_property
     def _metric(self) -> EdgeMetric:
@@ -230,7 +237,7 @@ class FreeSpace:
         triangles, free = self.triangulation.nearest(ends)
         # The pieces from the ends to their nearest free points belong to every route.
         allowed = longest - float(np.linalg.norm(ends - free, axis=1).sum())
-        found = shortest_routes(self._metric, triangles, free, count, allowed, shrink, self.settings)
+        found = shortest_routes(self._metric, triangles, free, count, allowed, shrink)
         strings = [_with_ends(route.taut, ends) for route in found]
         return tuple(Route(r.sleeve, taut, path_length(taut)) for r, taut in zip(found, strings, strict=True))
 
@@ -245,7 +252,7 @@ class FreeSpace:
     def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
         """The narrowest place on the shortest route between two points (2,) [m], or the gap that keeps them apart."""
         ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
-        routes = shortest_routes(self._metric, ends, free, 1, settings=self.settings)
+        routes = shortest_routes(self._metric, ends, free, 1)
         if not routes:
             return missing_link(self.workspace, self.triangulation, int(ends[0]), int(ends[1]))
         return narrowest_passage(self.workspace, self.triangulation, routes[0].sleeve)

@@ -20,10 +20,21 @@ from scipy.sparse.csgraph import dijkstra
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.polyline import path_length
 from ccm_opt.scene.corridor import Route
-from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.narrow_gates import Chain, EdgeMetric, chains_between, min_plus
 from ccm_opt.scene.sleeve import taut_string
 from ccm_opt.scene.triangulation import Triangulation
+
+_ROUTE_SURPLUS = 6
+"""Classes that are drawn taut for each route wanted, at most. Taste."""
+_LEAST_CLASSES = 20
+"""But so many in any case: in near-empty rooms the sampled length is at its coarsest. Taste."""
+_SAMPLED_EXCESS = 1.25
+"""The sampled length of a class is at most this multiple of its taut length; mostly 1.01 in clutter. Taste, with room
+to spare."""
+_WALKS_PER_ROUTE = 400
+"""Partial walks looked at for each route wanted. Taste."""
+_LEAST_ROUTES = 4
+"""Routes for which that effort is spent even if fewer are wanted. Taste."""
 
 
 @dataclass(frozen=True, order=True)
@@ -180,7 +191,6 @@ def shortest_routes(
     count: int,
     longest: float = np.inf,
     shrink: float = 0.0,
-    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE,
 ) -> tuple[Route, ...]:
     """Up to ``count`` routes in different homotopy classes by increasing taut length.
 
@@ -191,7 +201,6 @@ def shortest_routes(
         count: number of routes wanted.
         longest: routes with a longer taut string are left out [m].
         shrink: distance kept from corners where there is room [m].
-        settings: how many classes are looked at.
 
     Returns:
         The routes; none when start and goal are in different components or all routes are too long.
@@ -200,10 +209,10 @@ def shortest_routes(
     if mesh.components[ends[0]] != mesh.components[ends[1]]:
         return ()
     best: list[tuple[float, Route]] = []
-    excess = settings.sampled_excess
-    effort = settings.walks_per_route * max(count, settings.least_routes)
+    excess = _SAMPLED_EXCESS
+    effort = _WALKS_PER_ROUTE * max(count, _LEAST_ROUTES)
     classes = homotopy_classes(metric, ends, points, excess * longest, effort)
-    for sampled, sleeve in itertools.islice(classes, max(settings.route_surplus * count, settings.least_classes)):
+    for sampled, sleeve in itertools.islice(classes, max(_ROUTE_SURPLUS * count, _LEAST_CLASSES)):
         # The classes come by sampled length: once it exceeds the worst kept by all that sampling may add, none is left.
         if len(best) >= count and sampled > excess * best[count - 1][0]:
             break

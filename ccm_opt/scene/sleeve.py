@@ -22,6 +22,9 @@ from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.triangulation import WALL, Triangulation
 
+_LEAST_SQUARENESS = 1e-3
+"""Squareness that a chord is credited with where the string only touches it. Taste."""
+
 Point: TypeAlias = tuple[float, float]
 
 INWARDS = 1e-7
@@ -315,7 +318,7 @@ class TautString:
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
         edges = self.edges[self.crossings == place]
         across = _units(np.concatenate((normals, normals.sum(axis=0, keepdims=True), edges[:, 0] - edges[:, 1])))
-        squareness = np.clip(np.min(across @ normals.T, axis=1, initial=1.0), self.settings.least_squareness, 1.0)
+        squareness = np.clip(np.min(across @ normals.T, axis=1, initial=1.0), _LEAST_SQUARENESS, 1.0)
         return list(zip(across, squareness.tolist(), strict=True)) or [(np.array([0.0, 1.0]), 1.0)]
 
 

@@ -230,7 +230,6 @@ class SpaceReachSettings:
         progress: share of the way left that four steps may leave, or the place is given up. Taste.
         attempts: cells beside from which a place is tried in vain before its cell counts as not found. Taste: all.
         seen: room that is looked at, as a share of the arm's length; above it gaps are not told apart. Taste.
-        motion_time: CPU time in which a motion to the goal is sought, whose poses are beginnings [s]. Taste.
         most_cells: of a grid; more are refused. Derived: some minutes of work and 10 MB of arrays.
     """
 
@@ -241,7 +240,6 @@ class SpaceReachSettings:
     progress: float = 0.9
     attempts: int = 6
     seen: float = 0.05
-    motion_time: float = 5.0
     most_cells: int = 200_000
 
 

@@ -14,6 +14,20 @@ from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_KEYFRAME_SHARE = 1.0 / 3.0
+"""Share of the second difference of its keyframes by which a motion may pass one of them. Derived: twice the sixth of a
+uniform cubic B-spline; 0.23 was seen beside clamped ends."""
+_CLAMPED_SHARE = 0.0225
+"""Share of the second difference of the third keyframe by which a motion may pass the second one besides, and likewise
+at the end. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline of even steps passes its second
+control point."""
+_CURVE_MATCH = 1e-6
+"""Difference of a reported curve from that of its keyframe, as a share of the greatest curvature, that is rounding.
+Derived: a least-squares fit of some twenty numbers keeps some ten digits."""
+_FOLLOWED_CURVE = 0.05
+"""Difference of a link's heading from that of a curve that was planned first [rad]. Taste: the paper's planner samples
+headings, and was seen to miss 0.02 in segments that it has nearly shrunk away."""
+
 _FEW = 64
 """Pieces of a motion that are looked at first for the next keyframe."""
 
@@ -43,11 +57,11 @@ def check_keyframes(
     wanted = keyframes * scale
     allowed = np.full(len(wanted), settings.start_tolerance)
     bent = np.linalg.norm(wanted[2:] - 2.0 * wanted[1:-1] + wanted[:-2], axis=1)
-    allowed[1:-1] += settings.keyframe_share * bent
+    allowed[1:-1] += _KEYFRAME_SHARE * bent
     if len(bent) > 1:
         # Beside a clamped end the fourth control point, and with it what the third bends, counts by t³ / 6, and a path
         # of even steps is beside the second at t = 0.42.
-        allowed[[1, -2]] += settings.clamped_share * bent[[1, -2]]
+        allowed[[1, -2]] += _CLAMPED_SHARE * bent[[1, -2]]
     path = _Chain(trajectory.positions * scale)
     # A motion that was given a new goal on its way has keyframes from the stop on alone.
     rests = (0, *trajectory.stops)
@@ -101,15 +115,12 @@ class _Chain:
         return np.asarray(np.linalg.norm(away - along[:, None] * pieces, axis=1))
 
 
-def check_nearest_curves(
-    curves: Sequence[CurvePose], wanted: Sequence[CurvePose], settings: VerificationSettings
-) -> Check:
+def check_nearest_curves(curves: Sequence[CurvePose], wanted: Sequence[CurvePose]) -> Check:
     """Check that curves are those which come nearest to the keyframes.
 
     Args:
         curves: behind the keyframes, as they are reported.
         wanted: the same made from the keyframes.
-        settings: of the verifier.
 
     Returns:
         The check; its worst value is a share of the greatest curvature, or of a radian.
@@ -124,13 +135,11 @@ def check_nearest_curves(
     size = max(steepest, np.pi / wanted[0].configuration.length)
     errors = [_difference(ours, theirs, size) for ours, theirs in zip(curves, wanted, strict=True)]
     k = int(np.argmax(errors))
-    passed = errors[k] <= settings.curve_match
-    return Check(name, errors[k], settings.curve_match, "", f"curve {k + 1}", passed=passed)
+    passed = errors[k] <= _CURVE_MATCH
+    return Check(name, errors[k], _CURVE_MATCH, "", f"curve {k + 1}", passed=passed)
 
 
-def check_followed_curves(
-    arm: Arm, curves: Sequence[CurvePose], keyframes: FloatArray, settings: VerificationSettings
-) -> Check:
+def check_followed_curves(arm: Arm, curves: Sequence[CurvePose], keyframes: FloatArray) -> Check:
     """Check that an arm follows its curves, where these were planned first.
 
     Headings of links are the mean headings of their curve, and what the start's mapping adds to them all along.
@@ -139,7 +148,6 @@ def check_followed_curves(
         arm: the arm.
         curves: behind the keyframes, as they are reported.
         keyframes: of all coordinates, shape (K, c) [rad, m].
-        settings: of the verifier.
     """
     name = "curves against keyframes"
     if len(curves) != len(keyframes):
@@ -148,7 +156,7 @@ def check_followed_curves(
     errors = np.max(np.abs(added - added[0]), axis=1)
     k = int(np.argmax(errors))
     worst = float(errors[k])
-    return Check(name, worst, settings.followed_curve, "rad", f"curve {k + 1}", passed=worst <= settings.followed_curve)
+    return Check(name, worst, _FOLLOWED_CURVE, "rad", f"curve {k + 1}", passed=worst <= _FOLLOWED_CURVE)
 
 
 def _mean_headings(arm: Arm, pose: CurvePose) -> FloatArray:

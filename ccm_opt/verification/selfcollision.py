@@ -11,6 +11,9 @@ from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.rounding import UNIT, distance_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_PAIR_PROBES = 24
+"""Poses at which all pairs of links are measured first, likewise. Taste."""
+
 CHUNK = 65_536
 """Pairs handled at a time, so that the intermediate arrays stay in the processor's cache."""
 
@@ -129,7 +132,7 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
         )
 
     nodes = motion.whole
-    nearest = _probe(motion, evaluate, nodes, settings.pair_probes)
+    nearest = _probe(motion, evaluate, nodes, _PAIR_PROBES)
     # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
     look = thickness + max(least, min(nearest.gap, arm.link_length)) + 2.0 * lost
     # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.

@@ -13,6 +13,11 @@ from ccm_opt.verification.checked_problem import CheckedProblem, revolutes_of_be
 from ccm_opt.verification.link_motion import advance, chain_points, link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_CURVE_SHAPE_FACTOR = 1.08
+"""A joint may be this times κ l² off its curve; the worst error of the paper's own mapping (section 5.3)."""
+_CURVE_SHAPE_SLACK = 0.1
+"""Share of a link's length that a joint may be off beside that. Taste."""
+
 _ROUNDING = 1e-9
 """Angle beyond a tolerance that counts as rounding [rad]."""
 
@@ -163,8 +168,8 @@ def _on_curve(
 
     # A mapping errs in proportion to κ l², as does the sagitta of a link on the curve.
     steepest = float(np.max(np.abs(curve.curvature_at(arc))))
-    of_mapping = settings.curve_shape_factor * steepest * arm.link_length**2
-    allowed = of_mapping + settings.curve_shape_slack * arm.link_length
+    of_mapping = _CURVE_SHAPE_FACTOR * steepest * arm.link_length**2
+    allowed = of_mapping + _CURVE_SHAPE_SLACK * arm.link_length
     tip = float(np.linalg.norm(points[-1] - trace[-1]))
     j = int(np.argmax(off))
     return [

@@ -38,6 +38,10 @@ from ccm_opt.verification.tolerance.error_model import (
 )
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_PROVED_SHARES = (0.998, 0.98, 0.9, 0.5)
+"""Shares of the least error that was met in space which are proved, in the order of trying. Taste: the first is the
+precision; the others are for motions that stay so long so near that it cannot be had."""
+
 _STEP = 1e-6
 """Turn of a joint by which slopes are taken [rad]."""
 _PLACES = 65
@@ -253,7 +257,7 @@ def survived_error_in_space(
     if not proofs or min(met) >= largest:
         return SurvivedError(model.name, largest, model.unit, "nothing; larger errors are not looked at", limited=False)
     first = int(np.argmin(met))
-    for share in settings.proved_shares:
+    for share in _PROVED_SHARES:
         size = share * met[first]
         if all(proof.proved(size * proof.unit, numbers).proved for proof in proofs):
             break

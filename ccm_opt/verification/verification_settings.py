@@ -39,35 +39,12 @@ class VerificationSettings:
         start_tolerance: largest error of a joint at the start [rad]. Taste.
         rest_share: share of the velocity limit that counts as rest. Taste.
         curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on. Taste.
-        curve_shape_factor: a joint may be this times κ l² off its curve; the worst error of the paper's own mapping
-            (section 5.3).
-        curve_shape_slack: share of a link's length that a joint may be off beside that. Taste.
         half_turn_rounding: by which bends may fall short of half a turn and still count as one, by rounding [rad].
-        keyframe_share: share of the second difference of its keyframes by which a motion may pass one of them. Derived:
-            twice the sixth of a uniform cubic B-spline; 0.23 was seen beside clamped ends.
-        clamped_share: share of the second difference of the third keyframe by which a motion may pass the second one
-            besides, and likewise at the end. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline
-            of even steps passes its second control point.
-        curve_match: difference of a reported curve from that of its keyframe, as a share of the greatest curvature,
-            that is rounding. Derived: a least-squares fit of some twenty numbers keeps some ten digits.
-        followed_curve: difference of a link's heading from that of a curve that was planned first [rad]. Taste: the
-            paper's planner samples headings, and was seen to miss 0.02 in segments that it has nearly shrunk away.
-        simulated_angle: difference between a written simulation and another run of it that is rounding [rad, m]. Taste:
-            machines and back ends were seen to differ by 1e-13.
-        simulated_torque: the same for torques, as a share of the greatest.
-        figure_share: share by which a written figure may differ from that of the arrays. Taste: far above rounding.
-        figure_floor: difference of figures beside that share: figures of nothing but rounding are alike. Taste.
         resolution: travel below which a stretch of time is not halved again.
         report_resolution: the least gap that is reported is at most this much above the true one. Taste.
         most_report_pairs: pairs at one level of halving beyond which the report is no longer refined; the proof is.
         most_pairs: undecided pairs at one level of halving beyond which the verifier gives up, and refuses. Derived:
             some 200 MB of arrays.
-        wall_probes: poses at which the nearest wall is looked up first, to know how far the search must look. Taste.
-        pair_probes: poses at which all pairs of links are measured first, likewise. Taste.
-        many_edges: walls with as many edges are looked at in runs of them first. Taste.
-        edges_a_run: edges in a run. Taste: their chord is near all of them, and few runs are near the arm.
-        rows_at_once: poses that follow each other whose links are looked for near walls together first. Measured: with
-            16 the search takes half the time that it takes pose by pose, and hardly less with more.
     """
 
     contact_tolerance: float = CONTACT_SHARE_OF_LENGTH
@@ -90,26 +67,11 @@ class VerificationSettings:
     start_tolerance: float = 1e-6
     rest_share: float = 1e-6
     curve_tip_tolerance: float = 1e-3
-    curve_shape_factor: float = 1.08
-    curve_shape_slack: float = 0.1
     half_turn_rounding: float = 1e-9
-    keyframe_share: float = 1.0 / 3.0
-    clamped_share: float = 0.0225
-    curve_match: float = 1e-6
-    followed_curve: float = 0.05
-    simulated_angle: float = 1e-6
-    simulated_torque: float = 1e-6
-    figure_share: float = 1e-6
-    figure_floor: float = 1e-9
     resolution: float = 1e-9
     report_resolution: float = 1e-4
     most_report_pairs: int = 100_000
     most_pairs: int = 2_000_000
-    wall_probes: int = 48
-    pair_probes: int = 24
-    many_edges: int = 64
-    edges_a_run: int = 16
-    rows_at_once: int = 16
 
     def for_problem(self, problem: CheckedProblem) -> "VerificationSettings":
         """The same with lengths in metres, for a problem's arm, and with the contact tolerance that it asks for."""

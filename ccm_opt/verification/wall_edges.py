@@ -10,7 +10,11 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.selfcollision import segment_distances
-from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+_MANY_EDGES = 64
+"""Walls with as many edges are looked at in runs of them first. Taste."""
+_EDGES_A_RUN = 16
+"""Edges in a run. Taste: their chord is near all of them, and few runs are near the arm."""
 
 
 @dataclass(frozen=True)
@@ -160,13 +164,13 @@ def _line_tree(start: FloatArray, end: FloatArray) -> shapely.STRtree:
     return shapely.STRtree(np.asarray(shapely.linestrings(np.stack((start, end), axis=1))))
 
 
-def edge_runs(edges: WallEdges, settings: VerificationSettings = DEFAULT_VERIFICATION) -> EdgeRuns:
+def edge_runs(edges: WallEdges) -> EdgeRuns:
     """Walls with many edges in runs, all others edge by edge."""
     number = np.arange(len(edges.owner))
     begins = np.flatnonzero(np.diff(edges.owner, prepend=-1))
     count = np.diff([*begins, len(number)])
     place = number - np.repeat(begins, count)
-    length = np.where(np.repeat(count, count) >= settings.many_edges, settings.edges_a_run, 1)
+    length = np.where(np.repeat(count, count) >= _MANY_EDGES, _EDGES_A_RUN, 1)
     # A ring's last edge and the next ring's first one need not meet: a run ends there.
     broken = np.concatenate(([True], np.any(edges.start[1:] != edges.end[:-1], axis=1)))
     first = np.flatnonzero((place % length == 0) | (broken & (length > 1)))

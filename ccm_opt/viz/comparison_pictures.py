@@ -15,6 +15,15 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.settings import COMPARISON_PICTURES, ComparisonPictureSettings
 
+_MOST_COLUMNS = 3
+"""Panels side by side."""
+_MANY_DECADES = 1e3
+"""Ratio of the ends from which an axis is marked by powers of ten alone."""
+_LEAST_RANGE = 1e-3
+"""Room beyond the points of a linear axis, at least: smaller differences are not worth a picture."""
+_LEAST_RATIO = 1.1
+"""The same of a logarithmic axis, as a factor."""
+
 COLOURS = ("#2a6f97", "#c1440e", "#1b7f3b", "#7a4fa0", "#8d887d")
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
@@ -120,7 +129,7 @@ def paired_png(
 def _paired_figure(
     first: MethodRuns, second: MethodRuns, panels: Sequence[PairedPanel], settings: ComparisonPictureSettings
 ) -> Figure:
-    columns = min(settings.most_columns, len(panels))
+    columns = min(_MOST_COLUMNS, len(panels))
     rows = math.ceil(len(panels) / columns)
     figure = Figure(figsize=(3.1 * columns, 3.2 * rows + 0.4), dpi=settings.dots_per_inch, layout="constrained")
     both = first.solved & second.solved
@@ -146,7 +155,7 @@ def _draw_panel(
     y = y[kept]
     values = np.concatenate((x, y))
     low, high = _logarithmic_ends(values, settings) if panel.logarithmic else _linear_ends(values, settings)
-    if panel.logarithmic and high < settings.many_decades * low:
+    if panel.logarithmic and high < _MANY_DECADES * low:
         _plain_ticks(axes.xaxis)
         _plain_ticks(axes.yaxis)
     axes.plot([low, high], [low, high], color=style.WALL_EDGE, linewidth=0.9, zorder=1)
@@ -164,7 +173,7 @@ def _linear_ends(values: FloatArray, settings: ComparisonPictureSettings) -> tup
         return 0.0, 1.0
     low = float(np.min(values))
     high = float(np.max(values))
-    room = max(settings.room * (high - low), settings.least_range)
+    room = max(settings.room * (high - low), _LEAST_RANGE)
     return low - room, high + room
 
 
@@ -174,7 +183,7 @@ def _logarithmic_ends(values: FloatArray, settings: ComparisonPictureSettings) -
         return 0.1, 1.0
     low = float(np.min(values))
     high = float(np.max(values))
-    factor = max((high / low) ** settings.room, settings.least_ratio)
+    factor = max((high / low) ** settings.room, _LEAST_RATIO)
     return low / factor, high * factor
 
 

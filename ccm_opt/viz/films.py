@@ -27,6 +27,11 @@ from ccm_opt.viz.settings import FILM, SPACE_FILM, SPACE_PICTURES, FilmSettings
 from ccm_opt.viz.space_plan import draw_goals_in_space
 from ccm_opt.viz.space_views import SLANTED, SeenScene, seen_window, window_of
 
+_TOLD_FACTOR = 1.05
+"""Films that are faster than the motion by more than this factor say so."""
+_MOST_VIDEO_FRAMES = 1500
+"""Of longer motions, which are shown faster than they are."""
+
 _HUNDREDTH = 10
 """Shortest time that a film in GIF can tell [ms]."""
 _DOTS_PER_INCH = 100.0
@@ -99,7 +104,7 @@ class Film:
             line.set_animated(True)
         end = float(self.time[-1])
         faster = end / self.seconds if self.seconds > 0.0 else 1.0
-        note = f"  {faster:.2g} times as fast" if faster > self.settings.told_factor else ""
+        note = f"  {faster:.2g} times as fast" if faster > _TOLD_FACTOR else ""
         strip = 1.0 - axes.get_position().height
         clock = figure.text(0.015, 0.55 * strip, "", size=10.0, family=style.FONT_FAMILY, va="center", animated=True)
         clock.set_color(style.BOUNDARY)
@@ -191,7 +196,7 @@ def video_settings(settings: FilmSettings = FILM) -> FilmSettings:
         settings,
         longest_side=settings.video_side,
         frames_a_second=settings.video_frames_a_second,
-        most_frames=settings.most_video_frames,
+        most_frames=_MOST_VIDEO_FRAMES,
     )
 
 

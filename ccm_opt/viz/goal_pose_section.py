@@ -13,7 +13,13 @@ from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import GoalPoseRecord, Solution
 from ccm_opt.viz.document import Markup, element, joined, table
 from ccm_opt.viz.page_units import PageUnits, three_digits
-from ccm_opt.viz.settings import REPORT, ReportSettings
+
+_POSE_MARGIN = 0.18
+"""Round the goal pose in its picture, as a share of its extent."""
+_THIN_LINE = 0.003
+"""Width of thin lines in that picture, likewise."""
+_PLACES_PER_SEGMENT = 24
+"""Of the goal pose's curve, at which it is drawn."""
 
 _REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
 _BEND = re.compile(r"joint (\d+): bend (left|right)")
@@ -137,13 +143,12 @@ _COSTS = {
 """What the parts of the objective are called on the page."""
 
 
-def goal_pose_section(solution: Solution, units: PageUnits, settings: ReportSettings = REPORT) -> Markup | None:
+def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
     """The section with its heading; nothing where no goal-pose NLP was asked.
 
     Args:
         solution: the plan.
         units: of the page.
-        settings: of the drawing.
     """
     record = solution.path.goal_pose
     if not isinstance(record, GoalPoseRecord):
@@ -153,7 +158,7 @@ def goal_pose_section(solution: Solution, units: PageUnits, settings: ReportSett
         "section",
         element("h2", "Why the arm ends here"),
         element("p", _summary(record, units)),
-        element("div", _picture(solution, record, settings), tables, cls="goal-pose"),
+        element("div", _picture(solution, record), tables, cls="goal-pose"),
     )
 
 
@@ -172,11 +177,11 @@ def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
     return f"{solved} The motion does not end in it: {record.reason}."
 
 
-def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSettings) -> Markup:
+def _picture(solution: Solution, record: GoalPoseRecord) -> Markup:
     """The pose of the program, the end of the motion where that is another, and the curve by its segments."""
     problem = solution.problem
     # The picture shows the neighbourhood of the pose, so lines are measured by the arm and not by the room.
-    thin = settings.thin_line * float(np.ptp(pose_points(solution, record), axis=0).max())
+    thin = _THIN_LINE * float(np.ptp(pose_points(solution, record), axis=0).max())
     body = max(2.0 * problem.arm.radius, thin)
     parts = [scene_paths(problem.workspace, thin)]
     if not record.reached:
@@ -184,7 +189,7 @@ def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSetting
     parts.append(_polyline(pose_points(solution, record), "var(--arm)", body, 0.35))
     curve = record.curve
     for number, (first, last) in enumerate(zip(curve.boundaries[:-1], curve.boundaries[1:], strict=True)):
-        places = curve.positions_at(np.linspace(first, last, settings.places_per_segment))
+        places = curve.positions_at(np.linspace(first, last, _PLACES_PER_SEGMENT))
         parts.append(_polyline(places, _colour(number), 1.6 * thin, 1.0))
     for x, y in curve.positions_at(curve.boundaries):
         parts.append(
@@ -192,7 +197,7 @@ def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSetting
             f'stroke-width="{0.5 * thin:.5g}"/>'
         )
     shown = [curve.positions_at(curve.breakpoints), solution.joint_positions[-1], pose_points(solution, record)]
-    box = _box_around(np.concatenate(shown), settings.pose_margin)
+    box = _box_around(np.concatenate(shown), _POSE_MARGIN)
     label = "The goal pose and the curve behind it"
     drawn = "".join(parts)
     return Markup(f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{drawn}</g></svg>')

@@ -28,6 +28,21 @@ from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, labe
 from ccm_opt.viz.plan import action_window, draw_goals, even_steps
 from ccm_opt.viz.settings import PAPER_FIGURES, PICTURES, PaperFigureSettings, PictureSettings
 
+_CURVES_SIDE = 3.6
+"""Width and height of the drawing of curves and of that of curvatures [inch]."""
+_POSES_A_STEP = 4
+"""Between the ends of a step."""
+_ALL_POSES = 22
+"""Of the whole motion in its last step."""
+_STEP_WIDTH = 2.9
+"""Of the picture of a step [inch]."""
+_LINK_POSES = 16
+"""Between the ends of the mapped motion."""
+_LINKS_SIDE = 6.0
+"""Longest side of that drawing [inch]."""
+_SPACE_SIDE = 3.6
+"""Width of each of them [inch]."""
+
 _SIDE = 2.5
 """Width and height of one drawing [inch]."""
 _POINTS = 161
@@ -160,7 +175,7 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperF
     goal = plan.problem.goal if isinstance(plan.problem.goal, TipGoal) else None
     title = f"{plan.problem.name}: {len(plan.curves)} keyframes"
     panel = SchemaPanel(title, plan.curves, goal, plan.problem.workspace, unit=plan.problem.length_unit)
-    return figure_file(lambda: schemas_figure([panel], shown=settings.curves, side=settings.curves_side), kind)
+    return figure_file(lambda: schemas_figure([panel], shown=settings.curves, side=_CURVES_SIDE), kind)
 
 
 def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
@@ -179,16 +194,16 @@ def _steps_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
     columns = min(3, len(ends) + 1)
     rows = -(-(len(ends) + 1) // columns)
     window = action_window(plan.problem, plan.points)
-    height = settings.step_width * (window[3] - window[1]) / (window[2] - window[0])
-    size = (settings.step_width * columns, (height + 0.45) * rows)
+    height = _STEP_WIDTH * (window[3] - window[1]) / (window[2] - window[0])
+    size = (_STEP_WIDTH * columns, (height + 0.45) * rows)
     figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     _draw_step(grid[0], plan, np.zeros(1, dtype=np.intp), f"(1) {plan.problem.name}: start and goal")
     time = plan.trajectory.time
     for number, (begin, end) in enumerate(pairwise(ends), start=2):
-        samples = begin + even_steps(plan.points[begin : end + 1], settings.poses_a_step, ends=True)
+        samples = begin + even_steps(plan.points[begin : end + 1], _POSES_A_STEP, ends=True)
         _draw_step(grid[number - 1], plan, samples, f"({number}) {time[begin]:.2f} to {time[end]:.2f} s")
-    whole = even_steps(plan.points, settings.all_poses, ends=True)
+    whole = even_steps(plan.points, _ALL_POSES, ends=True)
     _draw_step(grid[len(ends)], plan, whole, f"({len(ends) + 1}) all movements")
     for axes in grid[len(ends) + 1 :]:
         axes.set_axis_off()
@@ -222,27 +237,26 @@ def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> No
     axes.set_yticks([])
 
 
-def links_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     """The jointed arm, link by link, in poses that are equally far apart.
 
     Args:
         plan: the plan.
         kind: format of the file.
-        settings: sizes.
     """
-    return figure_file(lambda: _links_figure(plan, settings), kind)
+    return figure_file(lambda: _links_figure(plan), kind)
 
 
-def _links_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
+def _links_figure(plan: DrawnPlan) -> Figure:
     problem = plan.problem
     window = action_window(problem, plan.points)
     across = window[2] - window[0]
     up = window[3] - window[1]
-    scale = settings.links_side / max(across, up)
+    scale = _LINKS_SIDE / max(across, up)
     figure = Figure(figsize=(scale * across + 0.9, scale * up + 0.9), dpi=PICTURES.dots_per_inch, layout="constrained")
     axes = figure.add_subplot()
     draw_workspace(axes, problem.workspace, window=window)
-    samples = even_steps(plan.points, settings.link_poses, ends=True)
+    samples = even_steps(plan.points, _LINK_POSES, ends=True)
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(samples)))
     size = min(2.6, 60.0 / problem.arm.links)
     for k, shade in zip(samples, shades, strict=True):
@@ -272,7 +286,7 @@ def _space_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
         flat = plan.points
         points = np.stack((flat[..., 0], np.zeros_like(flat[..., 0]), flat[..., 1]), axis=-1)
     time = plan.trajectory.time
-    side = settings.space_side
+    side = _SPACE_SIDE
     figure = Figure(figsize=(3.0 * side, 1.08 * side), dpi=PICTURES.dots_per_inch)
     for k in range(3):
         axes: Any = figure.add_axes((k / 3.0, 0.0, 1.0 / 3.0, 0.92), projection="3d")
@@ -297,7 +311,7 @@ def _draw_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
     middle = np.array([0.5 * (window[0] + window[2]), 0.0, 0.5 * (window[1] + window[3])])
     reach = 0.5 * max(window[2] - window[0], window[3] - window[1])
     # Points of a line's width to a metre, near enough in the middle of the picture.
-    width = 0.55 * 72.0 * PAPER_FIGURES.space_side / (2.0 * reach) * 2.0 * plan.problem.arm.radius
+    width = 0.55 * 72.0 * _SPACE_SIDE / (2.0 * reach) * 2.0 * plan.problem.arm.radius
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, len(poses)))
     for pose, shade in zip(poses[:-1], shades[:-1], strict=True):
         axes.plot(*pose.T, color=shade, linewidth=0.9)

@@ -22,6 +22,11 @@ from ccm_opt.viz.settings import PARETO_PICTURE, PICTURES, ParetoPictureSettings
 from ccm_opt.viz.space_plan import draw_arm, draw_goals_in_space
 from ccm_opt.viz.space_views import SLANTED, SeenScene, seen_window, window_of
 
+_CHART_HEIGHT = 2.6
+"""Of the chart of time against room [inch]."""
+_MOST_THUMBNAIL = 2.6
+"""Height of the picture of one plan, at most [inch]."""
+
 
 def pareto_png(found: ParetoPlans[AnySolution], settings: ParetoPictureSettings = PARETO_PICTURE) -> bytes:
     """The picture of a trade-off.
@@ -40,8 +45,8 @@ def pareto_figure(found: ParetoPlans[AnySolution], settings: ParetoPictureSettin
     """The same picture as a matplotlib figure, made without pyplot."""
     draw_motion, tall = _thumbnails(found)
     count = len(found.plans)
-    thumbnail = min(settings.width / count * tall, settings.most_thumbnail)
-    rows = (settings.chart_height, thumbnail)
+    thumbnail = min(settings.width / count * tall, _MOST_THUMBNAIL)
+    rows = (_CHART_HEIGHT, thumbnail)
     figure = Figure(figsize=(settings.width, sum(rows) + settings.margins), dpi=settings.dots_per_inch)
     grid = figure.add_gridspec(
         2, count, height_ratios=rows, left=0.07, right=0.985, top=1.0 - 0.42 / figure.get_figheight(),

@@ -18,6 +18,25 @@ from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_poses, draw_tip_p
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes
 from ccm_opt.viz.settings import PICTURES, PictureSettings
 
+_LEAST_WIDTH = 2.6
+"""Of that drawing [inch], so that the legend finds its place."""
+_BESIDE_ACTION = 0.07
+"""Room left round all that moves, as a share of its longest side."""
+_LEAST_ASPECT = 0.5
+"""Shorter side of what is shown, at least, as a share of the longer one."""
+_MOST_OF_ROOM = 0.85
+"""Share of both sides of the room from which on all of it is shown."""
+_ARROW_SHARE = 0.09
+"""Length of a goal's arrow, as a share of what is shown."""
+_LABEL_SIZE = 7.5
+"""Of labels in the drawing [points]."""
+_POSES_ON_THE_WAY = 7
+"""Poses drawn between start and goal."""
+_LEAST_DISC = 0.012
+"""Tolerances of a goal's place are drawn when wider than this share of the picture."""
+_LEAST_WEDGE = 0.05
+"""Tolerances of a goal's heading are drawn when wider than this [rad]."""
+
 Box = tuple[float, float, float, float]
 """(xmin, ymin, xmax, ymax) [m]."""
 
@@ -37,21 +56,21 @@ def action_window(problem: Problem, points: FloatArray, settings: PictureSetting
     tips = [goal for goal in goals if isinstance(goal, TipGoal)]
     shown = np.concatenate((points.reshape(-1, 2), np.array([goal.position for goal in tips]).reshape(-1, 2)))
     # An arrow points from a goal along its heading, and is to be seen too.
-    arrow = settings.arrow_share * float(np.ptp(shown, axis=0).max())
+    arrow = _ARROW_SHARE * float(np.ptp(shown, axis=0).max())
     ahead = [goal.position + arrow * unit_vector(goal.heading) for goal in tips if goal.heading is not None]
     shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
     room = np.array(problem.workspace.boundary.bounds)
     low = shown.min(axis=0)
     high = shown.max(axis=0)
-    margin = problem.arm.radius + settings.beside_action * float((high - low).max())
+    margin = problem.arm.radius + _BESIDE_ACTION * float((high - low).max())
     low = low - margin
     high = high + margin
     # A long and narrow strip would show nothing of what is beside it.
-    lack = np.maximum(settings.least_aspect * (high - low).max() - (high - low), 0.0)
+    lack = np.maximum(_LEAST_ASPECT * (high - low).max() - (high - low), 0.0)
     margin_of_room = settings.beside_room * float((room[2:] - room[:2]).max())
     low = np.maximum(low - 0.5 * lack, room[:2] - margin_of_room)
     high = np.minimum(high + 0.5 * lack, room[2:] + margin_of_room)
-    if np.all(high - low > settings.most_of_room * (room[2:] - room[:2])):
+    if np.all(high - low > _MOST_OF_ROOM * (room[2:] - room[:2])):
         low = room[:2] - margin_of_room
         high = room[2:] + margin_of_room
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
@@ -184,14 +203,14 @@ def plan_figure(plan: DrawnPlan, settings: PictureSettings = PICTURES) -> Figure
     figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
     axes = figure.add_axes(layout.place)
     draw_workspace(axes, problem.workspace, settings, window)
-    _draw_motion(axes, points, problem.arm.radius, settings.poses_on_the_way)
-    draw_goals(axes, plan, settings)
+    _draw_motion(axes, points, problem.arm.radius, _POSES_ON_THE_WAY)
+    draw_goals(axes, plan)
     _mark_least_gap(axes, plan, settings)
     dress(figure, axes, f"{problem.name}: {plan.trajectory.duration:.2f} s", problem)
     return figure
 
 
-def draw_goals(axes: Axes, plan: DrawnPlan, settings: PictureSettings = PICTURES, *, poses: bool = True) -> None:
+def draw_goals(axes: Axes, plan: DrawnPlan, *, poses: bool = True) -> None:
     """All goals, with their numbers where there are several, and perhaps the arm at those on the way."""
     problem = plan.problem
     samples = [*plan.trajectory.stops, len(plan.points) - 1]
@@ -202,11 +221,11 @@ def draw_goals(axes: Axes, plan: DrawnPlan, settings: PictureSettings = PICTURES
         label = ("goals" if len(asked) > 1 else "goal") if last else ""
         if poses and not last:
             draw_body(axes, plan.points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        draw_goal(axes, goal, tolerances, plan.points[k], label, settings)
+        draw_goal(axes, goal, tolerances, plan.points[k], label)
         if len(asked) > 1:
             place = goal.position if isinstance(goal, TipGoal) else plan.points[k, -1]
             heading = goal.heading if isinstance(goal, TipGoal) else None
-            number_goal(axes, place, heading, number, settings.label_size - 0.5)
+            number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
 
 
 def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> None:
@@ -219,7 +238,7 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> N
         zorder=10, linestyle="none",
     )  # fmt: skip
     places = LabelPlaces(axes)
-    shown = plan.points[even_steps(plan.points, settings.poses_on_the_way)]
+    shown = plan.points[even_steps(plan.points, _POSES_ON_THE_WAY)]
     radius = max(plan.problem.arm.radius, 1e-3 * plan.problem.arm.length)
     for pose in (plan.points[0], plan.points[-1]):
         places.keep_off(shapely.LineString(pose).buffer(radius))
@@ -234,7 +253,7 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> N
         gap = short_length(plan.nearest.gap)
     counted = plan.problem.workspace.clearance and not plan.nearest.second_link
     lines = (f"least gap {gap}", *(["beyond the clearance"] if counted else []), f"at {plan.nearest.time:.2f} s")
-    places.write(place, "\n".join(lines), style.LEAST_GAP, settings.label_size)
+    places.write(place, "\n".join(lines), style.LEAST_GAP, _LABEL_SIZE)
 
 
 @dataclass(frozen=True)
@@ -249,7 +268,7 @@ def layout_of(bounds: tuple[float, float, float, float], settings: PictureSettin
     """A figure as large as the room at its scale, with margins for labels, title and legend."""
     xmin, ymin, xmax, ymax = bounds
     scale = settings.longest_side / max(xmax - xmin, ymax - ymin)
-    width = max(settings.least_width, scale * (xmax - xmin))
+    width = max(_LEAST_WIDTH, scale * (xmax - xmin))
     height = max(settings.least_height, scale * (ymax - ymin))
     across = settings.left + width + settings.right
     up = settings.bottom + height + settings.top
@@ -279,9 +298,7 @@ def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArra
     return np.unique(np.searchsorted(travelled, wanted if ends else wanted[1:-1]))
 
 
-def draw_goal(
-    axes: Axes, goal: Goal, tolerances: Tolerances, end: FloatArray, label: str, settings: PictureSettings = PICTURES
-) -> None:
+def draw_goal(axes: Axes, goal: Goal, tolerances: Tolerances, end: FloatArray, label: str) -> None:
     """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose.
 
     Tolerances that are wide enough to be seen are drawn too: the disc that the tip may end in, and the headings that it
@@ -295,13 +312,13 @@ def draw_goal(
     if not isinstance(goal, TipGoal):
         return
     width = float(np.ptp(axes.get_xlim()))
-    if tolerances.position > settings.least_disc * width:
+    if tolerances.position > _LEAST_DISC * width:
         look = {"facecolor": style.GOAL_TINT, "edgecolor": style.GOAL_MARK, "linewidth": 0.8, "linestyle": "--"}
         axes.add_patch(Circle(tuple(goal.position), tolerances.position, zorder=1.5, **look))
     if goal.heading is None:
         return
-    reach = settings.arrow_share * width
-    if settings.least_wedge < tolerances.heading < np.pi:
+    reach = _ARROW_SHARE * width
+    if _LEAST_WEDGE < tolerances.heading < np.pi:
         ends = np.rad2deg(goal.heading + tolerances.heading * np.array([-1.0, 1.0]))
         wedge = Wedge(tuple(goal.position), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
         axes.add_patch(wedge)

@@ -15,6 +15,13 @@ from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.plan import draw_goal, dress, layout_of
 from ccm_opt.viz.settings import PICTURES, PictureSettings
 
+_SCALE_ROOM = 0.9
+"""Room for a scale of colours at the right [inch]."""
+_CURVE_PLACES = 401
+"""Points by which a curve is drawn."""
+_BAR_SHARE = 0.02
+"""Half the length of the bar at a side that a pose leans on, as a share of the arm's length."""
+
 
 def pose_png(found: StaticPose, settings: PictureSettings = PICTURES) -> bytes:
     """The picture of a pose.
@@ -38,19 +45,19 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     axes = figure.add_axes(layout.place)
     draw_workspace(axes, problem.workspace, settings)
     draw_body(axes, points, problem.arm.radius, style.REGION_TINT, style.GOAL_ARM, label="arm", zorder=3)
-    _draw_curve(axes, found.pose.curve, settings)
-    _draw_binding(axes, found, settings)
+    _draw_curve(axes, found.pose.curve)
+    _draw_binding(axes, found)
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
-    draw_goal(axes, problem.goal, problem.tolerances, points, "goal", settings)
+    draw_goal(axes, problem.goal, problem.tolerances, points, "goal")
     with words_in(problem.length_unit):
         gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
     dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}", problem)
     return figure
 
 
-def _draw_curve(axes: Axes, curve: Configuration, settings: PictureSettings) -> None:
+def _draw_curve(axes: Axes, curve: Configuration) -> None:
     """The curve, and a mark where one segment ends and the next begins."""
-    arc = np.linspace(0.0, curve.length, settings.curve_places)
+    arc = np.linspace(0.0, curve.length, _CURVE_PLACES)
     axes.plot(*curve.positions_at(arc).T, color=style.TIP_PATH, linewidth=1.4, zorder=5, label="curve")
     ends = curve.positions_at(curve.boundaries[1:-1])
     axes.plot(
@@ -59,23 +66,23 @@ def _draw_curve(axes: Axes, curve: Configuration, settings: PictureSettings) -> 
     )  # fmt: skip
 
 
-def _draw_binding(axes: Axes, found: StaticPose, settings: PictureSettings) -> None:
+def _draw_binding(axes: Axes, found: StaticPose) -> None:
     """A bar across the side that a link leans on, where the room that it has ends; the stronger the wider."""
     if not found.binding:
         return
     strongest = max(side.multiplier for side in found.binding)
-    bars = [_bar(found, side, settings) for side in found.binding]
+    bars = [_bar(found, side) for side in found.binding]
     widths = [1.0 + 2.5 * np.sqrt(side.multiplier / strongest) for side in found.binding]
     axes.add_collection(LineCollection(bars, colors=style.PRESSED, linewidths=widths, zorder=7))
     axes.plot([], [], color=style.PRESSED, linewidth=2.5, label="sides that it leans on")
 
 
-def _bar(found: StaticPose, side: BindingSide, settings: PictureSettings) -> list[tuple[float, float]]:
+def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
     """Both ends of the bar of a side."""
     arm = found.problem.arm
     normal = np.array(side.towards)
     middle = np.array(side.place) + (arm.radius + max(found.pose.gap, 0.0)) * normal
-    along = settings.bar_share * arm.length * np.array([-normal[1], normal[0]])
+    along = _BAR_SHARE * arm.length * np.array([-normal[1], normal[0]])
     ends = (middle - along, middle + along)
     return [(float(end[0]), float(end[1])) for end in ends]
 
@@ -99,7 +106,7 @@ def reach_figure(found: ReachMap, settings: PictureSettings = PICTURES) -> Figur
     layout = layout_of(workspace.boundary.bounds, settings)
     across, up = layout.size
     # Room for the scale of colours at the right.
-    wider = across + settings.scale_room
+    wider = across + _SCALE_ROOM
     left, bottom, width, height = layout.place
     figure = Figure(figsize=(wider, up), dpi=settings.dots_per_inch)
     axes = figure.add_axes((left * across / wider, bottom, width * across / wider, height))

@@ -14,6 +14,9 @@ from ccm_opt.viz.document import Markup, coded, element, step_for
 from ccm_opt.viz.page_units import PageUnits
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
+_WANTED_GAPS_SHOWN = 4.0
+"""Gaps up to so many times the wanted one are drawn."""
+
 _BOUNDS = {
     "start": "the start pose has no more",
     "goal": "what the goal fixes has no more",
@@ -205,16 +208,16 @@ def gap_data(room: RoomRecord, settings: ReportSettings = REPORT) -> dict[str, o
         "wanted": room.wanted,
         "clearance": room.clearance,
         "reach": room.reach,
-        "highest": highest_shown(room, settings),
+        "highest": highest_shown(room),
         "nearest": {"gap": near.gap, "time": near.time, "pair": near.pair, "itself": bool(near.second_link)}
         if near.link
         else None,
     }
 
 
-def highest_shown(room: RoomRecord, settings: ReportSettings = REPORT) -> float:
+def highest_shown(room: RoomRecord) -> float:
     """Gap at the upper edge of the chart [m]: some times the wanted one, or the largest there is if that is less."""
     # What is beyond the record's reach stands there as the reach, and is not shown as if it were a gap.
     largest = 1.1 * float(room.gaps.max())
-    shown = settings.wanted_gaps_shown * room.wanted if room.wanted else room.reach
+    shown = _WANTED_GAPS_SHOWN * room.wanted if room.wanted else room.reach
     return max(min(shown, largest, 0.98 * room.reach), 1.5 * room.wanted, 1e-3 * room.reach)

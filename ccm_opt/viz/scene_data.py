@@ -10,6 +10,11 @@ from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
+_PLACE_STEP = 2e-5
+"""Of places in the page, as a share of the room's extent."""
+_MOST_NAMED = 16
+"""Obstacles whose names stand in the scene at first."""
+
 SceneData = dict[str, object]
 
 
@@ -31,7 +36,7 @@ def scene_data(problem: Problem, shown: FloatArray, settings: ReportSettings = R
     return {
         "bounds": [float(value) for value in bounds],
         "look": [float(f"{value:.6g}") for value in look],
-        "named": len(problem.workspace.obstacles) <= settings.most_named,
+        "named": len(problem.workspace.obstacles) <= _MOST_NAMED,
         **_walls(problem.workspace, settings),
         "arm": {
             "links": arm.links,
@@ -48,7 +53,7 @@ def scene_data(problem: Problem, shown: FloatArray, settings: ReportSettings = R
 def _walls(workspace: Workspace, settings: ReportSettings) -> SceneData:
     """Boundary and obstacles as paths of SVG in whole steps from the corner of the room, with the size of a step."""
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
-    step = settings.place_step * max(xmax - xmin, ymax - ymin)
+    step = _PLACE_STEP * max(xmax - xmin, ymax - ymin)
     outlines = [obstacle.outline() for obstacle in workspace.obstacles]
     count = sum(shapely.get_num_coordinates(outline) for outline in outlines)
     if count > settings.most_vertices:

@@ -18,6 +18,9 @@ from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings
 from ccm_opt.viz.space_plan import draw_arm, dress_view
 from ccm_opt.viz.space_views import SIDES, SeenScene, Side, window_of
 
+_SIMULATED_POSES = (0.25, 0.5, 0.75)
+"""Shares of the duration at which the simulated arm is drawn on its way."""
+
 
 def simulation_png(
     problem: Problem,
@@ -42,7 +45,7 @@ def simulation_png(
     def draw() -> Figure:
         figure = Figure(figsize=(9.0, 4.6), dpi=settings.dots_per_inch, layout="constrained")
         scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
-        _draw_scene(scene, problem, trajectory, simulated, settings.simulated_poses)
+        _draw_scene(scene, problem, trajectory, simulated, _SIMULATED_POSES)
         draw_errors(errors, trajectory, joints, simulated, settings.least_error)
         figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
         return figure
@@ -127,7 +130,7 @@ def space_simulation_png(
     carried = np.sum(simulated.base_positions[:reached], axis=1)
     points = joint_positions_3d(problem.arm, simulated.angles[:reached], carried)
     planned = joint_positions(problem.arm, trajectory.positions)
-    between = poses_at(PICTURES.simulated_poses, trajectory.time[:reached], points)
+    between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
     window = window_of(problem, np.concatenate((planned, points)))
 
     def draw() -> Figure:

@@ -19,6 +19,9 @@ from ccm_opt.viz.settings import SPACE_PICTURES, SpacePictureSettings
 from ccm_opt.viz.space_section import draw_section
 from ccm_opt.viz.space_views import SIDES, SeenScene, Side, window_of
 
+_LEGEND_WIDTH = 8.0
+"""Of the arm in the legend, at most [point]."""
+
 
 @dataclass(frozen=True)
 class SheetOfSides:
@@ -67,7 +70,7 @@ def space_plan_figure(
     figure = sheet.figure
     gap = "" if plan.least_gap is None else f", least gap {short_length(plan.least_gap)}"
     figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
-    legend_below_views(figure, settings)
+    legend_below_views(figure)
     return figure
 
 
@@ -95,13 +98,13 @@ def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PI
     return SheetOfSides(figure, views, figure.add_subplot(grid[0, 1]))
 
 
-def legend_below_views(figure: Figure, settings: SpacePictureSettings) -> None:
+def legend_below_views(figure: Figure) -> None:
     """One legend for all views, of what is in the first of them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
     legend = figure.legend(handles, labels, loc="lower center", ncols=6, frameon=False, fontsize=style.FONT_SIZE)
     for line in legend.get_lines():
         # A thick arm would cover its own name.
-        line.set_linewidth(min(line.get_linewidth(), settings.legend_width))
+        line.set_linewidth(min(line.get_linewidth(), _LEGEND_WIDTH))
 
 
 def _draw_view(

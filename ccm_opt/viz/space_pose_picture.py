@@ -57,7 +57,7 @@ def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = S
         gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
     figure = sheet.figure
     figure.suptitle(f"{problem.name}: best pose at the goal, gap {gap}", x=0.02, ha="left", fontsize=10)
-    legend_below_views(figure, settings)
+    legend_below_views(figure)
     return figure
 
 

@@ -20,6 +20,9 @@ from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import SpacePictureSettings
 
+_SECTION_SHARE = 0.12
+"""Of the arm's length, as far as the section looks for surfaces."""
+
 _ROUND_SIDES = 48
 """Of balls and bars, whose polygons then stand back behind them by a fifth of a percent of their radius."""
 
@@ -154,7 +157,7 @@ def draw_section(
         title: above the section and its legend.
     """
     arm = problem.arm
-    reach = max(settings.section_share * arm.length, 4.0 * arm.radius)
+    reach = max(_SECTION_SHARE * arm.length, 4.0 * arm.radius)
     section = section_along(problem, pose, settings.places, reach)
     along = section.place / METRES[problem.length_unit]
     unit = METRES[problem.length_unit]

@@ -16,6 +16,13 @@ from ccm_opt.scene.surfaces import all_within, sharp_edges
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import SPACE_PICTURES, SpacePictureSettings
 
+_LEAST_TRIANGLES = 200
+"""Of one body, however many there are."""
+_FEWEST_SIDES = 12
+"""Of them where there are so many bodies that each may have few triangles only."""
+_GLASS_PIXELS = 700
+"""Of the longer side of a view, in which bodies are drawn."""
+
 
 @dataclass(frozen=True)
 class Side:
@@ -74,9 +81,9 @@ class SeenScene:
         settings = self.settings
         # A ball of n sides has about n² triangles.
         fine = settings.most_triangles >= len(obstacles) * settings.round_sides**2
-        sides = settings.round_sides if fine else settings.fewest_sides
+        sides = settings.round_sides if fine else _FEWEST_SIDES
         surfaces = [seen_triangles(obstacle.body, sides) for obstacle in obstacles]
-        return all_within(surfaces, settings.most_triangles, settings.least_triangles, settings.cell * extent)
+        return all_within(surfaces, settings.most_triangles, _LEAST_TRIANGLES, settings.cell * extent)
 
     @cached_property
     def edges(self) -> list[FloatArray]:
@@ -88,7 +95,7 @@ class SeenScene:
         """Draw every body as one sheet of glass with its edges; the limits of the axes must be set."""
         low = np.array([axes.get_xlim()[0], axes.get_ylim()[0]])
         high = np.array([axes.get_xlim()[1], axes.get_ylim()[1]])
-        scale = self.settings.glass_pixels / float(np.max(high - low))
+        scale = _GLASS_PIXELS / float(np.max(high - low))
         size = np.maximum(np.round(scale * (high - low)), 1.0).astype(np.intp)
         sheets = np.zeros(size[::-1], dtype=np.intp)
         for vertices, faces in self.bodies:

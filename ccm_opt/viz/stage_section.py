@@ -11,7 +11,9 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz.document import Markup, element, joined
 from ccm_opt.viz.page_units import MINUS
-from ccm_opt.viz.settings import REPORT, ReportSettings
+
+_MOST_OBSTACLES = 80
+"""With more of them, routes and regions are left out, whose search would take too long."""
 
 _BUTTONS = (
     ("zoom-in", "+", "zoom in (+)"),
@@ -78,18 +80,17 @@ _NO_WIDTH = 1e-6
 """Stands for the radius of an arm of no width, as a share of its length."""
 
 
-def route_layers(problem: Problem, end: FloatArray, settings: ReportSettings = REPORT) -> dict[str, object]:
+def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
     """The way that the arm takes round the obstacles in its last pose, drawn taut, and the regions along it.
 
     Args:
         problem: what was asked.
         end: the last pose, joints and tip, shape (links + 1, 2) [m].
-        settings: with how many obstacles they are still drawn.
 
     Returns:
         ``route``, ``length`` [m] and ``regions``; empty where there are too many obstacles or no such way.
     """
-    if len(problem.workspace.obstacles) > settings.most_obstacles:
+    if len(problem.workspace.obstacles) > _MOST_OBSTACLES:
         return {}
     inflation = problem.arm.radius + problem.workspace.clearance or _NO_WIDTH * problem.arm.length
     space = FreeSpace(problem.workspace, inflation)

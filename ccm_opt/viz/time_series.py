@@ -19,6 +19,11 @@ from ccm_opt.viz.document import coded, step_for
 from ccm_opt.viz.page_units import PageUnits
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
+_CURVE_ERROR = 2e-3
+"""Distance that a sample may have from its curve, as a share of the chart's range."""
+_POSE_ERROR = 1e-4
+"""The same of the joints' bends, from which the arm is drawn [rad]."""
+
 
 def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
     """Choose the samples that are kept, by their numbers, increasing.
@@ -103,17 +108,17 @@ def series_data(solution: AnySolution, settings: ReportSettings = REPORT) -> lis
     """
     trajectory = solution.trajectory
     always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
-    return [_coded_group(group, trajectory.time, always, settings) for group in series_groups(solution, settings)]
+    return [_coded_group(group, trajectory.time, always, settings) for group in series_groups(solution)]
 
 
-def series_groups(solution: AnySolution, settings: ReportSettings = REPORT) -> Iterator[SeriesGroup]:
+def series_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
     """All groups of a plan at every sample, those of the joints first."""
     arm = solution.problem.arm
     trajectory = solution.trajectory
     joints = trajectory.coordinates.names[trajectory.coordinates.bends]
     bends = np.rad2deg(trajectory.bend_angles)
     yield SeriesGroup(
-        "bends", "Joint bends", "°", joints, bends, np.rad2deg(arm.bend_limits), float(np.rad2deg(settings.pose_error))
+        "bends", "Joint bends", "°", joints, bends, np.rad2deg(arm.bend_limits), float(np.rad2deg(_POSE_ERROR))
     )
     yield from _base_groups(solution)
     yield from _drive_groups(solution)
@@ -198,7 +203,7 @@ def _simulated_groups(solution: AnySolution, joints: tuple[str, ...]) -> Iterato
 def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray, settings: ReportSettings) -> dict[str, object]:
     values = np.nan_to_num(group.values)
     extent = max(float(np.ptp(values)) if values.size else 0.0, 1e-300)
-    error = settings.curve_error * extent if group.error is None else group.error
+    error = _CURVE_ERROR * extent if group.error is None else group.error
     fewest = settings.most_numbers // max(values.shape[1], 1)
     most = int(np.clip(fewest, settings.least_samples, settings.most_samples))
     kept = kept_samples(time, values, error, most, always)
@@ -283,7 +288,7 @@ def phase_data(solution: AnySolution, settings: ReportSettings = REPORT) -> dict
     scaled = np.column_stack((columns, place / max(float(place[-1]), 1e-300), speed / max(float(speed.max()), 1e-300)))
     always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
     most = int(np.clip(settings.most_numbers // scaled.shape[1], settings.least_samples, settings.most_samples))
-    kept = kept_samples(trajectory.time, scaled, settings.curve_error, most, always)
+    kept = kept_samples(trajectory.time, scaled, _CURVE_ERROR, most, always)
     return {
         "time": coded(trajectory.time[kept], 1e-5),
         "place": coded(np.rad2deg(place[kept]), step_for(np.rad2deg(place), settings.number_step)),

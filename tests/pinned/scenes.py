@@ -335,9 +335,9 @@ def keyframes_held(scale: float) -> None:
         longer = [CurvePose(Configuration(c.configuration.base, c.configuration.segments[:-1])) for c in curves]
         for some in (keyframes, keyframes + 0.05, keyframes[::-1], keyframes[:0], keyframes[2:]):
             check_keyframes(arm, trajectory, some)
-            check_followed_curves(arm, curves, some, DEFAULT_VERIFICATION)
+            check_followed_curves(arm, curves, some)
         for some in (curves, curves[1:], curves[::-1], longer):
-            check_nearest_curves(some, curves, DEFAULT_VERIFICATION)
+            check_nearest_curves(some, curves)
 
 
 def proved_motions(scale: float) -> None:

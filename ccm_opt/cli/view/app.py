@@ -32,6 +32,11 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.solution import Check
 from ccm_opt.viz.page_units import PageUnits
 
+_FRAME_RATE = 30.0
+"""Poses a second that are sent to the browser while the motion plays [1/s]."""
+_SLIDER_RATE = 10.0
+"""Times a second that the time slider follows it [1/s]."""
+
 LOOPBACK = "127.0.0.1"
 """Only this machine sees the page: whoever can reach it can make it plan."""
 HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?", re.ASCII)
@@ -180,12 +185,12 @@ class ViewerApp:
             last = time.monotonic()
             slid = last
             while not until():
-                time.sleep(1.0 / self.settings.frame_rate)
+                time.sleep(1.0 / _FRAME_RATE)
                 now = time.monotonic()
                 with self._lock:
                     if self.player.playing:
                         self._advance(now - last)
-                        if now - slid >= 1.0 / self.settings.slider_rate:
+                        if now - slid >= 1.0 / _SLIDER_RATE:
                             slid = now
                             self._slider.value = round(min(self.player.time, self._end), 3)
                 last = now

@@ -15,6 +15,9 @@ from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointStates, JointTrajectory
 
+_TUBE_FRAMES = 200
+"""Poses whose union is the region that the arm sweeps."""
+
 
 @dataclass(frozen=True)
 class MotionFrames:
@@ -58,7 +61,7 @@ class MotionFrames:
 
     def swept(self) -> shapely.Geometry:
         """The region that the arm sweeps, as far as some of its poses show it."""
-        chosen = np.linspace(0, len(self.points) - 1, self.settings.tube_frames).astype(int)
+        chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radius = max(self.problem.arm.radius, self.settings.thin_arm * self.problem.arm.length)
         bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=self.settings.curved)
         return shapely.union_all(bodies)

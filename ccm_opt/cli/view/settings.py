@@ -13,10 +13,7 @@ class ViewSettings:
     """How a motion is shown in the browser; all of them are taste.
 
     Attributes:
-        frame_rate: poses a second that are sent to the browser while the motion plays [1/s].
-        slider_rate: times a second that the time slider follows it [1/s].
         frames: poses of a motion at which gaps are looked at for colours.
-        tube_frames: poses whose union is the region that the arm sweeps.
         rest: wall time for which the last pose is shown before the motion plays again [s].
         depth: of extruded obstacles behind and before the plane, in radii of the arm.
         least_depth: the same at least, as a share of the arm's length.
@@ -31,10 +28,7 @@ class ViewSettings:
         anew: CPU time for that [s].
     """
 
-    frame_rate: float = 30.0
-    slider_rate: float = 10.0
     frames: int = 160
-    tube_frames: int = 200
     rest: float = 0.8
     depth: float = 4.0
     least_depth: float = 0.06

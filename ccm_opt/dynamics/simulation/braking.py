@@ -23,6 +23,14 @@ from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import JointTrajectory
 
+_CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Places in a step at which the limits are held, from 0 to 1. Taste."""
+_LONGEST_TIME = 60.0
+"""Braking that takes longer has failed [s]. Taste."""
+_LONGEST_LAST_STEP = 1.5
+"""Longest last step in units of ``step``; a shorter rest is made part of the step before it, so that no step is very
+short. Taste."""
+
 
 def braked(
     trajectory: JointTrajectory,
@@ -144,7 +152,7 @@ class _PlannedMotion:
     def least_change(self, sigma: float, rate: float, step: float) -> float:
         """Least α = ẇ within the limits over a step from a place of the motion on [1/s]; it is never above 0."""
         # In a step the arm moves on by at most w h; the limits are looked at in several places of that stretch.
-        places = np.minimum(sigma + np.array(self.settings.checked_places) * rate * step, self.spline.x[-1])
+        places = np.minimum(sigma + np.array(_CHECKED_PLACES) * rate * step, self.spline.x[-1])
         return max(self._least_change(place, rate) for place in places)
 
     def _least_change(self, sigma: float, rate: float) -> float:
@@ -207,17 +215,16 @@ def _fall(planned: _PlannedMotion, sigma: float, step: float) -> JointTrajectory
     samples: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
     rate = 1.0
     since = 0.0
-    settings = planned.settings
     while rate > 0.0:
         change = planned.least_change(sigma, rate, step)
-        if since > settings.longest_time:
+        if since > _LONGEST_TIME:
             raise _cannot(sigma)
         x, first, second = planned.at(sigma)
         samples.append((since, x, first * rate, second * rate**2 + first * change))
 
         # A last step that would be very short is made part of the one before.
         left = rate / -change if change < 0.0 else np.inf
-        last = left < settings.longest_last_step * step
+        last = left < _LONGEST_LAST_STEP * step
         span = left if last else step
         # At constant α the motion advances by w h + α h² / 2, and w changes by α h.
         sigma += (rate + 0.5 * change * span) * span

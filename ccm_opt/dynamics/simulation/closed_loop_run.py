@@ -33,6 +33,10 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
+_CHUNK_STEPS = 200
+"""Steps in one call of the loop. Taste: a call costs microseconds, and a state that is not finite is noticed when its
+call ends."""
+
 
 @dataclass(frozen=True)
 class RunFault:
@@ -231,7 +235,7 @@ def simulate(
     full: RunFault | None = None
     strayed: RunFault | None = None
     lost: RunFault | None = None
-    for steps in run.steps(state, options, settings.chunk_steps):
+    for steps in run.steps(state, options, _CHUNK_STEPS):
         lost = first_far_off(steps, settings.lost)
         sound = steps if lost is None else steps_before(steps, lost)
         full = full or first_saturation(sound, most)
@@ -300,7 +304,7 @@ def _prepared(
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
     plant = disturbed_arm(arm, options.disturbances)
     check_axes(arm, joints.angles, planar=planar, settings=settings)
-    check_stability(plant, joints.angles, options, planar=planar, believed=arm, settings=settings)
+    check_stability(plant, joints.angles, options, planar=planar, believed=arm)
 
     positions, velocities = _coordinates(trajectory, joints)
     reference = step_reference(trajectory.time, positions, velocities, options.step)

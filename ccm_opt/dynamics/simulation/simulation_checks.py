@@ -35,7 +35,7 @@ def check_options(
     try:
         # In the plane only bends move, and both orders of axes are the same arm.
         check_axes(replace(arm, axes="zyx") if planar else arm, straight, planar=planar, settings=settings)
-        check_stability(plant, straight, options, planar=planar, believed=arm, settings=settings)
+        check_stability(plant, straight, options, planar=planar, believed=arm)
     except SimulationError as error:
         raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
 

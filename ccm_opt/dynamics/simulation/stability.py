@@ -19,10 +19,15 @@ from scipy.linalg import eigvalsh
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.simulation.controller import feed_gains, gains
-from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.driven_arm import DrivenArm
+
+_CHECKED_POSES = 9
+"""Number of poses along the motion at which gains and friction are held against the mass matrix. Taste: λmax varies
+slowly along a motion, and a pose costs one mass matrix and one eigenvalue."""
+_ADVISED_SHARE = 0.9
+"""Share of a stability bound that figures in advice make use of. Taste."""
 
 RUNGE_KUTTA_REACH = 2.78
 """|λ dt| on the negative real axis up to which the classical method is stable, where 1 + z + … + z⁴/24 reaches 1."""
@@ -35,7 +40,6 @@ def check_stability(
     *,
     planar: bool,
     believed: DrivenArm | None = None,
-    settings: SimulationSettings = DEFAULT_SIMULATION,
 ) -> None:
     """Refuse gains that the sampled controller cannot hold, and friction that the integrator cannot follow.
 
@@ -45,19 +49,18 @@ def check_stability(
         options: controller, gains and step.
         planar: whether nothing moves the arm out of its plane, so that only the bends count.
         believed: the arm as its controller knows it; the same when None.
-        settings: at how many poses, and how far inside the bounds advised figures are.
 
     Raises:
         SimulationError: with the figures, when a condition of this module's docstring fails.
     """
-    poses = _spread(angles, settings.checked_poses)
+    poses = _spread(angles, _CHECKED_POSES)
     if options.controller == "computed-torque":
-        _check_computed_torque(options, settings)
+        _check_computed_torque(options)
     else:
-        _check_pd(believed or arm, poses, options, settings, planar=planar)
+        _check_pd(believed or arm, poses, options, planar=planar)
     for _ in arm.base_axes:
-        _check_feed(arm, poses, options, settings, planar=planar)
-    _check_friction(arm, poses, options, settings, planar=planar)
+        _check_feed(arm, poses, options, planar=planar)
+    _check_friction(arm, poses, options, planar=planar)
 
 
 def fastest_mode(arm: DrivenArm, poses: FloatArray, *, planar: bool) -> float:
@@ -90,12 +93,12 @@ def fastest_rate(arm: DrivenArm, poses: FloatArray, damping: FloatArray, *, plan
     return float(1.0 / smallest) if smallest > 0.0 else float("inf")
 
 
-def _check_computed_torque(options: SimulationOptions, settings: SimulationSettings) -> None:
+def _check_computed_torque(options: SimulationOptions) -> None:
     """ωn dt < 1."""
     value = options.bandwidth * options.step
     if value < 1.0:
         return
-    share = settings.advised_share / value
+    share = _ADVISED_SHARE / value
     reason = (
         f"computed-torque with a bandwidth of {options.bandwidth:.4g} 1/s, dt = {options.step:.4g} s, is unstable: "
         f"bandwidth · dt < 1 is needed, but the left side is {value:.4g}"
@@ -107,9 +110,7 @@ def _check_computed_torque(options: SimulationOptions, settings: SimulationSetti
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": 1.0}))
 
 
-def _check_pd(
-    believed: DrivenArm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
-) -> None:
+def _check_pd(believed: DrivenArm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
     step = options.step
     gain = gains(believed, options)
@@ -126,14 +127,14 @@ def _check_pd(
         f"eigenvalue of M⁻¹ Kd, but the left side is {value:.4g}"
     )
     evidence = {"value": value, "bound": bound, "fastest_rate": rate}
-    raise SimulationError(Diagnosis(reason, "simulation", _pd_advice(options, ratio, bound, settings), evidence))
+    raise SimulationError(Diagnosis(reason, "simulation", _pd_advice(options, ratio, bound), evidence))
 
 
-def _pd_advice(options: SimulationOptions, ratio: float, bound: float, settings: SimulationSettings) -> tuple[str, ...]:
+def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[str, ...]:
     """What would make PD stable for an arm of any ν, as far as anything does."""
     computed = 'simulation.controller = "computed-torque"'
     # For ν without bound the condition is 1 + κ dt < bound.
-    most = settings.advised_share * (bound - 1.0) / options.step
+    most = _ADVISED_SHARE * (bound - 1.0) / options.step
     if most <= 0.0:
         return ("simulation.disturbances.mass_error above -0.5", computed)
     shorter = f"simulation.step below {most / ratio * options.step:.3g} s"
@@ -143,9 +144,7 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float, settings:
     return (f"simulation.gains.derivative above {given / most:.3g} N m s/rad", shorter, computed)
 
 
-def _check_feed(
-    arm: DrivenArm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
-) -> None:
+def _check_feed(arm: DrivenArm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
     if options.controller == "computed-torque":
         return
@@ -154,7 +153,7 @@ def _check_feed(
     value = rate * options.step
     if value < 2.0:
         return
-    share = settings.advised_share * 2.0 / value
+    share = _ADVISED_SHARE * 2.0 / value
     reason = f"PD of the feed axis is unstable: Kd · dt / m < 2 is needed, but the left side is {value:.4g}"
     advice = (
         f"simulation.bandwidth below {share * options.bandwidth:.3g} 1/s",
@@ -164,9 +163,7 @@ def _check_feed(
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": 2.0}))
 
 
-def _check_friction(
-    arm: DrivenArm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
-) -> None:
+def _check_friction(arm: DrivenArm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """Friction damps the fastest mode at a rate that the integrator must follow."""
     friction = float(np.max(arm.friction))
     if friction == 0.0:
@@ -174,7 +171,7 @@ def _check_friction(
     value = friction * fastest_mode(arm, poses, planar=planar) * options.step
     if value < RUNGE_KUTTA_REACH:
         return
-    share = settings.advised_share * RUNGE_KUTTA_REACH / value
+    share = _ADVISED_SHARE * RUNGE_KUTTA_REACH / value
     reason = (
         f"friction of {friction:.4g} N m s/rad cannot be integrated at dt = {options.step:.4g} s: "
         f"b · λmax · dt < {RUNGE_KUTTA_REACH} is needed, but the left side is {value:.4g}"

@@ -37,6 +37,15 @@ from ccm_opt.robot.arm import Arm
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import Sweep
 
+_KEYFRAMES_A_LINK = 2.0
+"""Of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer, joints bend late behind
+the hole."""
+_MOST_KEYFRAMES = 48
+"""Of the optimisation. Taste: its cost grows with them and with the cube of the links."""
+_OPTIMISING_SHARE = 0.1
+"""Share of the time limit that the optimisation of one motion may use. Taste: what is not finished then is certified
+all the same."""
+
 
 @dataclass(frozen=True)
 class FedEndPoses:
@@ -63,7 +72,7 @@ class FedEndPoses:
             return
         configuration = arm.configurations(pose)
         end = JointPose(configuration[:-1], float(configuration[-1]))
-        part = PartBeyond.of(query.problem, end, goal, query.outside, query.settings)
+        part = PartBeyond.of(query.problem, end, goal, query.outside)
         if part is None:
             return
         headings = pose[part.first : arm.links]
@@ -339,14 +348,14 @@ def task_of_optimising(task: MotionTask, query: FeedQuery, motion: Motion) -> Mo
     way = arm.coordinates.advance(arm.configurations(motion.headings))
     # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
     links_fed = float(np.abs(np.diff(way)).sum()) / arm.link_length
-    dense = round(min(query.settings.keyframes_a_link * links_fed, query.settings.most_keyframes))
+    dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
     plain = task.settings.optimisation
     optimisation = replace(
         plain,
         intervals=max(plain.intervals, dense),
         moved_intervals=tuple(max(count, dense) for count in plain.moved_intervals),
     )
-    deadline = task.deadline.within(query.settings.optimising_share * query.problem.planner.time_limit)
+    deadline = task.deadline.within(_OPTIMISING_SHARE * query.problem.planner.time_limit)
     return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
 
 

@@ -26,6 +26,23 @@ from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.solution import JointPath
 
+_FIRST_CURVES = 5
+"""The same where other straight beginnings may do as well. Taste."""
+_MEMBER_SHARE = 0.02
+"""Share of the time limit that each member of a goal that is a set may use before any may use more. Taste."""
+_FOLLOWING_SHARE = 0.4
+"""Share of the time limit that paths for a leader may be looked for. Taste."""
+_COMPARED_SECONDS = 0.8
+"""CPU time of one that is only compared with what is at hand already [s]. Measured on bent starts: those that are found
+take 0.1 to 0.4 s; a share of the time limit let one in vain take 3 s."""
+_PATHS_RESHAPED_TO = 3
+"""Leaders' paths to which a change of shape is tried. Taste."""
+_LED_IN_VAIN = 2
+"""Leaders' paths to which leading the arm straight may fail before others wait until shapes have been changed. Measured
+in crowds of 50 polygons: ten paths in vain took 5 s, the change of shape 0.3 s."""
+_REFUSALS_LISTED = 20
+"""Of the reasons why motions were refused a diagnosis lists so many. Taste."""
+
 
 @dataclass(frozen=True)
 class FeedPlanner:
@@ -56,7 +73,7 @@ class FeedPlanner:
             return self._planned(members[0], problem.arm.feed, deadline)
         # Members differ in how hard they are: all are tried in short before any may take long.
         for member in members:
-            short = deadline.within(self.settings.member_share * problem.planner.time_limit)
+            short = deadline.within(_MEMBER_SHARE * problem.planner.time_limit)
             with suppress(NoPlanFound):
                 return self._planned(member, problem.arm.feed, short)
         failures: list[NoPlanFound] = []
@@ -115,7 +132,7 @@ class _FeedSearch:
         self.leader_paths = None
         if isinstance(problem.goal, TipGoal):
             # What following may use up leaves time for changes of shape.
-            deadline = self.query.deadline.within(settings.following_share * problem.planner.time_limit)
+            deadline = self.query.deadline.within(_FOLLOWING_SHARE * problem.planner.time_limit)
             self.leader_paths = LeaderPaths(problem, problem.goal, deadline, settings)
 
     def run(self) -> JointPath:
@@ -191,8 +208,7 @@ class _FeedSearch:
 
         When the first paths cannot be followed all the way, others hardly can: shapes are changed to them first.
         """
-        settings = query.settings
-        most = settings.paths_reshaped_to
+        most = _PATHS_RESHAPED_TO
         not_followed: list[LeaderPath] = []
         not_led_to: list[LeaderPath] = []
         for path in self._leaders(query):
@@ -203,7 +219,7 @@ class _FeedSearch:
             back = [motion for motion in motions if motion.draws_back]
             if not ahead:
                 # Where the arm stalls on its way to some paths it mostly does to all, and changes of shape help.
-                asked = len(not_led_to) < settings.led_in_vain
+                asked = len(not_led_to) < _LED_IN_VAIN
                 led = list(self._led_to(query, path)) if asked else []
                 if not led:
                     not_led_to.append(path)
@@ -217,7 +233,7 @@ class _FeedSearch:
         if len(not_followed) < most:
             others = [path for path in self.found if path not in not_followed]
             yield from self._reshaping_to(query, (not_followed + others)[:most])
-        for path in not_led_to[settings.led_in_vain :]:
+        for path in not_led_to[_LED_IN_VAIN:]:
             yield from self._led_to(query, path)
 
     def _led_to(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
@@ -226,7 +242,7 @@ class _FeedSearch:
 
     def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         """Changes of shape that are found quickly, to compare with what is drawn back."""
-        share = query.settings.compared_seconds / query.problem.planner.time_limit
+        share = _COMPARED_SECONDS / query.problem.planner.time_limit
         yield from islice(reshaping(query, path, share), 1)
         if not self.compared:
             self.compared = True
@@ -268,7 +284,7 @@ class _FeedSearch:
             # What a constraint refused says more than how many motions there were.
             broken = next((words for words in self.refused if "constraint" in words), None)
             reason = f"{reason} under {names}" + ("" if broken is None else f"; {broken}")
-        evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
+        evidence: dict[str, object] = {"refused": refused[:_REFUSALS_LISTED]}
         room = room_advice(self.query.arm, self.query.problem.workspace)
         if self.query.deadline.passed():
             advice = (*room, "widen arm.feed.range", "raise planner.time_limit")
@@ -293,15 +309,15 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
     straights: list[tuple[float, int]] = []
     # A straight arm need not be drawn back for a path that is straight up to its tip,
     if not query.start.bends.any() and tip_at_start > least:
-        straights.append((tip_at_start, settings.first_curves))
+        straights.append((tip_at_start, _FIRST_CURVES))
     # any arm can be drawn back as far as the feed's range allows,
     if tip_drawn_back > least:
-        straights.append((tip_drawn_back, settings.first_curves))
+        straights.append((tip_drawn_back, _FIRST_CURVES))
     # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a path
     # may have to be straight for as long.
     # Nor can it bend where a guide or a hole is hardly wider than it: no joint may before the place where it widens.
-    tight = ends_of_tight_places(query.problem, query.feed.hole - arm.link_length, query.settings)
-    straights.extend((max(end + arm.link_length, least), settings.first_curves) for end in tight)
+    tight = ends_of_tight_places(query.problem, query.feed.hole - arm.link_length)
+    straights.extend((max(end + arm.link_length, least), _FIRST_CURVES) for end in tight)
     straights.append((least, settings.curves))
     if query.feed.high > least:
         straights.append((query.feed.high + 2.0 * query.motions.travel, settings.curves))

@@ -22,7 +22,6 @@ from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
-from ccm_opt.planning.planner_settings import DEFAULT_FEED
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.planning.settings import MotionSettings, SmoothPathSettings
 from ccm_opt.planning.smooth_path import SmoothPath, smooth_path
@@ -32,6 +31,19 @@ from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Limits, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointPath
+
+_WORTH_SHORTENING = 1.2
+"""Times the duration of the straight line between its ends from which on a motion is optimised. Taste: a motion that
+follows its leader without drawing back is as long as its feed."""
+_TIME_SAMPLES = 1500
+"""Places of a path at which its speed is bounded. Derived: several to every span of the paths that occur."""
+_ROOM_EXPONENT = 0.5
+"""Of paths that are compared, the one with a certain share of another's room may last that share to this power as long.
+Taste."""
+_LEAST_ROOM = 0.02
+"""Share of the wanted gap that counts for paths with less. Taste."""
+_FINER_SAMPLES = 4
+"""Samples to a keyframe of an optimised motion, beside which an even path is laid. Taste."""
 
 
 def even_spline(
@@ -77,7 +89,7 @@ def _straight_in_tube(arm: Arm, q: FloatArray, travel: float) -> FloatArray:
     return straight
 
 
-def path_time(arm: Arm, limits: Limits, path: BSpline, samples: int = DEFAULT_FEED.time_samples) -> float:
+def path_time(arm: Arm, limits: Limits, path: BSpline, samples: int = _TIME_SAMPLES) -> float:
     """Least duration of a path by the limits on speeds, and by those on accelerations at an even pace [s].
 
     With s the path parameter, |q′| ṡ ≤ v and |q″| ṡ² ≤ a bound ṡ everywhere; what it costs to change the pace is left
@@ -117,7 +129,7 @@ class FedPaths:
     def spline_time(self, spline: BSpline) -> float:
         """Least duration of a spline of bends and feed [s]."""
         query = self.query
-        return path_time(query.arm, query.problem.limits, spline, query.settings.time_samples)
+        return path_time(query.arm, query.problem.limits, spline, _TIME_SAMPLES)
 
     def smooth(self, motion: Motion) -> JointPath | None:
         """The quickest smooth path along a motion of the optimisation."""
@@ -136,7 +148,7 @@ class FedPaths:
         if any(limit.shapes_path for limit in self.task.user_limits):
             return None
         settings = self.task.settings.smooth_path
-        finer = self.query.settings.finer_samples
+        finer = _FINER_SAMPLES
         certificate = self.task.certificate
         travel = self.query.motions.travel
         spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer, settings)
@@ -284,7 +296,7 @@ class Finishing:
         """
         if self.task.optimiser == "none":
             return False
-        longer = duration_estimate(found) > self.query.settings.worth_shortening * _straight_line(found)
+        longer = duration_estimate(found) > _WORTH_SHORTENING * _straight_line(found)
         return longer or self.task.weights != Weights() or (not follows and lacks_room(found, self.task))
 
     def preferred(self, one: JointPath, other: JointPath) -> bool:
@@ -304,8 +316,7 @@ class Finishing:
         if wanted == 0.0:
             return time
         share = self._room(path) / wanted
-        settings = self.query.settings
-        return time * float(np.clip(share, settings.least_room, 1.0) ** -settings.room_exponent)
+        return time * float(np.clip(share, _LEAST_ROOM, 1.0) ** -_ROOM_EXPONENT)
 
     def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
         """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""

@@ -37,6 +37,40 @@ from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
 
+_TENSION = 0.02
+"""Weight of the band's length against its bending, both without units. Taste; just enough to take up slack."""
+_TIGHTNESS_POWER = 6
+"""How suddenly it does so on the way to the limit. Taste."""
+_MOST_TIGHT = 1.5
+"""Curvature, as a share of the limit, beyond which bending counts no more than there; a kink would otherwise swamp all
+other terms. Taste."""
+_LEAST_SLANT = 0.3
+"""Sine of the angle between the band and the direction of a wall below which the wall lies ahead or behind and bounds
+no shift sideways. Taste."""
+_FREE_SPACE_MARGINS = (1.0, 0.4, 0.1)
+"""Kept by free space beyond radius and clearance, widest first, as shares of a link's sagitta at its joint limit: links
+are chords of the path and cut its corners by that much. Taste."""
+_BAND_MARGINS = (0.2, 0.05, 0.01)
+"""Kept by elastic bands beyond radius and clearance where there is room, in link lengths. Taste."""
+_BAND_GAP = 0.8
+"""The same as a share of the wanted gap, tried first where it is more. Measured in tubes that leave just the wanted
+gap, at 48 links: at 1 the band has no play, swings, and lasts 1.5 times as long."""
+_BAND_SPACING = 1.0 / 3.0
+"""Distance between the points of a band, in link lengths. Taste."""
+_LEAST_BAND_SPACING = 1.0 / 90.0
+"""The same as a share of the arm's length, for arms of many links; the larger of both counts. Measured on clutter at 48
+links: points nearer together turn sharply one by one where corners push them, and a step costs the cube of their
+number."""
+_BAND_EVENNESS = 1.0 / 16.0
+"""Length over which a band's change of curvature weighs as much as its curvature, as a share of the arm's length.
+Taste."""
+_CHORD_ALLOWANCE = 1e-2
+"""Share of a path's length by which the arm on it may be longer than its chords. Taste."""
+_CURVE_STRETCHES = (1.03, 1.1, 1.25, 1.5, 2.0)
+"""Lengths of the continuous curve that are tried, over that of the taut path. Taste."""
+_CURVE_ATTEMPTS = 3
+"""Attempts of the configuration's NLP at one curve. Taste."""
+
 
 @dataclass(frozen=True)
 class ElasticBand:
@@ -114,8 +148,8 @@ class ElasticBand:
         rows = np.diag(-2.0 + (scaled_curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
 
         tightness = np.abs(scaled_curvature) / (self.curvature_limit * h * h)
-        tightness = np.minimum(tightness, settings.most_tight)
-        weight = 1.0 + settings.tightness * tightness**settings.tightness_power
+        tightness = np.minimum(tightness, _MOST_TIGHT)
+        weight = 1.0 + settings.tightness * tightness**_TIGHTNESS_POWER
 
         straight = np.zeros((1, m))  # before and after the band
         change = np.diff(scaled_curvature, prepend=0.0, append=0.0)
@@ -125,9 +159,7 @@ class ElasticBand:
         bending = rows.T @ (weight[:, None] * rows)
         evenness = even * change_rows.T @ change_rows
         hessian = bending + evenness + settings.ridge * np.eye(m)
-        gradient = (
-            rows.T @ (weight * scaled_curvature) + even * change_rows.T @ change - settings.tension * scaled_curvature
-        )
+        gradient = rows.T @ (weight * scaled_curvature) + even * change_rows.T @ change - _TENSION * scaled_curvature
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -138,7 +170,7 @@ class ElasticBand:
             tangents: unit vectors, shape (m, 2).
             curvature: |κ|, shape (m,) [1/m].
         """
-        least_slant = self.settings.least_slant
+        least_slant = _LEAST_SLANT
         sagitta = np.minimum(curvature, self.curvature_limit) * self.chord**2 / 8.0
         need = self.least + sagitta
         gaps, slants = self._gaps(band, tangents)
@@ -231,7 +263,7 @@ class LeaderPaths:
             straight: arc length at which the path may leave the axis [m].
             reach: between which arc lengths it has to end.
         """
-        longest = reach.most * (1.0 + self.settings.leaders.chord_allowance)
+        longest = reach.most * (1.0 + _CHORD_ALLOWANCE)
         seen = set[float]()
         for free_space, routes in self._routes_in_free_spaces(straight, reach):
             for k, route in enumerate(routes, start=1):
@@ -266,22 +298,20 @@ class LeaderPaths:
 
         With short links, shares of them leave less room than is wanted, and turns as tight round corners.
         """
-        settings = self.settings.leaders
-        margins = self.problem.arm.link_length * np.array(settings.band_margins)
-        wanted = settings.band_gap * self.problem.wanted_gap
+        margins = self.problem.arm.link_length * np.array(_BAND_MARGINS)
+        wanted = _BAND_GAP * self.problem.wanted_gap
         return (wanted, *margins) if wanted > margins[0] else tuple(margins)
 
     def _band(self, free_space: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
         """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
         arm = self.problem.arm
-        settings = self.settings.leaders
         band = ElasticBand(
             walls=self.problem.workspace.flat_walls,
             least=arm.radius + self.problem.workspace.clearance + margin,
             chord=arm.link_length,
             curvature_limit=self._curvature_limit,
-            spacing=max(settings.band_spacing * arm.link_length, settings.least_band_spacing * arm.length),
-            evenness=settings.band_evenness * arm.length,
+            spacing=max(_BAND_SPACING * arm.link_length, _LEAST_BAND_SPACING * arm.length),
+            evenness=_BAND_EVENNESS * arm.length,
             settings=self.settings.following.band,
         )
         begin, end = self._curve_ends(straight)
@@ -301,7 +331,7 @@ class LeaderPaths:
     def _routes_in_free_spaces(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, tuple[Route, ...]]]:
         """Free space with less and less margin, and the routes through it."""
         begin, end = self._curve_ends(straight)
-        for margin in self.settings.leaders.free_space_margins:
+        for margin in _FREE_SPACE_MARGINS:
             free_space = self._free_space(margin)
             if free_space.contains(np.stack((begin, end))).all():
                 yield free_space, self._routes(free_space, begin, end, reach.most - straight)
@@ -344,12 +374,11 @@ class LeaderPaths:
 
     def _lengths(self, routes: tuple[Route, ...], straight: float, reach: Reach) -> list[tuple[Route, float]]:
         """Routes with lengths of the curve to try along them, shortest first."""
-        settings = self.settings.leaders
-        least = (reach.least - straight - self._last_link) * (1.0 + settings.chord_allowance)
+        least = (reach.least - straight - self._last_link) * (1.0 + _CHORD_ALLOWANCE)
         most = reach.most - straight - self._last_link
         pairs: list[tuple[Route, float]] = []
         for route in routes:
-            lengths = np.clip(route.length * np.array(settings.curve_stretches), least, most)
+            lengths = np.clip(route.length * np.array(_CURVE_STRETCHES), least, most)
             # Clipping makes several alike; rounding finds them.
             longer = np.unique(np.round(lengths[lengths > route.length], 9))
             pairs.extend((route, float(length)) for length in longer)
@@ -372,7 +401,7 @@ class LeaderPaths:
             settings=self.settings.curve.configuration,
         )
         try:
-            return find_configuration(task, self.settings.leaders.curve_attempts)
+            return find_configuration(task, _CURVE_ATTEMPTS)
         except ConfigurationNotFound as refused:
             self.refusals = (*self.refusals, refused.diagnosis.reason)
             return None

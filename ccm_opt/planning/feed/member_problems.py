@@ -22,6 +22,18 @@ from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
+_WAY_SPACING = 0.5
+"""Between the places of a way into a goal that is a set at which it may end, in link lengths. Taste."""
+_LEAST_LINKS_RESHAPED = 2
+"""Shapes of fewer links beyond the hole are not changed. Derived: a single link has no shape."""
+_TIGHT_GAP = 0.05
+"""Room on either side of the arm, in link lengths, below which a place of the axis is tight: no joint can bend there as
+paths would have it. Taste."""
+_TIGHT_SPACING = 0.05
+"""Places of the axis that are looked at, in link lengths. Taste."""
+_TIGHT_PLACES = 3
+"""Of which paths are tried that stay straight up to their end. Taste."""
+
 
 def members_on_way(
     arm: Arm,
@@ -95,7 +107,7 @@ def member_problems(problem: Problem, feed: Feed, settings: FeedPlannerSettings 
     at_hole = replace(arm, base=arm.base + feed.hole * arm.feed_direction)
     members = goal_members(at_hole, goal, room, fed=max(feed.high - feed.hole, 0.0))
     beyond = at_hole.base + arm.link_length * arm.feed_direction
-    spacing = settings.way_spacing * arm.link_length
+    spacing = _WAY_SPACING * arm.link_length
     off_corners = settings.curve.corner_distance * arm.length
     members = (*members_on_way(arm, goal, room, beyond, members, spacing, off_corners), *members)
     # A member is a place and not the middle of another set: around it the whole tolerance would reach beyond the goal.
@@ -107,16 +119,15 @@ def member_problems(problem: Problem, feed: Feed, settings: FeedPlannerSettings 
     return tuple(replace(problem, goal=each, tolerances=tolerances) for each in goals) or (problem,)
 
 
-def ends_of_tight_places(problem: Problem, beyond: float, settings: FeedPlannerSettings = DEFAULT_FEED) -> list[float]:
+def ends_of_tight_places(problem: Problem, beyond: float) -> list[float]:
     """Arc lengths from ``Arm.base`` at which the axis leaves what is hardly wider than the arm, nearest first [m].
 
     Args:
         problem: with a feed axis.
         beyond: arc length from which on they count [m].
-        settings: what is tight, and how finely to look.
     """
     arm = problem.arm
-    spacing = settings.tight_spacing * arm.link_length
+    spacing = _TIGHT_SPACING * arm.link_length
     along = np.arange(beyond, arm.base_range[1] + arm.length, spacing)
     if len(along) < 2:
         return []
@@ -125,9 +136,9 @@ def ends_of_tight_places(problem: Problem, beyond: float, settings: FeedPlannerS
     blocked = np.flatnonzero(gaps < -problem.contact_tolerance)
     if len(blocked):
         gaps = gaps[: blocked[0]]
-    tight = gaps < settings.tight_gap * arm.link_length
+    tight = gaps < _TIGHT_GAP * arm.link_length
     leaves = np.flatnonzero(tight[:-1] & ~tight[1:])
-    return [float(along[k + 1]) for k in leaves[: settings.tight_places]]
+    return [float(along[k + 1]) for k in leaves[:_TIGHT_PLACES]]
 
 
 def _gaps(problem: Problem, arm: Arm, along: FloatArray) -> FloatArray:
@@ -159,7 +170,6 @@ class PartBeyond:
         start: JointPose,
         goal: FloatArray | TipGoal,
         outside: float,
-        settings: FeedPlannerSettings = DEFAULT_FEED,
     ) -> "PartBeyond | None":
         """The part that begins in a pose and is to take other bends, or to come to a goal of the tip, at its feed.
 
@@ -168,7 +178,6 @@ class PartBeyond:
             start: where it begins.
             goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
             outside: arc length from which on joints may bend [m].
-            settings: of the planner.
 
         Returns:
             None where too few links are beyond, or what is before them bends.
@@ -176,7 +185,7 @@ class PartBeyond:
         arm = problem.arm
         joints = start.feed + arm.link_length * np.arange(arm.links)
         first = int(np.searchsorted(joints, outside - ROUNDING))
-        too_few = arm.links - first < settings.least_links_reshaped
+        too_few = arm.links - first < _LEAST_LINKS_RESHAPED
         start_bent = bool(np.any(start.bends[:first]))
         goal_bent = not isinstance(goal, TipGoal) and bool(np.any(goal[:first]))
         if too_few or start_bent or goal_bent:

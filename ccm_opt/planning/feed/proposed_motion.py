@@ -19,6 +19,10 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import JointPose
 
+_DRAWN_BACK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of the way that it takes to draw both ends back onto the axis, from which the arm is led straight to the goal's path,
+in the order in which they are tried. Taste."""
+
 
 @dataclass(frozen=True)
 class StraightenedEnd:
@@ -89,13 +93,12 @@ def drawn_back_a_little(
     if end is None:
         return
     arm = query.arm
-    following = query.settings.following
-    for share in query.settings.drawn_back_shares:
+    for share in _DRAWN_BACK_SHARES:
         ways = _drawn_back(query, path, end, share)
         if ways is None:
             continue
-        there = slide(arm, ways[0], query.start.feed, ways[1], following) if ways[0] is not None else _start(query)
-        onward = slide(arm, path, ways[2], end, following)
+        there = slide(arm, ways[0], query.start.feed, ways[1]) if ways[0] is not None else _start(query)
+        onward = slide(arm, path, ways[2], end)
         between = led_between(there[-1], onward[0], task, space)
         if between is not None:
             keyframes = joined_keyframes(there, between, onward)

@@ -29,6 +29,9 @@ from ccm_opt.scene.bad_pose import refuse_bad_pose
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.workspace import Workspace
 
+_CONTACT_REACH = 0.02
+"""Contacts of a pose nearer than this are listed, as a share of the arm's length. Taste."""
+
 
 def fed_pose(
     problem: Problem, pose: JointPose | CurvePose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED
@@ -126,7 +129,7 @@ class FeedMotions:
             return None
         # Bends and feed are linear in the poses, so the control points can be turned into them one by one.
         path = BSpline(spline.t, self.arm.configurations(np.asarray(spline.c)), spline.k)
-        if not straight_while_held(self.arm, path, self.travel, self.settings):
+        if not straight_while_held(self.arm, path, self.travel):
             return None
         return path, spare_kept(spline, self.certificate, self.settings.smooth_path)
 
@@ -163,14 +166,14 @@ class FeedQuery:
             UnreachableGoal: the start or the goal cannot be.
         """
         start = fed_pose(problem, problem.start, "start", settings)
-        gap = _gap_of(problem, start, "start", settings)
+        gap = _gap_of(problem, start, "start")
         goal = None
         if isinstance(problem.goal, TipGoal):
             # Deeper than contact, within the tolerance, counts as contact.
             gap_at_goal = max(refuse_bad_tip(problem, problem.goal), 0.0)
         else:
             goal = fed_pose(problem, problem.goal, "goal", settings)
-            gap_at_goal = _gap_of(problem, goal, "goal", settings)
+            gap_at_goal = _gap_of(problem, goal, "goal")
 
         following = settings.following
         travel = travel_between_samples(problem.arm, problem.limits, following)
@@ -196,7 +199,7 @@ class FeedQuery:
 
         Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
         """
-        return self.feed.hole + 3.0 * feed_step(self.arm, self.settings.following) + 2.0 * self.motions.travel
+        return self.feed.hole + 3.0 * feed_step(self.arm) + 2.0 * self.motions.travel
 
     @property
     def least_straight(self) -> float:
@@ -233,12 +236,12 @@ class FeedQuery:
         return end if in_range else None
 
 
-def _gap_of(problem: Problem, pose: JointPose, which: str, settings: FeedPlannerSettings) -> float:
+def _gap_of(problem: Problem, pose: JointPose, which: str) -> float:
     """The least gap of a pose that the arm can have [m].
 
     Raises:
         UnreachableGoal: the pose breaks a joint limit or touches something.
     """
     arm = problem.arm
-    reach = settings.following.contact_reach
+    reach = _CONTACT_REACH
     return refuse_bad_pose(arm, problem.workspace, arm.poses(pose.configuration(arm)), which, reach)

@@ -18,6 +18,18 @@ from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planning.search import find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
+_SAME_POSE = 1e-7
+"""Bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below anything that
+shows."""
+_BENDS_MOVED_OUT = 0.25
+"""How far beyond the first place where joints may bend those bends are moved to that are too near to the hole, in link
+lengths. Taste."""
+_BENDS_MOVED_SHARE = 0.5
+"""Share of its limit that a joint takes over of such bends. Taste."""
+_SEPARATION = 2
+"""Further keyframes where a change of shape ends. Derived: with two more of the same pose no span of the cubic spline,
+which four control points shape, mixes the change with a moving feed."""
+
 
 @dataclass(frozen=True)
 class Reshaping:
@@ -44,7 +56,7 @@ class Reshaping:
         Returns:
             Shape (K, links + 1), or None when no motion was found.
         """
-        part = PartBeyond.of(self.problem, start, goal, outside, self.settings)
+        part = PartBeyond.of(self.problem, start, goal, outside)
         if part is None:
             return None
         planner = CurvePlanner(settings=self.settings.curve)
@@ -72,17 +84,16 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
     if end is None:
         return
     arm = query.arm
-    settings = query.settings.following
     start = query.start
     start_path = query.start_path
 
-    lies_on_path = np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < query.settings.same_pose
+    lies_on_path = np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < _SAME_POSE
     if lies_on_path:
         leaders = [path.points]
         # Drawn back it lies on the path that it came by, which behind the tip is not the leader's.
         if start_path is not None and end < start.feed:
             leaders.insert(0, start_path.points)
-        keyframes = slide(arm, path, start.feed, end, settings)
+        keyframes = slide(arm, path, start.feed, end)
         yield ProposedMotion(pinned(query, keyframes), tuple(leaders), f"follow the leader, {path.name}")
 
     if start_path is None:
@@ -90,8 +101,8 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
     # Where the arm has been drawn back far enough it lies on the axis, which is common to both paths.
     back = min(query.fully_drawn_back(path), query.fully_drawn_back(start_path), start.feed, end)
     if back >= query.feed.low:
-        out = slide(arm, start_path, start.feed, back, settings)
-        in_again = slide(arm, path, back, end, settings)
+        out = slide(arm, start_path, start.feed, back)
+        in_again = slide(arm, path, back, end)
         name = f"draw back, then follow the leader, {path.name}"
         keyframes = pinned(query, joined_keyframes(out, in_again))
         yield ProposedMotion(keyframes, (start_path.points, path.points), name, draws_back=True)
@@ -114,16 +125,15 @@ def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> I
             continue
         keyframes = _reshaper(query, query.settings.reshaping_share).keyframes(end, bends, query.feed.hole)
         if keyframes is not None:
-            rest = np.tile(pose.configuration(query.arm), (1 + query.settings.separation, 1))
+            rest = np.tile(pose.configuration(query.arm), (1 + _SEPARATION, 1))
             yield StraightenedEnd(np.concatenate((keyframes[:-1], rest)), pose)
 
 
 def _bent_further_out(query: FeedQuery, end: JointPose) -> FloatArray:
     """Bends of a pose, those too near to the hole moved on to the next joints that may bend, shape (links,) [rad]."""
     arm = query.arm
-    settings = query.settings
     places = end.feed + arm.link_length * np.arange(arm.links)
-    first = int(np.searchsorted(places, query.outside + settings.bends_moved_out * arm.link_length))
+    first = int(np.searchsorted(places, query.outside + _BENDS_MOVED_OUT * arm.link_length))
     if first >= arm.links:
         return np.zeros(arm.links)
 
@@ -132,7 +142,7 @@ def _bent_further_out(query: FeedQuery, end: JointPose) -> FloatArray:
     bends[:first] = 0.0
     # Each joint takes as much of what is left as it may, so that the arm beyond points where it did.
     for joint in range(first, arm.links):
-        limit = max(settings.bends_moved_share * float(arm.bend_limits[joint]), abs(float(bends[joint])))
+        limit = max(_BENDS_MOVED_SHARE * float(arm.bend_limits[joint]), abs(float(bends[joint])))
         wanted = bends[joint] + left
         bends[joint] = float(np.clip(wanted, -limit, limit))
         left = wanted - bends[joint]
@@ -177,7 +187,7 @@ def reshaping(query: FeedQuery, path: LeaderPath, share: float) -> Iterator[Prop
         outside = query.feed.hole if len(there) == 1 else query.outside
         changed = _reshaper(query, share).keyframes(before, pose_on(arm, path, feed), outside)
         if changed is not None:
-            onward = slide(arm, path, feed, end, query.settings.following)
+            onward = slide(arm, path, feed, end)
             keyframes = joined_keyframes(there, changed, onward)
             yield ProposedMotion(
                 pinned(query, keyframes), (), f"change shape at a feed of {long_length(feed)}, {path.name}"
@@ -199,7 +209,7 @@ def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
         return query.start.configuration(query.arm)[None]
     if query.start_path is None:
         return None
-    return slide(query.arm, query.start_path, query.start.feed, feed, query.settings.following)
+    return slide(query.arm, query.start_path, query.start.feed, feed)
 
 
 def _reshaper(query: FeedQuery, share: float) -> Reshaping:

@@ -17,6 +17,10 @@ from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 
+_STRAIGHT_TURN = 0.008726646259971648
+"""A place of the path is straight when the path turns by no more than this within a link length to either side [rad].
+Taste: half a degree."""
+
 
 @dataclass(frozen=True)
 class Deviation:
@@ -65,7 +69,7 @@ def deviation(
         return Deviation(0.0, 0.0, "the arm stays in its guide tube", 0.0, 0.0)
 
     points = np.asarray(shapely.points(places[pose, link, place]))
-    distance, straight = _nearest_leader(points, leaders, arm.link_length, settings.straight_turn)
+    distance, straight = _nearest_leader(points, leaders, arm.link_length, _STRAIGHT_TURN)
     worst = int(np.argmax(distance))
     on_straight = distance[straight] if straight.any() else np.zeros(1)
     return Deviation(
@@ -171,7 +175,7 @@ def leader_deviation(
     owner = np.arange(len(legs), dtype=np.intp)
     tree = SurfaceTree.of(SurfaceSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
     near = tree.nearest(np.stack((points, points), axis=1), 2.0 * arm.length)
-    straight = near.gap[_leader_in_space_straight_legs(path, arm.link_length, settings.straight_turn)[near.owner]]
+    straight = near.gap[_leader_in_space_straight_legs(path, arm.link_length, _STRAIGHT_TURN)[near.owner]]
     mean_on_straight = float(np.mean(straight)) if len(straight) else 0.0
     return LeaderDeviation(float(np.mean(near.gap)), float(np.max(near.gap)), mean_on_straight)
 

@@ -20,6 +20,18 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.link_chain import HELD_TOLERANCE
 
+_LEAST_SLOPE = 0.2
+"""Slope of distance over arc length that it assumes at least. Taste; a path that bends less than a U-turn has more."""
+_FEED_STEP = 1.0 / 8.0
+"""Feed between two keyframes, in link lengths; arms of many links take ``least_feed_step``. Taste."""
+_LEAST_FEED_STEP = 1.0 / 300.0
+"""The same as a share of the arm's length; the larger of both counts. Taste."""
+_LEAST_LEAD = 0.1
+"""How far the first joint off the feed axis must be ahead of where the path leaves the axis, in link lengths; nearer,
+the spline through both would swing. Taste."""
+_SAMPLES_PER_SPAN = 12
+"""Places of every span of a path at which the feed is read off to see where it turns. Taste."""
+
 
 @dataclass(frozen=True, eq=False)
 class LeaderPath:
@@ -86,7 +98,7 @@ class LeaderPath:
         here = self.positions(arc)
         length = abs(chord)
         sign = np.sign(chord)
-        least_slope = self.chords.least_slope
+        least_slope = _LEAST_SLOPE
         guess = arc + chord  # no chord is longer than its arc, so the root lies further on
         for _ in range(self.chords.most_steps):
             apart = self.positions(guess) - here
@@ -140,7 +152,7 @@ def path_of_pose(
     off_axis = joints[first_bent + 1 :]
     if len(off_axis):
         lead = float((off_axis[0] - arm.base) @ arm.feed_direction) - leaves
-        if lead < settings.least_lead * l:
+        if lead < _LEAST_LEAD * l:
             return None
     return path_through(arm, leaves, off_axis, "own shape", settings=settings)
 
@@ -246,9 +258,7 @@ def feed_limits(arm: DrivenArm, limits: Limits, settings: FollowingSettings = DE
     return replace(limits, feed_velocity=min(limits.feed_velocity, fastest))
 
 
-def straight_while_held(
-    arm: Arm, spline: BSpline, travel: float, settings: FollowingSettings = DEFAULT_FOLLOWING
-) -> bool:
+def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
     """Whether every joint is exactly straight while it is held, and for some travel of the base before and after.
 
     A joint is taken as bent on a whole span of the spline when one of the span's control points bends it. Where the
@@ -258,9 +268,8 @@ def straight_while_held(
         arm: with a feed axis.
         spline: of bends and feed, over [0, 1].
         travel: of the base, around a joint's bending, in which the joint must be outside the guide tube too [m].
-        settings: of following.
     """
-    per_span = settings.samples_per_span
+    per_span = _SAMPLES_PER_SPAN
     samples = np.asarray(spline(np.linspace(0.0, 1.0, per_span * _spans(spline) + 1)))[:, -1]
     travelled = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
     rests = per_span * _rests(spline)
@@ -305,11 +314,9 @@ _NO_BEND = 1e-10
 """Bends below this are rounding of straight chords [rad]; the guide tube asks for exactly straight joints."""
 
 
-def slide(
-    arm: Arm, path: LeaderPath, start: float, end: float, settings: FollowingSettings = DEFAULT_FOLLOWING
-) -> FloatArray:
+def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
     """Keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
-    feeds = feeds_between(arm, start, end, settings)
+    feeds = feeds_between(arm, start, end)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
     # The guide tube takes exactly straight joints only.
@@ -322,18 +329,18 @@ def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
     return slide(arm, path, feed, feed)[0, :-1]
 
 
-def feeds_between(arm: Arm, start: float, end: float, settings: FollowingSettings = DEFAULT_FOLLOWING) -> FloatArray:
+def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
     """Feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
     if start == end:
         return np.array([start])
     # Whole steps stay whole when rounding puts the distance a little beyond them.
-    steps = np.ceil(abs(end - start) / feed_step(arm, settings) - ROUNDING)
+    steps = np.ceil(abs(end - start) / feed_step(arm) - ROUNDING)
     return np.linspace(start, end, 1 + int(steps))
 
 
-def feed_step(arm: Arm, settings: FollowingSettings = DEFAULT_FOLLOWING) -> float:
+def feed_step(arm: Arm) -> float:
     """Feed between two keyframes [m]."""
-    return max(settings.feed_step * arm.link_length, settings.least_feed_step * arm.length)
+    return max(_FEED_STEP * arm.link_length, _LEAST_FEED_STEP * arm.length)
 
 
 def joined_keyframes(*pieces: FloatArray) -> FloatArray:

@@ -27,6 +27,10 @@ from ccm_opt.scene.workspace import Workspace
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import Sweep
 
+_SAME = 2e-3
+"""Lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate differ by
+rounding."""
+
 
 @dataclass(frozen=True)
 class LineCrossings:
@@ -75,9 +79,7 @@ class GateLines:
         for rail in rails:
             for place in _narrowest(rail[1:-1], workspace, settings):
                 # Paths on both sides of the arm lead through the same gates.
-                if all(
-                    np.hypot(*(place - other)) > settings.same * np.hypot(*(rail[-1] - rail[0])) for other in middles
-                ):
+                if all(np.hypot(*(place - other)) > _SAME * np.hypot(*(rail[-1] - rail[0])) for other in middles):
                     middles.append(place)
                     along.append(_direction(rail))
         gates = [shapely.LineString(np.vstack((rail[1:-1], rail[-2:-1]))) for rail in rails]

@@ -24,6 +24,15 @@ from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import Sweep
 
+_CLOSING_SHARE = 0.5
+"""Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
+each other close it at most together."""
+_MENDING_SHARE = 0.5
+"""Share of what a gap lacks to its margin that a step asks for. Taste."""
+_NEAR_JOINT_LIMIT = 0.25
+"""Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little more than a step turns a
+joint."""
+
 
 @dataclass(frozen=True, eq=False)
 class ContactLimit(Limit):
@@ -54,7 +63,7 @@ class ContactLimit(Limit):
         # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay, and the push mends it softly. Where
         # margins are narrow the row asks for some of it: a gap that only may not shrink is taken by the second order.
         beyond = contacts.gap - contacts.margin
-        lower = np.where(beyond >= 0.0, -settings.closing_share * beyond, -settings.firm_share * beyond)
+        lower = np.where(beyond >= 0.0, -_CLOSING_SHARE * beyond, -settings.firm_share * beyond)
         # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
         allowed = allowed_shortfall(contacts, settings.keep_share)
 
@@ -73,7 +82,7 @@ class ContactLimit(Limit):
         near = wanted > 0.0
         # In nominal links, so that the weight suits an arm of any size.
         unit = space.nominal_length
-        return Term(rows[near] / unit, self.settings.mending_share * wanted[near] / unit, self.settings.push_weight)
+        return Term(rows[near] / unit, _MENDING_SHARE * wanted[near] / unit, self.settings.push_weight)
 
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
         """Whether the pose on the goal keeps clear, or no less than the one near it."""
@@ -188,7 +197,7 @@ class JointLimit(Limit):
 
         # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` judges all bends
         # afterwards.
-        near = np.abs(bends) + self.settings.near_joint_limit > limits
+        near = np.abs(bends) + _NEAR_JOINT_LIMIT > limits
         # The first keyframe is the start and cannot move.
         near[0] = False
         keyframe, joint = np.nonzero(near)

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from ccm_opt.ik.row_set import RowSet, RowValues
     from ccm_opt.planning.swept_motion import Sweep
 
+_KNOT_RESERVES = 4.0
+"""Reserves to which a knot of the smooth path is moved that has less than half of that. Measured: with 2 a path at the
+edge of a camera's view was refused, with 4 it is laid."""
+
 
 @dataclass(frozen=True, eq=False)
 class UserLimit(Limit):
@@ -297,9 +301,9 @@ class UserLimit(Limit):
         reserve = settings.reserve * settings.keep_share * settings.margin * slope_norms(values.gap_slopes)
         # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
         # than at them.
-        broken = values.gaps < 0.5 * settings.knot_reserves * reserve
+        broken = values.gaps < 0.5 * _KNOT_RESERVES * reserve
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
-        return slopes, np.append(-values.equations, settings.knot_reserves * reserve[broken] - values.gaps[broken])
+        return slopes, np.append(-values.equations, _KNOT_RESERVES * reserve[broken] - values.gaps[broken])
 
     def misses_path(self, headings: FloatArray, u: FloatArray) -> BoolArray:
         """At which samples a row is missed by more than its share of what is allowed."""

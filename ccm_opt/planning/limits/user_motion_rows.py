@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from ccm_opt.ik.row_set import RowSet
     from ccm_opt.planning.swept_motion import Sweep
 
+_NEAR_END = 0.1
+"""Share of the intervals at either end at which a gap may be as narrow as at that end. Taste."""
+
 
 @dataclass(frozen=True, eq=False)
 class UserCosts:
@@ -183,7 +186,7 @@ def _reserve(
     reserve = np.broadcast_to(least, gaps.shape).copy()
 
     # The start and the goal are given: a motion cannot have more room near them than they have.
-    near = max(1, round(settings.near_end * len(gaps)))
+    near = max(1, round(_NEAR_END * len(gaps)))
     reserve[:near] = np.minimum(reserve[:near], np.maximum(gaps[0], -settings.allowed))
     reserve[-near:] = np.minimum(reserve[-near:], np.maximum(gaps[-1], -settings.allowed))
     return reserve

@@ -17,6 +17,11 @@ from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.swept_motion import Sweep
 
+_SOLUTIONS = 2
+"""Of the nonlinear program, the sweep regions renewed between them. Taste."""
+_WIDER = 2.0
+"""Rows this many times farther away than those of a sequential step are taken in. Taste."""
+
 
 def interior_point(program: MotionProgram, coordinates: FloatArray) -> FloatArray:
     """Optimise a certified motion.
@@ -28,7 +33,7 @@ def interior_point(program: MotionProgram, coordinates: FloatArray) -> FloatArra
     Returns:
         Coordinates of the last certified motion, shape (K + 1, p).
     """
-    for _ in range(program.settings.interior_point.solutions):
+    for _ in range(_SOLUTIONS):
         if program.deadline.passed():
             break
         sweep = Sweep(program.space, coordinates)
@@ -55,7 +60,7 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
     frames, p = sweep.coordinates.shape
 
     # The rows stay as they are for a whole solution, and keyframes travel farther in it than in one step.
-    rows = program.active_rows(all_rows, sweep, settings.wider * program.active)
+    rows = program.active_rows(all_rows, sweep, _WIDER * program.active)
     objective = program.objective
 
     moving = ca.SX.sym("v", p, frames - 1)

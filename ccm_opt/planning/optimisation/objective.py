@@ -25,6 +25,11 @@ from ccm_opt.planning.settings import ObjectiveSettings
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
+_SHAPE_CHANGE = 0.1
+"""Share of that weight on changes of the curvature from keyframe to keyframe. Taste."""
+_SECOND_HEADING = 0.1
+"""Weight of the turns of the links in ``∫|q''|²``. Taste."""
+
 
 @dataclass(frozen=True)
 class Objective:
@@ -50,7 +55,7 @@ class Objective:
         settings = self.settings
         headings = settings.heading * self._share * self.space.matrix.T @ self.space.matrix
         curvature, unevenness = self._curvature_rows
-        change = settings.shape_change * settings.shape
+        change = _SHAPE_CHANGE * settings.shape
         shape = change * curvature.T @ curvature + settings.shape * unevenness.T @ unevenness
 
         way = self.weights.path_length * (self._bends + headings)
@@ -62,10 +67,10 @@ class Objective:
     def second(self) -> FloatArray:
         """Metric of second differences, shape (p, p)."""
         settings = self.settings
-        headings = settings.second_heading * self._share * self.space.matrix.T @ self.space.matrix
+        headings = _SECOND_HEADING * self._share * self.space.matrix.T @ self.space.matrix
         turns = self.weights.smoothness * (self._bends + headings)
         time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.acceleration)
-        shape = settings.shape_change * settings.shape * np.eye(self.space.dimension)
+        shape = _SHAPE_CHANGE * settings.shape * np.eye(self.space.dimension)
         # K³ Σ |Δ²v|² approximates ∫ |v″|² du.
         return settings.unevenness * self.intervals**3 * (turns + time + shape)
 

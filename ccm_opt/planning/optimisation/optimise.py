@@ -22,6 +22,35 @@ from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
+_GATE_INTERVALS = (40, 60, 90, 135)
+"""The same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for about sixty."""
+_GATE_HALVINGS = 3
+"""Times that legs which fail there may be halved. Taste."""
+_LARGEST_LINK = 1.0 / 36.0
+"""Share of the arm's length that counts as a link at most. Taste."""
+_WORTH_MANY = 0.05
+"""Share of the way by which steps at many keyframes have to shorten it for more of them. Taste."""
+_COUNTED_ROUNDS = 2
+"""As how many of the rounds these count. Measured: with 5, six crooked motions among clutter lasted 2 % longer in the
+median."""
+_KEPT_SHARE = 0.8
+"""Share of its gap that a motion keeps when it is thinned. Taste."""
+_ENOUGH_ROOM = 0.95
+"""Share of the wanted gap, or of what the ends leave of it, that is enough. Taste."""
+_FINER = 2.2
+"""As many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked it, few
+gained much with as many as before, some with half as many more, most with this."""
+_ROOM_PASSES = 2
+"""Times that steps at these keyframes are begun anew, with fresh prices. Taste."""
+_ROOM_ROUNDS = 20
+"""Most steps of each. Taste."""
+_ROOM_WORTH = 1.1
+"""As many times the room have to be gained for one more. Taste."""
+_ROOM_GROWTH = 1.02
+"""As many times the most room so far count as growth. Taste."""
+_ROOM_PATIENCE = 6
+"""Steps without growth after which a pass ends. Taste."""
+
 OPTIMISATION = OptimisationSettings()
 """The settings unless others are given."""
 NO_BREAKS = np.zeros(0)
@@ -87,20 +116,20 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
         before = keyframes
         length = travel(motion)
         motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
-        left -= settings.counted_rounds if many else taken
+        left -= _COUNTED_ROUNDS if many else taken
         if not many:
             continue
         stuck = np.array_equal(motion.coordinates, before)
         # A motion that keeps room already is not thinned into the walls again.
-        keyframes, u = _few_keyframes(motion, task, whole, settings.kept_share * task.least_gap(motion.headings))
+        keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.headings))
         if len(keyframes) - 1 <= settings.many * settings.intervals:
             continue
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
         # become few stays as it is, or is cut finer where nothing moves.
-        slow = travel(motion) > (1.0 - settings.worth_many) * length
+        slow = travel(motion) > (1.0 - _WORTH_MANY) * length
         if slow and len(before) > (settings.most_intervals if stuck else 0):
             break
-        keyframes, u = finer(motion, settings.finer if stuck else 1.0)
+        keyframes, u = finer(motion, _FINER if stuck else 1.0)
     return motion
 
 
@@ -129,7 +158,6 @@ def _few_in_gates(motion: Motion, whole: MotionProgram) -> tuple[FloatArray, Flo
 
     Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
     """
-    settings = whole.settings.optimisation
     space = motion.space
     u = path_parameters(motion)
 
@@ -141,8 +169,8 @@ def _few_in_gates(motion: Motion, whole: MotionProgram) -> tuple[FloatArray, Flo
     def failures(coordinates: FloatArray) -> IntArray:
         return whole.failures(space.headings(coordinates))
 
-    for intervals in settings.gate_intervals:
-        few = resampled(motion.coordinates, u, intervals, failures, restored, settings.gate_halvings)
+    for intervals in _GATE_INTERVALS:
+        few = resampled(motion.coordinates, u, intervals, failures, restored, _GATE_HALVINGS)
         if few is not None and len(few[1]) < len(u):
             return few
     return motion.coordinates, u
@@ -226,7 +254,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
     margin = settings.margin if margin is None else margin
     length = task.arm.length
     # Few, long links would otherwise reach for every wall of the room.
-    link = min(task.arm.link_length, settings.largest_link * length)
+    link = min(task.arm.link_length, _LARGEST_LINK * length)
     end = pose_in(motion.space, motion.coordinates[-1])
     return MotionProgram(
         motion.space,
@@ -285,12 +313,12 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
     most = room_of(motion, task)
     roomier = _with_finer_keyframes(motion, settings)
     program = _program_to_end(roomier, task, margin)
-    for _ in range(settings.room_passes):
+    for _ in range(_ROOM_PASSES):
         growth = RoomGrowth(task, wanted)
-        coordinates = sequential_convex(program, roomier.coordinates, settings.room_rounds, growth.ended)
+        coordinates = sequential_convex(program, roomier.coordinates, _ROOM_ROUNDS, growth.ended)
         roomier = replace(roomier, coordinates=coordinates, headings=motion.space.headings(coordinates))
         room = room_of(roomier, task)
-        worthwhile = room >= settings.room_worth * most
+        worthwhile = room >= _ROOM_WORTH * most
         if room > most:
             motion = roomier
             most = room
@@ -318,12 +346,11 @@ class RoomGrowth:
 
     def ended(self, sweep: Sweep) -> bool:
         """Whether a motion has enough room, or none has had more for long."""
-        settings = self.task.settings.optimisation
         room = _room(sweep.headings, self.task)
-        grows = room > settings.room_growth * self.most
+        grows = room > _ROOM_GROWTH * self.most
         self.idle = 0 if grows else self.idle + 1
         self.most = max(self.most, room)
-        return room >= self.wanted or self.idle >= settings.room_patience
+        return room >= self.wanted or self.idle >= _ROOM_PATIENCE
 
 
 def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
@@ -340,14 +367,13 @@ def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> 
     Returns:
         Certified, with the same ends.
     """
-    settings = task.settings.optimisation
     room = room_of(motion, task)
     if motion.u is not None or room <= 0.0 or task.deadline.passed():
         return motion
     kept = replace(task, wanted_gap=room)
-    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.coordinates, settings.room_rounds)
+    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.coordinates, _ROOM_ROUNDS)
     shorter = replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
-    return shorter if room_of(shorter, task) >= settings.enough_room * room else motion
+    return shorter if room_of(shorter, task) >= _ENOUGH_ROOM * room else motion
 
 
 def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram:
@@ -359,14 +385,14 @@ def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> M
 def _with_finer_keyframes(motion: Motion, settings: OptimisationSettings) -> Motion:
     """The same motion with as many times the intervals, as even as may be; not beyond what is affordable."""
     now = len(motion.coordinates) - 1
-    coordinates, _ = finer(motion, min(settings.finer, max(1.0, settings.finest / now)))
+    coordinates, _ = finer(motion, min(_FINER, max(1.0, settings.finest / now)))
     return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
 
 
 def _enough_room(motion: Motion, task: MotionTask) -> float:
     """Nearly the wanted gap, or what the ends leave of it [m]."""
     most = min(task.wanted_gap, task.least_gap(motion.headings[[0, -1]]))
-    return task.settings.optimisation.enough_room * most
+    return _ENOUGH_ROOM * most
 
 
 def _room(headings: FloatArray, task: MotionTask) -> float:

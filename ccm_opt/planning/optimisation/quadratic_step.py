@@ -22,6 +22,13 @@ from ccm_opt.planning.settings import OptimisationSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.swept_motion import Sweep
 
+_QP_TOLERANCE = 1e-5
+"""Of the QP's solution. Taste."""
+_QP_GAP = 1e-3
+"""Duality gap of the QP's solution; a tenth of it relative. Taste."""
+_QP_ITERATIONS = 60
+"""Of the QP. Taste."""
+
 
 @dataclass(frozen=True)
 class RowCurvature:
@@ -120,7 +127,6 @@ class KeyframeProgram:
             lower,
             upper,
             self.lower_bounds(),
-            self.settings,
         )
 
         if result is None:
@@ -266,12 +272,11 @@ def _solve(
     lower: FloatArray,
     upper: FloatArray,
     least: FloatArray,
-    options: OptimisationSettings,
 ) -> Any:
     """Solve min ½ xᵀHx + gᵀx, equal x = 0, lower ≤ matrix x ≤ upper, x ≥ least; None where the solver raises."""
     try:
         solver = piqp.SparseSolver()
-        _set(solver.settings, options)
+        _set(solver.settings)
         most = np.full(len(gradient), UNBOUNDED)
         solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
         solver.solve()
@@ -280,13 +285,13 @@ def _solve(
     return solver.result
 
 
-def _set(settings: Any, options: OptimisationSettings) -> None:
+def _set(settings: Any) -> None:
     """Put our settings into the solver's."""
     settings.verbose = False
     # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage
-    settings.eps_abs = options.qp_tolerance
-    settings.eps_rel = options.qp_tolerance
-    settings.eps_duality_gap_abs = options.qp_gap
-    settings.eps_duality_gap_rel = 0.1 * options.qp_gap
-    settings.max_iter = options.qp_iterations
+    settings.eps_abs = _QP_TOLERANCE
+    settings.eps_rel = _QP_TOLERANCE
+    settings.eps_duality_gap_abs = _QP_GAP
+    settings.eps_duality_gap_rel = 0.1 * _QP_GAP
+    settings.max_iter = _QP_ITERATIONS

@@ -24,6 +24,26 @@ from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
+_WALL_DISTANCE = 0.03
+"""Walls farther than this beyond the planning margin cost nothing where clearance is weighed, as a share of the arm's
+length. Taste."""
+_ACTIVE_AT_MANY = 0.5
+"""Share of that at many keyframes. Measured: among 300 and 1000 polygons the same motions in three quarters of the
+time."""
+_SECTORS = 12
+"""Directions that count as different when rows are thinned. Taste."""
+_HIGHEST_LACK_PRICE = 500.0
+"""To which it rises. Taste."""
+_WORTH_AFRESH = 0.1
+"""Share of the objective that has to be gained for prices and damping that let nothing move to be put back to where
+they began. Taste."""
+_HALVED_GROWTH = 2.0
+"""Its growth after a step of half its length or more. Taste."""
+_YIELDINGS = 6
+"""Times that keyframes about intervals which are not certified take less of a step in gates. Taste."""
+_YIELDING_REACH = 4.0
+"""Keyframes on either side that give way with it, less and less. Taste."""
+
 
 @dataclass(frozen=True, eq=False)
 class MotionProgram:
@@ -70,7 +90,7 @@ class MotionProgram:
         """What nearness to walls costs by the tightest wall rows of a motion; nothing when it does not matter."""
         if self.weights.clearance == 0.0:
             return ()
-        distance = self.settings.objective.wall_distance * self.space.arm.length
+        distance = _WALL_DISTANCE * self.space.arm.length
         walls = rows.take(rows.against_walls)
         return (WallNearness(self.active_rows(walls, sweep, distance), self.weights.clearance, distance),)
 
@@ -86,13 +106,13 @@ class MotionProgram:
         near = np.flatnonzero(values > -within)
         near_rows = rows.take(near)
         group = -(-self.space.arm.links // settings.groups)  # rounded up
-        return near_rows.take(representatives(near_rows, values[near], group, settings.sectors))
+        return near_rows.take(representatives(near_rows, values[near], group, _SECTORS))
 
     def seen_by_steps(self, sweep: Sweep) -> float:
         """How near to their bound rows enter the QP [m]; many keyframes are steps as short as the rows are many."""
         settings = self.settings.optimisation
         many = len(sweep.turns) > settings.many * settings.intervals
-        return self.active * (settings.active_at_many if many else 1.0)
+        return self.active * (_ACTIVE_AT_MANY if many else 1.0)
 
     def restored(self, coordinates: FloatArray) -> FloatArray:
         """The keyframes brought back onto the limits, shape (K + 1, p); the same array where no limit moves them."""
@@ -169,7 +189,7 @@ def sequential_convex(
     idle = 0
     if rounds is None:
         rounds = settings.moved_rounds if moved else settings.rounds
-    worth_afresh = (1.0 - settings.worth_afresh) * objective.value(coordinates)
+    worth_afresh = (1.0 - _WORTH_AFRESH) * objective.value(coordinates)
     for _ in range(rounds):
         before = objective.value(iterate.sweep.coordinates)
         following = _round(program, objective, iterate)
@@ -178,7 +198,7 @@ def sequential_convex(
             # low, they are out of date.
             if before > worth_afresh:
                 break
-            worth_afresh = (1.0 - settings.worth_afresh) * before
+            worth_afresh = (1.0 - _WORTH_AFRESH) * before
             iterate = _Iterate(iterate.sweep, RowCurvature.none(iterate.sweep), settings.first_damping, prices)
             continue
         iterate = following
@@ -271,7 +291,7 @@ def _part_taken(
             prices[failed] *= settings.price_rise
             lacking = _worst_rows(rows, sweep) > settings.lack * program.wanted_gap
             if program.wanted_gap > 0.0:
-                prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], settings.highest_lack_price)
+                prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], _HIGHEST_LACK_PRICE)
             gained = _cost(problem, start) - _cost(problem, sweep)
             return _Iterate(sweep, curvature, _damping(problem.damping, share, gain, settings), prices, gained), failed
         failed = failing
@@ -286,14 +306,14 @@ def _yielding_shares(program: MotionProgram, start: Sweep, change: FloatArray) -
     settings = program.settings.optimisation
     shares = np.ones(len(change))
     keyframes = np.arange(len(change))
-    for _ in range(settings.yieldings):
+    for _ in range(_YIELDINGS):
         taken = program.ended(start.coordinates + shares[:, None] * change)
         failing = program.failures(program.space.headings(taken))
         if len(failing) == 0:
             break
         # Keyframes beside those that give way follow them, or a kink would be left.
         apart = np.min(np.abs(keyframes[:, None] - (failing + 0.5)), axis=1) - 0.5
-        shares *= np.minimum(1.0, settings.yielding + (1.0 - settings.yielding) * apart / settings.yielding_reach)
+        shares *= np.minimum(1.0, settings.yielding + (1.0 - settings.yielding) * apart / _YIELDING_REACH)
     return shares[:, None]
 
 
@@ -324,7 +344,7 @@ def _worst_rows(rows: IntervalRows, sweep: Sweep) -> FloatArray:
 def _damping(damping: float, share: float, gain: float, settings: OptimisationSettings) -> float:
     """More damping after a shortened step, less after a good one."""
     if share < 1.0:
-        growth = settings.halved_growth if share >= 0.5 else settings.shortened_growth
+        growth = _HALVED_GROWTH if share >= 0.5 else settings.shortened_growth
         return max(damping, settings.raised_damping) * growth
     if gain > settings.good:
         return max(damping / settings.good_shrinkage, settings.least_damping)

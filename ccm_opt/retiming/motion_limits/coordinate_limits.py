@@ -15,6 +15,9 @@ from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_sample
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
 
+_JERK_SHARE = 0.7
+"""Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots. Taste."""
+
 
 class CoordinateAcceleration(MotionLimit):
     """Every coordinate's acceleration.
@@ -98,8 +101,9 @@ class CoordinateJerk(MotionLimit):
     @classmethod
     def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateJerk"]:
         """One limit for all coordinates, where any of them has one."""
+        del settings
         if path.bounds.smooth:
-            yield cls(path.bounds.jerk, settings.jerk_share)
+            yield cls(path.bounds.jerk, _JERK_SHARE)
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
         """1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of the limit."""

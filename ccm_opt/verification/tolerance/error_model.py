@@ -77,13 +77,9 @@ class ToleranceSettings:
             long, and more gains nothing.
         precision: share by which the certified error may stay below the least one that the bound refuses at some
             pose. Taste.
-        coarse_fan: directions beside that of the shortest line in which a chain and its target are parted, to either
-            side [rad]. Taste: errors bend the place where a chain may be, so the shortest line need not be the best.
-        fine_fan: further directions about the best of them [rad]. Taste.
         probes: poses at which the nearest wall of every link, and all pairs of links, are looked up first. Taste.
         solved: cases at one level of halving for which the error is solved exactly. Taste.
         tightenings: how often at one level. Taste.
-        solve_steps: most steps of solving it, by false position. Taste: three are usual.
         solved_share: share of the gap without errors that may be left when it is solved. Derived: well below the
             precision.
         depth: most halvings of a stretch of time. Derived: the sag falls four-fold at each, down to rounding.
@@ -93,66 +89,29 @@ class ToleranceSettings:
         largest_turn: errors of angles that may turn the tip by more than this, all together, are not looked at [rad].
             Taste: convex bounds are tight up to some 0.2 rad, and an arm so far off follows no plan.
         largest_length: the same of lengths, as a share of the arm's length. Taste.
-        far_turn: turn of a vector beyond which a linearisation does not find the worst errors well [rad]. Measured on
-            random chains of 24 vectors: the bound grows loose from there on.
-        far_steps: steps that find them then. Taste.
         sample: cases of very many that bring the upper end down before all are looked at. Taste.
         chunk: cases handled at a time, so that the intermediate arrays stay small. Taste.
-        tube_directions: directions in which the places of every joint are bounded for the picture of the tube. Taste.
-        tube_poses: poses of that picture. Taste.
-        thin_share: radius that an arm of no width has in that picture, as a share of its length. Taste.
-        room_shares: of what errors of the joints move the links by at most, that planning leaves room for, in the order
-            of trying; after the last none. Taste: the levers of a bent arm are a half to a fifth of its lengths.
-        gap_rounds: times that a motion in space is planned anew with a larger wanted gap. Taste.
-        gap_growth: least and most that it grows at a time. Taste.
-        gap_beyond: beyond what the error in proportion asks for. Taste.
         refinements: shares tried between one that found too little and one that found nothing. Taste.
         time_share: share of the time left that a search with such room may take. Taste.
         least_time: that a search is given in any case [s]. Taste.
-        most_at_once: samples times links up to which every solve looks for the joints' error. Measured on the problems
-            of the package: some 0.1 s.
-        doublings: of a load until it is not survived. Taste.
-        load_steps: most bisections after that. Taste.
-        load_precision: share of a load that its bisection leaves open. Taste.
-        proved_shares: shares of the least error that was met in space which are proved, in the order of trying. Taste:
-            the first is the precision; the others are for motions that stay so long so near that it cannot be had.
-        small_load: share of a load that is not survived, tried while no load is known that is. Taste.
     """
 
     stride: float = 0.4
     precision: float = 2e-3
-    coarse_fan: tuple[float, ...] = (0.2, 0.45, 0.8, 1.2)
-    fine_fan: tuple[float, ...] = (0.04, 0.1)
     probes: int = 64
     solved: int = 12
     tightenings: int = 3
-    solve_steps: int = 12
     solved_share: float = 2e-4
     depth: int = 20
     most_cases: int = 20_000
     least: float = 1e-7
     largest_turn: float = 1.2
     largest_length: float = 0.25
-    far_turn: float = 0.25
-    far_steps: int = 12
     sample: int = 256
     chunk: int = 2048
-    tube_directions: int = 24
-    tube_poses: int = 160
-    thin_share: float = 1e-3
-    room_shares: tuple[float, ...] = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
-    gap_rounds: int = 4
-    gap_growth: tuple[float, float] = (1.2, 4.0)
-    gap_beyond: float = 1.1
     refinements: int = 3
     time_share: float = 0.4
     least_time: float = 1.0
-    most_at_once: int = 15_000
-    doublings: int = 6
-    load_steps: int = 12
-    load_precision: float = 0.05
-    proved_shares: tuple[float, ...] = (0.998, 0.98, 0.9, 0.5)
-    small_load: float = 0.1
 
 
 DEFAULT_TOLERANCE = ToleranceSettings()

@@ -17,6 +17,14 @@ from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings
 from ccm_opt.verification.tolerance.moving_chain import Columns, MovingChain
 
+_COARSE_FAN = (0.2, 0.45, 0.8, 1.2)
+"""Directions beside that of the shortest line in which a chain and its target are parted, to either side [rad]. Taste:
+errors bend the place where a chain may be, so the shortest line need not be the best."""
+_FINE_FAN = (0.04, 0.1)
+"""Further directions about the best of them [rad]. Taste."""
+_SOLVE_STEPS = 12
+"""Most steps of solving it, by false position. Taste: three are usual."""
+
 _TINY = 1e-300
 
 
@@ -35,13 +43,11 @@ class Limiting:
     direction: float
 
 
-def best_directions(
-    cases: ChainCases, error: FloatArray | float, settings: ToleranceSettings
-) -> tuple[FloatArray, FloatArray]:
+def best_directions(cases: ChainCases, error: FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """Directions of a fan that show the largest gaps of cases that stand still, and these gaps, shape (m,) each."""
     _, angle = cases.shortest_directions()
     gap = cases.gaps(error, angle[:, None])[:, 0]
-    for fan in (settings.coarse_fan, settings.fine_fan):
+    for fan in (_COARSE_FAN, _FINE_FAN):
         offsets = np.array([*(-turn for turn in fan), *fan])
         tried = angle[:, None] + offsets
         gaps = cases.gaps(error, tried)
@@ -85,7 +91,7 @@ class LargestError:
             poses: cases that stand still.
         """
         for _ in range(self._settings.tightenings):
-            _, gap = best_directions(poses, self.upper, self._settings)
+            _, gap = best_directions(poses, self.upper)
             short = np.flatnonzero(gap < 0.0)
             if len(short) == 0:
                 return
@@ -118,7 +124,7 @@ class LargestError:
         middles = cases.middles()
         worst = int(np.argmin(middles.linear_errors()))
         one = middles.take(slice(worst, worst + 1))
-        angle, _ = best_directions(one, self.upper, self._settings)
+        angle, _ = best_directions(one, self.upper)
         self.upper *= 0.5
         self.limiting = Limiting(self.upper, one, float(angle[0]))
 
@@ -142,7 +148,7 @@ class LargestError:
             self.lower_for(middles)
         if self.upper <= self._settings.least:
             return cases.take(slice(0, 0))
-        angle, _ = best_directions(middles, self.upper, self._settings)
+        angle, _ = best_directions(middles, self.upper)
         return cases.take(cases.gaps(self.certified, angle[:, None])[:, 0] < 0.0)
 
     def _short(self, cases: ChainCases) -> ChainCases:
@@ -163,20 +169,20 @@ def solved_errors(
     cases: ChainCases, most: float, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[FloatArray, FloatArray]:
     """Errors that the bound just allows for cases that stand still, below ``most``, and the directions, shape (m,)."""
-    directions, room = best_directions(cases, 0.0, settings)
+    directions, room = best_directions(cases, 0.0)
     low = np.zeros(len(cases))
     high = np.full(len(cases), most)
     at_low = np.maximum(room, 0.0)
-    _, at_high = best_directions(cases, most, settings)
+    _, at_high = best_directions(cases, most)
     solved = np.where(room > 0.0, most, 0.0)
 
     # False position: gaps fall almost linearly with errors, and a little faster as these grow.
-    for _ in range(settings.solve_steps):
+    for _ in range(_SOLVE_STEPS):
         is_open = (room > 0.0) & (at_high < 0.0)
         if not np.any(is_open):
             break
         tried = low + (high - low) * at_low / np.maximum(at_low - at_high, _TINY)
-        angle, gap = best_directions(cases, np.where(is_open, tried, solved), settings)
+        angle, gap = best_directions(cases, np.where(is_open, tried, solved))
         directions = np.where(is_open, angle, directions)
         solved = np.where(is_open, tried, solved)
         # The end that stays counts half from now on, or a gap of some curvature would be approached from one side only.
