@@ -6,10 +6,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.asked_task import tip_box
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.space_continuation import SpaceTipPose
-from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.space_task import SpaceTask, tip_box
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_kinematics import joint_positions

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.core.polyline import wrap
-from ccm_opt.planning.arcs_at_limits import ArcsAtLimits
 from ccm_opt.planning.settings import LimitArcSettings
 from ccm_opt.planning.step import GoalPose
+from ccm_opt.planning.strategies import ArcsAtLimits
 from ccm_opt.problem import TipGoal
 from ccm_opt.robot.arm import Arm
 from tests.edge_scenes import edge_problem

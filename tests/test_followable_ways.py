@@ -12,7 +12,6 @@ from ccm_opt.compare.space_clutter import disturbed_job
 from ccm_opt.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.asked_task import space_task, tip_box
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.followable_search import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
@@ -21,6 +20,7 @@ from ccm_opt.planning.space_goal_poses import withdrawn
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import FollowableWaySettings, SpaceMotionSettings
+from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -11,9 +11,8 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
-from ccm_opt.robot.jacobian import point_jacobians, tip_jacobian
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.pose_report import pose_issues
+from ccm_opt.robot.pose_report import point_jacobians, pose_issues, tip_jacobian
 from tests.dynamics_arms import swan_neck
 
 AXES: tuple[Axes, ...] = ("zyx", "zyz")

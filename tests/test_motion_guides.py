@@ -18,9 +18,9 @@ from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
 from ccm_opt.planning.hairpin import Hairpin, fold_track
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import CachedItems
-from ccm_opt.planning.portfolio import first_candidates
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import Withdrawal
+from ccm_opt.planning.search_run import first_candidates
 from ccm_opt.planning.settings import (
     GoalSettings,
     GuideSettings,

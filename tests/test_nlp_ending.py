@@ -9,11 +9,11 @@ import pytest
 import ccm_opt
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.planning.asked_task import space_task
 from ccm_opt.planning.space_ending import IN_NLP_POSE, ended_by_nlp
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Limits
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_kinematics import joint_positions

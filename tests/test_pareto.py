@@ -25,7 +25,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.verification.room_over_time import room_over_time
-from ccm_opt.viz.pareto_picture import pareto_png
+from ccm_opt.viz.paper_figures import pareto_png
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
 

@@ -17,9 +17,9 @@ from ccm_opt.retiming.grid import path_grid
 from ccm_opt.retiming.motion_limits import limits_along
 from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.sampling import with_jumps
 from ccm_opt.retiming.speed_optimizer import fastest_profile, reachable_speeds
 from ccm_opt.retiming.timed_path import TimedPath
+from ccm_opt.retiming.timing import with_jumps
 from ccm_opt.retiming.timing_settings import GridSettings
 from ccm_opt.robot.coordinates import planar_coordinates
 from tests.phase_plane import fastest_duration

@@ -10,7 +10,7 @@ from ccm_opt.compare.methods import method_named
 from ccm_opt.compare.suites import cases_of_suite
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.smoothing import halved_where_unseen, unseen_gains
+from ccm_opt.retiming.speed_optimizer import halved_where_unseen, unseen_gains
 from ccm_opt.retiming.timing_settings import SamplingSettings
 from ccm_opt.solution import JointTrajectory
 from tests.retiming_paths import even_limits, make_path, run

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.io.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.io.drawing import divided
 from ccm_opt.io.drawing import import_scene as import_drawing
+from ccm_opt.io.dxf_entities import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.io.found_shapes import Line, Region
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping

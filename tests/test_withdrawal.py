@@ -8,9 +8,9 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.continuation import Stalled, follow
-from ccm_opt.planning.portfolio import drawn_in, mouth_of_passage
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import Withdrawal, lies_confined, ways_back, withdrawals
+from ccm_opt.planning.search_run import drawn_in, mouth_of_passage
 from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate

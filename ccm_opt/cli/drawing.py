@@ -85,7 +85,7 @@ def space_pictures(
 
 def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
-    from ccm_opt.viz.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.paper_figures import pareto_png  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.problem_section import PlanPages  # noqa: PLC0415
 
     page = "report.html"

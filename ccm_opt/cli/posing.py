@@ -19,7 +19,7 @@ from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.io.failure_folder import write_pose_failure
 from ccm_opt.io.folder import POSE_RECORD, check_target
 from ccm_opt.io.pose_folder import write_pose
-from ccm_opt.io.pose_json import pose_json, segment_words
+from ccm_opt.io.solution_json import pose_json, segment_words
 from ccm_opt.io.space_pose_files import space_pose_json, write_space_pose
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.space_configuration import SpaceSegment

@@ -55,12 +55,12 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) -> bytes:
     if isinstance(problem, SpaceProblem):
-        from ccm_opt.viz.tolerance_picture import space_tolerance_png  # noqa: PLC0415 - likewise
+        from ccm_opt.viz.simulated_motion import space_tolerance_png  # noqa: PLC0415 - likewise
 
         return space_tolerance_png(problem, motion.trajectory, joints)
     from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
     from ccm_opt.verification.tolerance.tube import tube_of  # noqa: PLC0415 - with it
-    from ccm_opt.viz.tolerance_picture import tolerance_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.simulated_motion import tolerance_png  # noqa: PLC0415 - loads matplotlib
 
     tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)
     return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)

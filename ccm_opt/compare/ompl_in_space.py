@@ -14,7 +14,6 @@ from ccm_opt.compare.ompl_peer import DEFAULT_OMPL, NAME, OmplSettings, ompl_mod
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
-from ccm_opt.planning.asked_task import space_task
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.space_ends import refuse_ends
@@ -22,7 +21,7 @@ from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_smooth_path import certified_spline
-from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

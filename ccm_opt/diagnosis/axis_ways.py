@@ -19,8 +19,8 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, space_tip_places
 from ccm_opt.diagnosis.possible_gap import bound_at_ends
 from ccm_opt.diagnosis.way_search import Answer, WayEnds, WaySearch
-from ccm_opt.planning.asked_task import reach_box
 from ccm_opt.planning.grid_ways import shortened
+from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

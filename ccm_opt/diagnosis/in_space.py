@@ -23,7 +23,7 @@ from ccm_opt.diagnosis.relaxation import Knowledge, heading_may_mend
 from ccm_opt.diagnosis.space_checks import AT_ONCE_IN_SPACE, SpaceCheck, found_in_space
 from ccm_opt.diagnosis.ways_in_space import between, closed_in_space, wide_and_short_enough_in_space
 from ccm_opt.errors import Finding
-from ccm_opt.planning.asked_task import reach_box
+from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

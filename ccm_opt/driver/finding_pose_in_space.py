@@ -16,12 +16,11 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.ik.space_pose_solver import SpaceArmPose
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.asked_task import space_task
 from ccm_opt.planning.pose_beginnings import DEFAULT_POSE_SEARCH, PoseBeginning, PoseBeginnings, PoseSearchSettings
 from ccm_opt.planning.space_ending import pose_record
 from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.space_settings import SpaceMotionSettings
-from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

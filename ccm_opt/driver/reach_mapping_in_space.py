@@ -13,11 +13,10 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.driver.calls import in_words_of_its_file
 from ccm_opt.driver.reach_flood import flooded
 from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.planning.asked_task import reach_box
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.space_ends import contact_words
-from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.space_task import SpaceTask, reach_box
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, TipLooker, look_at_cell
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.scene.distances.enclosures import enclosed

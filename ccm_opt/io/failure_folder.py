@@ -7,8 +7,7 @@ from pathlib import Path
 
 from ccm_opt.errors import Diagnosis
 from ccm_opt.io.folder import ARRAYS, POSE_ARRAYS, POSE_RECORD, RECORD, write_folder
-from ccm_opt.io.pose_json import pose_failure_json
-from ccm_opt.io.solution_json import failure_json
+from ccm_opt.io.solution_json import failure_json, pose_failure_json
 from ccm_opt.io.space_pose_files import space_pose_failure_json
 from ccm_opt.io.space_scene import kept_meshes
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem

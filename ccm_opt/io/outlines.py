@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polygons import mitred
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.curves import flatten_arc
+from ccm_opt.io.dxf_entities import flatten_arc
 from ccm_opt.io.found_shapes import Disc, Line, Region, Shape
 from ccm_opt.io.rings import repaired
 from ccm_opt.io.settings import ImportSettings

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from ccm_opt.io.arrays_npz import arrays_npz, curve_arrays
 from ccm_opt.io.folder import POSE_ARRAYS, POSE_RECORD, REACH_RECORD, write_folder
-from ccm_opt.io.pose_json import pose_json
 from ccm_opt.io.problem_data import recorded_data
+from ccm_opt.io.solution_json import pose_json
 from ccm_opt.io.strict_json import strict_text
 from ccm_opt.solution import ReachMap, StaticPose
 

@@ -10,8 +10,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
 from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.io.scene_file import obstacle_table
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import (
     Disturbances,

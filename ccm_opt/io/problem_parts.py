@@ -18,6 +18,7 @@ from ccm_opt.core.expected import expect, expect_that
 from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.build import build_arm
+from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.problem_data import (
     Table,
@@ -30,7 +31,6 @@ from ccm_opt.io.problem_data import (
     verification_table,
     workspace_table,
 )
-from ccm_opt.io.scene_file import obstacle_table
 from ccm_opt.io.schema import ArmTable
 from ccm_opt.io.space_reading import check_space_data
 from ccm_opt.io.table_reading import check_data

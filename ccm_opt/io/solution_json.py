@@ -1,4 +1,4 @@
-"""The record of a solution.
+"""Records of solutions and poses.
 
 Strict JSON, without NaN or infinity.
 """
@@ -7,14 +7,101 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
+import numpy as np
+
 from ccm_opt.errors import Diagnosis
-from ccm_opt.io.pose_json import curve_record
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.space_scene import mesh_data, space_recorded_data
 from ccm_opt.io.strict_json import strict_text
+from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution import Check, GoalPoseRecord, NearPlace, RoomRecord, SpaceGoalPoseRecord, SurvivedError
-from ccm_opt.solution.space_solution import AnySolution, GoalErrors, SpaceSolution
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment_types import segment_words
+from ccm_opt.solution import (
+    Check,
+    GoalPoseRecord,
+    NearPlace,
+    RoomRecord,
+    SpaceGoalPoseRecord,
+    StaticPose,
+    SurvivedError,
+)
+from ccm_opt.solution.space_solution import AnySolution, AnyStaticPose, GoalErrors, SpaceSolution
+
+__all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
+
+SCHEMA = 1
+"""Version of the file's layout."""
+
+
+def pose_json(found: StaticPose) -> str:
+    """The record of a pose.
+
+    Args:
+        found: the pose.
+
+    Returns:
+        JSON text; numbers that are not finite stand as null.
+    """
+    record = _pose_json_record(found.problem, "solved") | answer_record(found)
+    record |= {
+        "curve": curve_record(found.pose.curve),
+        "binding": [asdict(side) for side in found.binding],
+    }
+    return strict_text(record)
+
+
+def answer_record(found: AnyStaticPose) -> dict[str, object]:
+    """What the records of poses have in common, in the plane and in space."""
+    pose = found.pose
+    variables, rows = pose.size
+    return {
+        "joints_deg": np.rad2deg(found.bends).tolist(),
+        "joint_positions": found.joint_positions.tolist(),
+        "gap": pose.gap,
+        "wanted_gap": pose.wanted_gap,
+        "nearest": found.nearest,
+        "cost": pose.cost,
+        "costs": dict(pose.costs),
+        "multipliers": dict(pose.multipliers),
+        "residuals": dict(found.residuals),
+        "nlp": {"variables": variables, "rows": rows, "iterations": pose.iterations, "status": pose.status},
+        "tries": [asdict(outcome) for outcome in found.outcomes],
+        "timings": dict(found.timings),
+    }
+
+
+def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+    """The record of a problem at whose goal no pose was found.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no pose.
+        timings: of the stages that ran [s].
+    """
+    return strict_text(_pose_json_record(problem, status) | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
+
+
+def curve_record(curve: Configuration) -> dict[str, object]:
+    """A curve with the type, length, knots and curvature of every segment."""
+    return {
+        "base": curve.base.tolist(),
+        "base_heading": curve.base_heading,
+        "segments": [
+            {
+                "type": segment_words(segment),
+                "length": segment.length,
+                "knots": list(segment.knots),
+                "curvature": segment.curvature.tolist(),
+            }
+            for segment in curve.segments
+        ],
+    }
+
+
+def _pose_json_record(problem: Problem, status: str) -> dict[str, object]:
+    return {"schema": SCHEMA, "status": status, "problem": recorded_data(problem)}
 
 
 def goal_pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
@@ -86,10 +173,6 @@ def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
 
 def _in_degrees(error: SurvivedError) -> dict[str, object]:
     return {"size_deg": math.degrees(error.size)} if error.unit == "rad" else {}
-
-
-SCHEMA = 1
-"""Version of the file's layout."""
 
 
 def solution_json(solution: AnySolution) -> str:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ccm_opt.errors import Diagnosis
 from ccm_opt.io.arrays_npz import arrays_npz
 from ccm_opt.io.folder import POSE_ARRAYS, POSE_RECORD, REACH_RECORD, write_folder
-from ccm_opt.io.pose_json import SCHEMA, answer_record
+from ccm_opt.io.solution_json import SCHEMA, answer_record
 from ccm_opt.io.space_scene import kept_meshes, mesh_data, space_recorded_data
 from ccm_opt.io.strict_json import strict_text
 from ccm_opt.problem.space_problem import SpaceProblem

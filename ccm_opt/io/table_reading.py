@@ -15,6 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.build import Tables, build_arm, build_pose, build_problem, build_workspace, feed_of
+from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath, lookup
 from ccm_opt.io.rules import (
@@ -25,7 +26,6 @@ from ccm_opt.io.rules import (
     check_pose,
     goal_paths,
 )
-from ccm_opt.io.scene_file import with_scene
 from ccm_opt.io.schema import (
     ArmTable,
     GoalTable,

@@ -18,7 +18,6 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.planning.asked_task import coarse_problem, space_task
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.space_ending import ended_by_nlp
 from ccm_opt.planning.space_ends import refuse_ends
@@ -27,7 +26,7 @@ from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceCertificateSettings, SpaceMotionSettings
 from ccm_opt.planning.space_smooth_path import certified_path
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS

@@ -6,8 +6,7 @@ from functools import partial
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.paul import DEFAULT_PAUL, PaulSettings
-from ccm_opt.retiming.sampling import joined, reversed_trajectory
-from ccm_opt.retiming.timing import retime
+from ccm_opt.retiming.timing import joined, retime, reversed_trajectory
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.driven_arm import DrivenArm

@@ -1,4 +1,9 @@
-"""What is wrong with a pose in 3-D: joints bent too far, and balls so near a singularity that they cannot be driven."""
+"""Reports on a pose of the arm and its Jacobian.
+
+A revolute about the unit vector z through the point o moves a point p at z × (p − o) and turns what is beyond it about
+z (Craig, Introduction to Robotics, section 5.7). In a standard Denavit–Hartenberg table joint j turns about the z axis
+of frame j − 1.
+"""
 
 from dataclasses import dataclass
 
@@ -6,7 +11,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.frames import joint_names
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.frames import frame_transforms, joint_names
 
 _LEAST_DETERMINANT = 0.05
 """Determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is singular. Taste."""
@@ -65,3 +71,52 @@ def _singular(arm: Arm, name: str, value: float, bound: float) -> PoseIssue:
     where = "a bend of 90 deg" if arm.axes == "zyx" else "a bend of 0"
     text = f"{name}: the {arm.axes} ball is nearly singular, determinant {value:.2g}; it is so at {where}"
     return PoseIssue(name, "singular", value, bound, text)
+
+
+def point_jacobians(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+    """Jacobians of the positions of all balls and of the tip.
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+
+    Returns:
+        Derivatives by the axes that carry the base, in the first columns, and by the revolutes, shape
+        (..., links + 1, 3, columns) [m].
+    """
+    axes, origins, points = _axes_and_points(arm, angles)
+    lever = points[..., :, None, :] - origins[..., None, :, :]
+    turns = np.cross(np.broadcast_to(axes[..., None, :, :], lever.shape), lever)
+    beyond = (
+        np.arange(arm.links + 1)[:, None] > np.arange(3 * arm.links) // 3
+    )  # revolutes of ball k move points k + 1 on
+    return _with_base(arm, np.swapaxes(np.where(beyond[..., None], turns, 0.0), -1, -2), moved=1.0)
+
+
+def tip_jacobian(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+    """Geometric Jacobian of the tip: its velocity [m] over the angular velocity of the last link.
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+
+    Returns:
+        Shape (..., 6, columns), columns as in ``point_jacobians``.
+    """
+    axes, origins, points = _axes_and_points(arm, angles)
+    linear = np.cross(axes, points[..., -1:, :] - origins)
+    angular = _with_base(arm, np.swapaxes(axes, -1, -2), moved=0.0)
+    return np.concatenate((_with_base(arm, np.swapaxes(linear, -1, -2), moved=1.0), angular), axis=-2)
+
+
+def _axes_and_points(arm: DrivenArm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Axes of the revolutes, points on them, and balls and tip, all in the world."""
+    frames = frame_transforms(arm, angles)
+    return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
+
+
+def _with_base(arm: DrivenArm, columns: FloatArray, *, moved: float) -> FloatArray:
+    """The same columns after those of the axes that carry the base, if any; all run along the base heading."""
+    direction = moved * arm.base_rotation[:, 0]
+    first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
+    return np.concatenate((first, columns), axis=-1)

@@ -1,18 +1,293 @@
 """The page of a plan."""
 
+import re
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from html import escape
 
-from ccm_opt.solution import Solution, SurvivedError
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.segment_types import segment_words
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.viz.checks_section import checks_section
-from ccm_opt.viz.document import COMMON, Markup, element, html_document, joined, page_header, plan_badges, plan_figures
-from ccm_opt.viz.goal_pose_section import goal_pose_section
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import (
+    COMMON,
+    Markup,
+    element,
+    html_document,
+    joined,
+    page_header,
+    plan_badges,
+    plan_figures,
+    table,
+)
+from ccm_opt.viz.page_units import PageUnits, three_digits
 from ccm_opt.viz.problem_section import PlanPages, files_section, making_section, plans_section, problem_section
 from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
 from ccm_opt.viz.scene_data import goals_data, scene_data
 from ccm_opt.viz.settings import REPORT, ReportSettings
 from ccm_opt.viz.stage_section import goal_times, player_bar, route_layers, stage_section
 from ccm_opt.viz.time_series import phase_data, series_data
+
+_POSE_MARGIN = 0.18
+"""Round the goal pose in its picture, as a share of its extent."""
+_THIN_LINE = 0.003
+"""Width of thin lines in that picture, likewise."""
+_PLACES_PER_SEGMENT = 24
+"""Of the goal pose's curve, at which it is drawn."""
+
+_REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
+_BEND = re.compile(r"joint (\d+): bend (left|right)")
+_NEAR = 3.0
+"""Multiples of the wanted gap within which the neighbour of a link is named. Taste."""
+_TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
+
+
+@dataclass(frozen=True)
+class BindingRow:
+    """Something that holds a pose where it is.
+
+    Attributes:
+        words: what it is.
+        gain: how much the objective would fall if it gave way by the unit.
+        unit: in words, for example ``1 mm``.
+    """
+
+    words: str
+    gain: float
+    unit: str
+
+
+def binding_rows(
+    solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
+) -> list[BindingRow]:
+    """The strongest rows of a goal pose; those of one link against one wall count as one.
+
+    Args:
+        solution: the plan.
+        record: of the goal pose.
+        points: base, joints and tip of the pose, shape (n + 1, 2) [m].
+        units: of the page.
+        most: rows that are kept.
+    """
+    merged: dict[tuple[str, str], float] = {}
+    for name, multiplier in record.multipliers.items():
+        row = _row(solution, record, name, multiplier, points, units)
+        key = (row.words, row.unit)
+        merged[key] = merged.get(key, 0.0) + row.gain
+    rows = [BindingRow(words, gain, unit) for (words, unit), gain in merged.items()]
+    return sorted(rows, key=lambda row: -row.gain)[:most]
+
+
+def _row(
+    solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray, units: PageUnits
+) -> BindingRow:
+    """One row: multipliers are for one arm's length, one radian, or the whole of a limit."""
+    if region := _REGION.fullmatch(name):
+        link = int(region[1])
+        end = points[link if region[2] == "end" else link - 1]
+        gain = units.metres * multiplier / solution.problem.arm.length
+        beside = _neighbour(solution, points, link, end, reach=_NEAR * record.wanted_gap)
+        return BindingRow(f"link {link} beside {beside}", gain, f"1 {units.name}")
+    if bend := _BEND.fullmatch(name):
+        return BindingRow(f"joint {bend[1]} at its limit to the {bend[2]}", np.deg2rad(1.0) * multiplier, "1°")
+    if torque := _TORQUE.fullmatch(name):
+        return BindingRow(f"the torque that joint {torque[1]} may hold", 1e-2 * multiplier, "1 % more")
+    if name.startswith("user: "):
+        return BindingRow(f"your constraint '{name.removeprefix('user: ')}'", multiplier, "1 of its unit")
+    return BindingRow(name, multiplier, "1")
+
+
+def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray, reach: float) -> str:
+    """What is nearest to the end of a link: a wall by its name, or another link that is not its neighbour."""
+    # A side of a region is a plane: what it keeps the link from may touch it far from the link.
+    problem = solution.problem
+    place = shapely.Point(end)
+    walls = problem.workspace.walls
+    gaps = [shapely.distance(wall.core, place) - wall.rounding for wall in walls]
+    nearest = int(np.argmin(gaps))
+    links = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
+    # Two links share the room between them; the arm's radius is taken off on both sides.
+    apart = np.abs(np.arange(len(links)) + 1 - link) * problem.arm.length / len(links)
+    far_along = apart > np.pi * problem.arm.radius + 2.0 * problem.arm.length / len(links)
+    to_links = np.where(far_along, shapely.distance(links, place), np.inf)
+    to_wall = gaps[nearest] - problem.arm.radius - problem.workspace.clearance
+    to_link = 0.5 * float(to_links.min()) - problem.arm.radius
+    if min(to_wall, to_link) > reach:
+        return "what is around it"
+    if to_link < to_wall:
+        return f"link {int(np.argmin(to_links)) + 1}"
+    return f"'{walls[nearest].name}'"
+
+
+def scene_paths(workspace: Workspace, thin: float) -> str:
+    """Boundary and obstacles as paths; an obstacle's name appears under the mouse."""
+    parts = [
+        f'<path d="{_path(workspace.boundary)}" fill="var(--paper)" stroke="var(--edge)" stroke-width="{thin:.5g}"/>'
+    ]
+    for obstacle in workspace.obstacles:
+        outline = obstacle.outline()
+        fill = "var(--wall)" if isinstance(outline, shapely.Polygon) else "none"
+        parts.append(
+            f'<path d="{_path(outline)}" fill="{fill}" fill-rule="evenodd" stroke="var(--edge)" '
+            f'stroke-width="{0.6 * thin:.5g}"><title>{escape(obstacle.name)}</title></path>'
+        )
+    return "".join(parts)
+
+
+def _path(geometry: shapely.Geometry) -> str:
+    if isinstance(geometry, shapely.Polygon):
+        return "".join(f"{_line(ring)}Z" for ring in (geometry.exterior, *geometry.interiors))
+    return "".join(_line(part) for part in getattr(geometry, "geoms", [geometry]))
+
+
+def _line(geometry: shapely.Geometry) -> str:
+    return "M" + "L".join(f"{x:.6g} {y:.6g}" for x, y in shapely.get_coordinates(geometry))
+
+
+_SEGMENT_COLOURS = ("#c1440e", "#1b7f3b", "#8a5a9e", "#b07d12", "#2a6f97")
+_COSTS = {
+    "room": "lack of room",
+    "bending": "bending of the curve",
+    "travel": "turns from the start",
+    "distance": "turns from the pose that it began with",
+    "torque": "torque to hold the pose",
+    "knots": "uneven knots",
+    "bows": "rough curvature",
+}
+"""What the parts of the objective are called on the page."""
+
+
+def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
+    """The section with its heading; nothing where no goal-pose NLP was asked.
+
+    Args:
+        solution: the plan.
+        units: of the page.
+    """
+    record = solution.path.goal_pose
+    if not isinstance(record, GoalPoseRecord):
+        return None
+    tables = element("div", _segments(record, units), _costs(record), _binding(solution, record, units))
+    return element(
+        "section",
+        element("h2", "Why the arm ends here"),
+        element("p", _summary(record, units)),
+        element("div", _picture(solution, record), tables, cls="goal-pose"),
+    )
+
+
+def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
+    """How the pose came about, and whether the motion ends in it."""
+    variables, rows = record.size
+    solved = (
+        f"The goal-pose program, of {variables} variables and {rows} rows, found this pose in {record.iterations} "
+        f"iterations, with a gap of {units.length(record.gap)} of the wanted "
+        f"{units.given(record.wanted_gap, 'm')}."
+    )
+    if record.tried > 1:
+        solved = f"{solved} It was asked for {record.tried} poses in all."
+    if record.reached:
+        return f"{solved} The motion ends in it."
+    return f"{solved} The motion does not end in it: {record.reason}."
+
+
+def _picture(solution: Solution, record: GoalPoseRecord) -> Markup:
+    """The pose of the program, the end of the motion where that is another, and the curve by its segments."""
+    problem = solution.problem
+    # The picture shows the neighbourhood of the pose, so lines are measured by the arm and not by the room.
+    thin = _THIN_LINE * float(np.ptp(pose_points(solution, record), axis=0).max())
+    body = max(2.0 * problem.arm.radius, thin)
+    parts = [scene_paths(problem.workspace, thin)]
+    if not record.reached:
+        parts.append(_polyline(solution.joint_positions[-1], "var(--start)", body, 0.7))
+    parts.append(_polyline(pose_points(solution, record), "var(--arm)", body, 0.35))
+    curve = record.curve
+    for number, (first, last) in enumerate(zip(curve.boundaries[:-1], curve.boundaries[1:], strict=True)):
+        places = curve.positions_at(np.linspace(first, last, _PLACES_PER_SEGMENT))
+        parts.append(_polyline(places, _colour(number), 1.6 * thin, 1.0))
+    for x, y in curve.positions_at(curve.boundaries):
+        parts.append(
+            f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="var(--paper)" stroke="var(--ink)" '
+            f'stroke-width="{0.5 * thin:.5g}"/>'
+        )
+    shown = [curve.positions_at(curve.breakpoints), solution.joint_positions[-1], pose_points(solution, record)]
+    box = _box_around(np.concatenate(shown), _POSE_MARGIN)
+    label = "The goal pose and the curve behind it"
+    drawn = "".join(parts)
+    return Markup(f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{drawn}</g></svg>')
+
+
+def _box_around(points: FloatArray, margin_share: float) -> str:
+    """The part of the plane around some points, y down."""
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    margin = margin_share * float((high - low).max())
+    width, height = high - low + 2.0 * margin
+    return f"{low[0] - margin:.6g} {-high[1] - margin:.6g} {width:.6g} {height:.6g}"
+
+
+def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
+    """Base, joints and tip of the pose, shape (n + 1, 2) [m]; of fewer links than the arm has, where it is so."""
+    arm = solution.problem.arm
+    headings = record.headings
+    steps = arm.length / len(headings) * np.stack((np.cos(headings), np.sin(headings)), axis=1)
+    base = solution.joint_positions[-1, 0]
+    points: FloatArray = base + np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
+    return points
+
+
+def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
+    """A row for each segment of the curve, with the colour that it has in the picture."""
+    rows = []
+    for number, segment in enumerate(record.curve.segments):
+        dot = element("i", cls="dot", style=f"background:{_colour(number)}")
+        knots = ", ".join(f"{knot:.2f}" for knot in segment.knots)
+        rows.append((joined((dot, segment_words(segment))), units.length(segment.length), knots))
+    return table(("segment", "length", "inner knots"), rows, numbers=(1, 2))
+
+
+def _costs(record: GoalPoseRecord) -> Markup:
+    """A row for each part of the objective, the largest first, with a bar for its share."""
+    total = sum(abs(value) for value in record.costs.values()) or 1.0
+    rows = []
+    for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
+        bar = element("b", cls="bar", style=f"width:{100.0 * abs(value) / total:.1f}px")
+        rows.append((cost_words(name), three_digits(value, 3), bar))
+    return table(("part of the cost", f"of {three_digits(record.cost, 3)}", ""), rows, numbers=(1,))
+
+
+def cost_words(name: str) -> str:
+    """A part of the objective in words; that of a user by the user's name."""
+    if name.startswith("user: "):
+        return f"your cost '{name.removeprefix('user: ')}'"
+    return _COSTS.get(name, name)
+
+
+def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
+    """What holds the pose where it is, the strongest first, and what giving way would bring."""
+    rows = [
+        (row.words, f"{row.gain:.2g}", f"for {row.unit}")
+        for row in binding_rows(solution, record, pose_points(solution, record), units)
+    ]
+    if not rows:
+        return element("p", "No limit holds the pose where it is: the costs alone decide.")
+    return table(("what holds the pose", "cost saved", ""), rows, numbers=(1,))
+
+
+def _polyline(points: FloatArray, colour: str, width: float, opacity: float) -> str:
+    places = " ".join(f"{x:.6g},{y:.6g}" for x, y in points)
+    return (
+        f'<polyline points="{places}" fill="none" stroke="{colour}" stroke-width="{width:.5g}" opacity="{opacity:g}" '
+        'stroke-linecap="round" stroke-linejoin="round"/>'
+    )
+
+
+def _colour(number: int) -> str:
+    return _SEGMENT_COLOURS[number % len(_SEGMENT_COLOURS)]
 
 
 def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:

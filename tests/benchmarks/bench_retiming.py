@@ -28,7 +28,7 @@ from ccm_opt.errors import RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.retiming import retime, timing
 from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.sampling import Profile, sample_motion
+from ccm_opt.retiming.timing import Profile, sample_motion
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointPath, JointTrajectory

@@ -19,11 +19,11 @@ from ccm_opt.driver.space_planning_run import PlannerInSpace, plan_legs_in_space
 from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.planning.asked_task import space_task
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath

@@ -13,9 +13,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.continuation import Stalled, follow
-from ccm_opt.planning.portfolio import tip_led
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.search_run import SearchRun, pose_headings
+from ccm_opt.planning.search_run import SearchRun, pose_headings, tip_led
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.problem import TipGoal
 from tests.scenes import Scene, motion_task

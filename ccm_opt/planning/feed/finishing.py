@@ -17,7 +17,7 @@ from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.feed.fed_task import task_of_optimising
-from ccm_opt.planning.feed.proposed_motion import ProposedMotion
+from ccm_opt.planning.feed.member_problems import ProposedMotion
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import Motion, MotionTask

@@ -1,7 +1,11 @@
 """The limits on motions, one file each. To add one, write its file and name it here."""
 
-from ccm_opt.retiming.motion_limits.coordinate_limits import CoordinateAcceleration, CoordinateJerk, CoordinateVelocity
-from ccm_opt.retiming.motion_limits.drive_effort import DriveEffort
+from ccm_opt.retiming.motion_limits.coordinate_limits import (
+    CoordinateAcceleration,
+    CoordinateJerk,
+    CoordinateVelocity,
+    DriveEffort,
+)
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit
 from ccm_opt.retiming.motion_limits.point_speed import PointSpeed
 from ccm_opt.retiming.timed_path import TimedPath
