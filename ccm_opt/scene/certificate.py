@@ -32,7 +32,7 @@ class Stretches:
 
     Attributes:
         arm: that moves.
-        start: link headings at the start, shape (m, links) [rad].
+        start: link headings at the start, and perhaps the base, shape (m, links) or (m, c) [rad, link lengths].
         end: at the end.
         owner: interval of the motion that each stretch belongs to, shape (m,).
     """
@@ -43,7 +43,8 @@ class Stretches:
     owner: IntArray
 
     def __post_init__(self) -> None:
-        if self.start.shape[1:] != (self.arm.links,) or self.end.shape != self.start.shape:
+        poses = (self.arm.links, self.arm.links + len(self.arm.base_axes))
+        if self.start.shape[-1] not in poses or self.end.shape != self.start.shape:
             raise ValueError(f"stretches have the shapes {self.start.shape} and {self.end.shape}")
 
     @cached_property
