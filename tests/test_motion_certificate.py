@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, allowed_contact
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
 from ccm_opt.scene.workspace import Obstacle, Workspace
@@ -82,6 +84,24 @@ def test_it_never_passes_what_a_dense_sweep_refutes() -> None:
         assert passed or gap < GENEROUS, f"refused at a gap of {1e3 * gap:.3f} mm"
         verdicts[passed] += 1
     assert min(verdicts[True], verdicts[False]) >= 50
+
+
+def test_a_carried_arm_is_certified_where_it_is() -> None:
+    """No motion with the base on its way is passed that a dense sweep refutes; a pose is that of an arm based there."""
+    verdicts: Counter[bool] = Counter()
+    for number, (arm, workspace, start, end) in enumerate(random_motions(80)):
+        fed = replace(arm, feed=Feed(-1.0, 1.0, 0.0))
+        carried = np.array([0.0, 3.0 * np.sin(number)])
+        poses = np.column_stack((np.stack((start, end)), carried))
+        gap = min(sweep_gaps(fed, workspace, swept(poses[0], poses[1], SUBSTEPS)))
+        passed = certified(fed, workspace, *poses)
+        assert not (passed and gap <= 0.0), f"certified at a gap of {1e3 * gap:.3f} mm"
+        assert passed or gap < GENEROUS, f"refused at a gap of {1e3 * gap:.3f} mm"
+        there = replace(arm, base=arm.base + carried[1] * arm.link_length * arm.feed_direction)
+        still = certified(fed, workspace, poses[1], poses[1])
+        assert still == certified(there, workspace, poses[1, :-1], poses[1, :-1])
+        verdicts[passed] += 1
+    assert min(verdicts[True], verdicts[False]) >= 20
 
 
 def folding_motions(count: int) -> Iterator[tuple[Arm, FloatArray, FloatArray]]:

@@ -1,6 +1,7 @@
 """The compiled library: built by one command, told of in one line where it is missing, and called with what fits."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ccm_opt
 from ccm_opt.core import native
 from ccm_opt.core.native import NativeCall
 from ccm_opt.errors import NativeLibraryError
@@ -44,6 +46,14 @@ def test_an_older_library_is_told_with_what_to_do() -> None:
     """A function that the sources have, but the library has not, asks for a build."""
     with pytest.raises(NativeLibraryError, match="older than its source"):
         NativeCall("of_tomorrow")
+
+
+def test_the_library_has_every_function_that_is_called() -> None:
+    """Each name that the package's sources hand to C is one of the library, so that no source of C was left behind."""
+    sources = (path.read_text(encoding="utf-8") for path in Path(ccm_opt.__file__).parent.rglob("*.py"))
+    called = {name for text in sources for name in re.findall(r'NativeCall\(\s*"(\w+)"', text)}
+    assert "pair_proofs" in called
+    assert called - set(native._told()) == set()
 
 
 def test_the_command_line_tells_a_missing_library_in_one_line(tmp_path: Path) -> None:

@@ -32,8 +32,8 @@ class Stretches:
 
     Attributes:
         arm: that moves.
-        start: link headings at the start, and perhaps the base, shape (m, links) or (m, c) [rad, link lengths].
-        end: at the end.
+        start: link headings, and perhaps the base, shape (m, links) or (m, c) [rad, link lengths].
+        end: likewise.
         owner: interval of the motion that each stretch belongs to, shape (m,).
     """
 
@@ -43,9 +43,10 @@ class Stretches:
     owner: IntArray
 
     def __post_init__(self) -> None:
-        poses = (self.arm.links, self.arm.links + len(self.arm.base_axes))
-        if self.start.shape[-1] not in poses or self.end.shape != self.start.shape:
-            raise ValueError(f"stretches have the shapes {self.start.shape} and {self.end.shape}")
+        links, coordinates = self.arm.links, len(self.arm.coordinates)
+        if self.start.shape[1:] not in ((links,), (coordinates,)) or self.end.shape != self.start.shape:
+            got = f"{self.start.shape} and {self.end.shape}"
+            raise ValueError(f"stretches have the shapes {got}; expected (m, {links}) or (m, {coordinates})")
 
     @cached_property
     def a(self) -> FloatArray:
@@ -243,7 +244,8 @@ class Certificate:
         """Intervals of a piecewise-linear motion that cannot be certified.
 
         Args:
-            headings: link headings at the keyframes, shape (K, links) [rad].
+            headings: link headings, and perhaps the base, at the keyframes, shape (K, links) or (K, c) [rad, link
+                lengths].
             depth: bisections that are allowed; as many as the settings say when None.
 
         Returns:

@@ -1,0 +1,140 @@
+/* How far straight motions of link headings come before a pose that is refuted: sampled_check.py in C.
+
+   Between poses that are looked at in a row every link turns by the same angle, so that cosines and sines follow by
+   complex products. */
+
+#include "native.h"
+
+#define MOST_POSES (INT64_C(1) << 31) /* on a motion */
+
+typedef struct {
+    int64_t links, mount_link, parts, first_self_pair, side, stride; /* parts: of a link between places looked up */
+    double mount_at, link_length, radius, base_x, base_y, corner_x, corner_y, cell, spacing;
+    const uint8_t *blocked; /* (side, side), by row and column, with a frame of one cell */
+    double *work;           /* 8 numbers a link, and two more */
+
+    int64_t motions;
+    const double *start, *end; /* (motions, links) */
+    double *share;             /* (motions,) */
+} Shares;
+
+static int blocked_at(const Shares *s, double x, double y)
+{
+    int64_t column = whole_within((x - s->corner_x) / s->cell + 1.0, -1, s->side);
+    int64_t row = whole_within((y - s->corner_y) / s->cell + 1.0, -1, s->side);
+    if (column < 0 || row < 0 || column >= s->side || row >= s->side) return 1;
+    return s->blocked[row * s->side + column];
+}
+
+static double clamped(double t)
+{
+    return t < 0.0 ? 0.0 : t > 1.0 ? 1.0 : t;
+}
+
+static double to_segment(double px, double py, const double *a, const double *b)
+{
+    double dx = b[0] - a[0], dy = b[1] - a[1];
+    double t = clamped(((px - a[0]) * dx + (py - a[1]) * dy) / (dx * dx + dy * dy));
+    double x = px - a[0] - t * dx, y = py - a[1] - t * dy;
+    return x * x + y * y;
+}
+
+static double side_of(const double *p, const double *q, const double *r)
+{
+    return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
+}
+
+/* Whether two links with joints p, q and r, t are nearer than the square of a distance, or cross. */
+static int links_meet(const double *p, const double *q, const double *r, const double *t, double square)
+{
+    if (to_segment(p[0], p[1], r, t) < square || to_segment(q[0], q[1], r, t) < square) return 1;
+    if (to_segment(r[0], r[1], p, q) < square || to_segment(t[0], t[1], p, q) < square) return 1;
+    return side_of(p, q, r) * side_of(p, q, t) < 0.0 && side_of(r, t, p) * side_of(r, t, q) < 0.0;
+}
+
+static int on_itself(const Shares *s, const double *joints)
+{
+    double close = s->link_length + 2.0 * s->radius, square = 4.0 * s->radius * s->radius;
+    for (int64_t i = 0; i + s->first_self_pair < s->links; ++i) {
+        const double *p = joints + 2 * i;
+        double mx = p[0] + p[2], my = p[1] + p[3];
+        for (int64_t j = i + s->first_self_pair; j < s->links; ++j) {
+            const double *r = joints + 2 * j;
+            double x = 0.5 * (r[0] + r[2] - mx), y = 0.5 * (r[1] + r[3] - my);
+            double apart = x * x + y * y;
+            if (apart >= close * close) {
+                /* Nothing comes nearer by more than a link's length from one link to the next. */
+                j += whole_within((sqrt(apart) - close) / s->link_length, 0, s->links);
+                continue;
+            }
+            if (links_meet(p, p + 2, r, r + 2, square)) return 1;
+        }
+    }
+    return 0;
+}
+
+/* Whether the pose with given cosines and sines of the links touches something for sure. */
+static int refuted(const Shares *s, const double *cosines, const double *sines, double *joints)
+{
+    double part = s->link_length / (double)s->parts;
+    joints[0] = s->base_x;
+    joints[1] = s->base_y;
+    for (int64_t j = 0; j < s->links; ++j) {
+        const double *p = joints + 2 * j;
+        joints[2 * j + 2] = p[0] + s->link_length * cosines[j];
+        joints[2 * j + 3] = p[1] + s->link_length * sines[j];
+        if (j < s->mount_link) continue;
+        double mount = j == s->mount_link ? s->mount_at * s->link_length : 0.0;
+        if (j == s->mount_link && blocked_at(s, p[0] + mount * cosines[j], p[1] + mount * sines[j])) return 1;
+        for (int64_t k = 1; k <= s->parts; ++k) {
+            double along = part * (double)k;
+            if (along > mount && blocked_at(s, p[0] + along * cosines[j], p[1] + along * sines[j])) return 1;
+        }
+    }
+    return s->first_self_pair > 0 && on_itself(s, joints);
+}
+
+/* The first of the steps `from`, `from` + `by`, ... up to `last` whose pose is refuted, or `last` + 1; steps that are
+   multiples of `skip` have been looked at. */
+static int64_t first_refuted(const Shares *s, const double *start, const double *end, int64_t count, int64_t from,
+                             int64_t by, int64_t last, int64_t skip)
+{
+    int64_t links = s->links;
+    double *cosines = s->work, *sines = cosines + links, *turn_c = sines + links, *turn_s = turn_c + links;
+    double *joints = turn_s + links;
+    for (int64_t j = 0; j < links; ++j) {
+        double step = (end[j] - start[j]) / (double)count, at = start[j] + (double)from * step;
+        cosines[j] = cos(at);
+        sines[j] = sin(at);
+        turn_c[j] = cos((double)by * step);
+        turn_s[j] = sin((double)by * step);
+    }
+    for (int64_t k = from; k <= last; k += by) {
+        if ((skip == 0 || k % skip != 0) && refuted(s, cosines, sines, joints)) return k;
+        for (int64_t j = 0; j < links; ++j) {
+            double c = cosines[j] * turn_c[j] - sines[j] * turn_s[j];
+            sines[j] = sines[j] * turn_c[j] + cosines[j] * turn_s[j];
+            cosines[j] = c;
+        }
+    }
+    return last + 1;
+}
+
+PUBLIC void free_shares(Shares *s)
+{
+    for (int64_t m = 0; m < s->motions; ++m) {
+        const double *start = s->start + m * s->links, *end = s->end + m * s->links;
+        double travel = 0.0;
+        for (int64_t j = 0; j < s->links; ++j) travel += fabs(end[j] - start[j]);
+        int64_t count = whole_within(ceil(s->link_length * travel / s->spacing), 1, MOST_POSES);
+        if (!(travel < INFINITY) || count == MOST_POSES) { /* no motion of an arm */
+            s->share[m] = 0.0;
+            continue;
+        }
+        /* Few poses on the way first: most motions that touch do so in a wide stretch. Then what lies before. */
+        int64_t last = first_refuted(s, start, end, count, s->stride, s->stride, count, 0);
+        if (last > count) last = count + 1;
+        int64_t first = first_refuted(s, start, end, count, 1, 1, last - 1, s->stride);
+        s->share[m] = (double)(first - 1) / (double)count;
+    }
+}
