@@ -1,5 +1,7 @@
 import json
+import re
 import sys
+from dataclasses import is_dataclass
 from pathlib import Path
 
 from docutils import nodes
@@ -36,8 +38,7 @@ myst_heading_anchors = 3
 html_math_renderer = "mathml"  # browsers draw it themselves, so that pages are whole without a network
 
 autodoc_member_order = "bysource"
-# Defaults as they are written: the value of a settings object fills pages, and takes most of the time of the build.
-autodoc_preserve_defaults = True
+autodoc_preserve_defaults = True  # as they are written: the value of a settings object fills pages
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 napoleon_google_docstring = True
@@ -49,8 +50,8 @@ nitpick_ignore_regex = [
     ("py:class", r"(numpy|np|npt|scipy|shapely|matplotlib|pathlib|collections|typing)\b.*"),
     ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any|Number|Figure)"),
     # Classes that no page documents.
-    ("py:class", r"ccm_opt\.hill_climbing\.distance\.Precision"),
-    ("py:class", r"ccm_opt\.freespace\.walls\.Walls"),
+    ("py:class", r"ccm_opt\.baseline\.distance\.Precision"),
+    ("py:class", r"ccm_opt\.scene\.walls\.Walls"),
     ("py:class", r"AnySolution"),
     # The kind of problem that a plan is for.
     ("py:class", r"ccm_opt\.solution\.solution\.ProblemT"),
@@ -59,15 +60,18 @@ nitpick_ignore_regex = [
 ]
 
 
-class SettingsModules(SphinxDirective):
-    """The documentation of every module of settings, so that the page of settings is complete."""
+class SettingsClasses(SphinxDirective):
+    """The documentation of every class of settings, so that the page of settings is complete."""
 
     def run(self) -> list[nodes.Node]:
-        """Expand to one ``automodule`` a module."""
+        """Expand to one ``autoclass`` a class."""
         root = Path(__file__).parent.parent
-        files = sorted((root / "ccm_opt").rglob("*_settings.py"))
-        modules = [".".join(file.relative_to(root).with_suffix("").parts) for file in files]
-        lines = [line for name in modules for line in (f".. automodule:: {name}", "   :members:", "")]
+        names = [
+            ".".join((*file.relative_to(root).with_suffix("").parts, name))
+            for file in sorted((root / "ccm_opt").rglob("*.py"))
+            for name in re.findall(r"^class (\w+Settings)\b", file.read_text(), re.MULTILINE)
+        ]
+        lines = [line for name in names for line in (f".. autoclass:: {name}", "   :members:", "")]
         container = nodes.container()
         self.state.nested_parse(StringList(lines, __file__), self.content_offset, container)
         return container.children
@@ -91,9 +95,17 @@ def draw_math(translator: HTML5Translator, node: nodes.Element) -> None:
     raise nodes.SkipNode
 
 
+def shorten_signature(
+    _app: Sphinx, _what: str, name: str, obj: object, _options: object, _signature: str, _returns: str
+) -> tuple[str, None] | None:
+    """Leave the arguments of settings out, which are their fields; where these are settings too, one fills pages."""
+    return ("", None) if is_dataclass(obj) and name.endswith("Settings") else None
+
+
 def setup(app: Sphinx) -> None:
     """Make the directive and the reader of notebooks known."""
     app.add_source_suffix(".ipynb", "notebook")
     app.add_source_parser(NotebookParser)
     app.add_html_math_renderer("mathml", (draw_math, None), (draw_math, None))
-    app.add_directive("settings-modules", SettingsModules)
+    app.connect("autodoc-process-signature", shorten_signature)
+    app.add_directive("settings-classes", SettingsClasses)

@@ -34,7 +34,7 @@ class ArmQuantities(ABC):
     @property
     @abstractmethod
     def symbols(self) -> tuple[Any, Any, Any]:
-        """The arm's shape, the feed and the path parameter: the symbols that the expression of a path may hold."""
+        """Symbols of shape, feed and path parameter, all that the expression of a path may hold."""
 
     @property
     @abstractmethod

@@ -31,7 +31,7 @@ class Retimer(Protocol):
     def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
         """Time a path from rest to rest within ``problem.limits``; what it returns is verified.
 
-        Of the limits of the drives a plan may use ``problem.planner.effort_share``, see ``jointed.drive_limits``.
+        Of the limits of the drives a plan may use ``problem.planner.effort_share``, see ``robot.coordinates``.
 
         Raises:
             RetimingError: with a diagnosis, when there is no timing within the limits.

@@ -42,7 +42,7 @@ def timings(
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         link_length: of the arm [m], by which TOPP-RA's samples are so close that chords between them stay by the path.
         arm: whose points are limited; needed when the limits name some.
-        share: of the limits of the drives that may be used, see ``jointed.drive_limits``; points of the arm may use
+        share: of the limits of the drives that may be used, see ``robot.coordinates``; points of the arm may use
             theirs in full.
         settings: numbers of timing along the path.
         paul: numbers of the transitions.

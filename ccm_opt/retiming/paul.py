@@ -171,7 +171,7 @@ def retime_paul(
         step: largest time between two samples [s].
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         arm: whose points are limited; needed when the limits name some.
-        share: of the limits of the drives that may be used, see ``jointed.drive_limits``.
+        share: of the limits of the drives that may be used, see ``robot.coordinates``.
         settings: numbers of the transitions.
 
     Returns:

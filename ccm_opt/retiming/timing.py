@@ -340,7 +340,7 @@ def retime(
             than half the gap that the path is certified to spare. None leaves the steps as they are.
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         arm: whose points are limited; needed when the limits name some.
-        share: of the limits of the drives that may be used, see ``jointed.drive_limits``.
+        share: of the limits of the drives that may be used, see ``robot.coordinates``.
         settings: numbers of timing.
 
     Returns:

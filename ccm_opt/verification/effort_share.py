@@ -2,7 +2,7 @@
 
 The share σ holds for velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
 share h of an effort's limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. The rule stands in
-``jointed.drive_limits`` too; the verifier reckons for itself, on purpose.
+``robot.coordinates`` too; the verifier reckons for itself, on purpose.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The closed loop step by step in numpy, the same as ``simulation.c``; ``control_law`` says what both compute."""
+"""The closed loop step by step in numpy, the same as ``simulation.c``; ``controller`` says what both compute."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from .interpreted_function import InterpretedFunction
 
 
 class InterpretedLoop:
-    """The closed loop of a plant and of the model its controller has; see ``control_law``.
+    """The closed loop of a plant and of the model its controller has; see ``simulation.controller``.
 
     Args:
         plant: what moves.

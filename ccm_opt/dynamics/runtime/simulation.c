@@ -1,4 +1,4 @@
-/* The closed loop: control_law.py says what it computes. */
+/* The closed loop: simulation/controller.py says what it computes. */
 
 typedef struct {
     const Arm *plant;

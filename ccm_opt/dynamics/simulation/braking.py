@@ -50,7 +50,7 @@ def braked(
         arm: the arm.
         limits: on accelerations and efforts.
         inverse_dynamics: of the arm.
-        share: of the limits of the drives that may be used, as the motion does; see ``jointed.drive_limits``.
+        share: of the limits of the drives that may be used, as the motion does; see ``robot.coordinates``.
         settings: how finely the motion is looked at, and how much of the limits is used.
 
     Returns:

@@ -1,7 +1,29 @@
 """Controller, disturbances and the reference that it follows.
 
-The laws themselves, computed torque and PD, are stated in ``runtime/control_law.py``; ``stability.py`` says which gains
-their sampled form can hold.
+What ``simulation.c`` computes. Positions x = (q, x_b) and speeds ẋ are those of all revolutes and, last, of the base on
+its feed axis; the efforts are their torques and the thrust, u = (τ, F). Each step of length h does three things.
+
+1. *Measure.* q and q̇ with noise, x_b and ẋ_b without. With the reference x_r at the start of the step, the errors are
+   e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, the feed axis with gains of its own.
+
+2. *Control*, held over the step. While the brakes hold the arm, u = 0 and nothing moves. Else
+
+   - computed torque: a = ẍ_r + Kp e + Kd ė, u = ID(q + ½ h q̇, q̇ + ½ h a, a), the efforts that make the acceleration a
+     at the middle of the step. Where F passes its limit, a_b is changed to what the base can do,
+     a_b + (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joints'
+     torques fit a base that lags;
+   - PD: τ = Kp e⁺ + Kd ė⁺ + ID(q, 0, 0), the gravity torques of the measured pose added (Takegaki and Arimoto, 1981),
+     with the errors at the end of the step, e⁺ = e + h ė and ė⁺ = ė + h (q̈_r − q̈): drives close their loops many times
+     in a step, and errors of its start, held so long, would shake a light link under gains that hold a heavy arm. The
+     q̈ that this makes is FD of the believed arm with rotors heavier by h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0)
+     (stable PD; Tan, Liu and Turk, 2011). The feed axis has F = Kp e + Kd ė + ID(q, 0, 0).
+
+   Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is inverse dynamics (``rnea``) of what the controller believes
+   in, which need not be the plant.
+
+3. *Move.* One classical Runge–Kutta step of ẍ = FD(x, ẋ, u), the plant's forward dynamics (``aba``), u held.
+
+``stability.py`` says which gains this sampled form can hold.
 
 Gains of PD come from the arm. With M(0) the mass matrix of the straight arm and D = diag(Σⱼ |M(0)ᵢⱼ|), Kp = ωn² D and
 Kd = 2 ωn D. No lever is longer than along the straight arm, so that in the plane |M(q)ᵢⱼ| ≤ M(0)ᵢⱼ in every pose, and

@@ -8,7 +8,7 @@ inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q
 the viscous friction at q'.
 
 What a plan may use of an effort's limit depends on the place alone, by what holds the arm still there
-(``jointed.drive_limits.planned_share``). All rows are taken as shares of that.
+(``robot.coordinates.planned_share``). All rows are taken as shares of that.
 """
 
 from collections.abc import Iterator
