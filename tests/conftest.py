@@ -15,6 +15,8 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 
+from .planning_marker import plans
+
 hypothesis_settings.register_profile(
     "random",
     derandomize=False,
@@ -64,6 +66,13 @@ def pytest_report_header(config: pytest.Config) -> str:
     if seed is None:
         return "examples: drawn at random; a failing test prints the line that repeats it"
     return f"examples: drawn with seed {seed}; repeat: python -m pytest --hypothesis-seed={seed}"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what plans: ``python -m pytest -m "not planning"`` runs all else within a minute."""
+    for item in items:
+        if plans(item):
+            item.add_marker(pytest.mark.planning)
 
 
 @pytest.fixture

@@ -349,7 +349,7 @@ def test_check_refuses_a_tampered_problem(problem_path: Path, tmp_path: Path, mo
     assert (code, "arm.radius" in output) == (2, True)
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_the_swan_neck_is_solved_and_its_folder_checked(tmp_path: Path) -> None:
     """The paper's example (section 5) is solved through the real pipeline, and its files alone verify."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}

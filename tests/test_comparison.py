@@ -422,7 +422,7 @@ def test_bad_input_ends_before_any_run(tmp_path: Path, capsys: pytest.CaptureFix
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
     """Ctrl-C in the middle ends the workers, gives exit code 130, and the next run goes on from the journal."""
     journal = tmp_path / "journal.jsonl"

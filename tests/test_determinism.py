@@ -10,7 +10,7 @@ import pytest
 from .conftest import PROBLEMS
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 @pytest.mark.parametrize("problem", ["feed-s-duct", "space/elbow"])
 def test_surroundings_change_no_byte(problem: str, tmp_path: Path) -> None:
     """Other numbers of threads, hash seeds, working directories: the same ``solution.npz``.

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 @pytest.mark.parametrize(
     "arguments",
     [

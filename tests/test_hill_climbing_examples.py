@@ -14,7 +14,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
     [
         ("05_figure_3.py", "figure-3.png", ("arrived", "SCM-0 stopped")),
         ("06_figure_4.py", "figure-4.png", ("SCM-1 selects right",)),
-        pytest.param("07_figure_5.py", "figure-5.png", ("5 merge and climb",), marks=pytest.mark.slow),
+        pytest.param("07_figure_5.py", "figure-5.png", ("5 merge and climb",), marks=pytest.mark.planning),
     ],
 )
 def test_the_figures_are_drawn(example: str, picture: str, words: tuple[str, ...], tmp_path: Path) -> None:

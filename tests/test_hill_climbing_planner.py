@@ -63,7 +63,7 @@ def test_a_good_type_first_solves_both(name: str) -> None:
     assert solution.path.candidate == "type selection 1"
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_figure_5_is_planned_certified_and_verified() -> None:
     """The fold plan brings the arm behind the hanging wall: its steps are certified, its timing verified (Figure 5)."""
     problem = shared("fold-and-reach", time_limit=300.0)
@@ -126,7 +126,7 @@ def test_a_plan_has_only_its_share_of_the_time() -> None:
     assert "fold to the right: its share of the time passed" in str(late.value)
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_the_region_plan_solves_a_shared_problem() -> None:
     """Between the posts a fold near the base and a passage along a route arrive, timed and verified (section 4.1)."""
     solution = solve(shared("slalom", time_limit=300.0))

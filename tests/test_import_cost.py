@@ -83,7 +83,7 @@ def test_loading_a_problem_loads_nothing_heavy() -> None:
     assert not loaded & set(HEAVY)
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_a_solve_in_space_loads_neither_the_plane_nor_what_explains_failures(tmp_path: Path) -> None:
     """A plan in space with its pictures is made, verified, simulated and written without any of it."""
     arguments = ["solve", str(PROBLEMS / "space" / "elbow.toml"), "--out", str(tmp_path)]
@@ -92,7 +92,7 @@ def test_a_solve_in_space_loads_neither_the_plane_nor_what_explains_failures(tmp
     assert not loaded & {*PLANAR_ALONE, *SELDOM}
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_a_solve_in_the_plane_loads_neither_space_planners_nor_other_methods(tmp_path: Path) -> None:
     """A plan in the plane is made without the planner in space, the paper's planner and Paul's transitions."""
     loaded = loaded_after(command(["solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures", "--out", str(tmp_path)]))

@@ -65,7 +65,7 @@ def test_news_from_a_search_keep_their_unit_in_other_threads() -> None:
     assert str(Progress("motion", distance=0.0254, unit="in")).endswith("nearest so far 1.000 in from the goal")
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 @pytest.mark.parametrize("unit", ["mm", "in"])
 @pytest.mark.parametrize("name", ["wing-box-too-thick", "hot-cell-out-of-reach"])
 def test_failures_are_told_in_the_files_unit(name: str, unit: LengthUnit) -> None:

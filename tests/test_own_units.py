@@ -65,7 +65,7 @@ def test_random_problems_have_the_same_plan_at_every_size(seed: int, factor: flo
     same_plan(found, plan(resized(problem, factor)), factor)
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 @pytest.mark.parametrize("name", ["swan-neck", "s-duct", "feed-views"])
 def test_problems_of_the_package_have_the_same_plan_at_every_size(name: str) -> None:
     """With torque limits, with a start along a curve, with a feed axis and stops: all of it scales."""

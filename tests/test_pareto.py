@@ -180,7 +180,7 @@ def forked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return out / file.stem, output
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_five_plans_lead_from_the_fastest_to_the_roomiest(forked: tuple[Path, str]) -> None:
     """More room costs more time; every plan keeps nine tenths of what it wants, and none asks for what nobody has."""
     folder, output = forked
@@ -201,7 +201,7 @@ def test_five_plans_lead_from_the_fastest_to_the_roomiest(forked: tuple[Path, st
         assert f"{plan['duration']:.3f}" in output
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_every_plan_can_be_checked_from_its_files(forked: tuple[Path, str]) -> None:
     """Each plan's folder passes the verifier by itself, and the problem's folder holds the recommended one."""
     folder, _ = forked
@@ -220,7 +220,7 @@ def test_every_plan_can_be_checked_from_its_files(forked: tuple[Path, str]) -> N
     assert solution["room"]["price"] == pytest.approx(record["plans"][record["recommended"] - 1]["price"])
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_every_plan_has_a_page_that_leads_to_the_others(forked: tuple[Path, str]) -> None:
     """From every page each other plan is one link away, and files that a page names are beside it."""
     folder, _ = forked
@@ -234,7 +234,7 @@ def test_every_plan_has_a_page_that_leads_to_the_others(forked: tuple[Path, str]
         assert reached == {other.resolve() for other in inner if other != own}
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_a_single_plan_takes_the_place_of_several(forked: tuple[Path, str], tmp_path: Path) -> None:
     """A later solve leaves none of the five plans behind, and keeps what the user put beside them."""
     folder = tmp_path / forked[0].name

@@ -17,7 +17,7 @@ from ccm_opt.viz.page import report_html
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.planning,
     pytest.mark.skipif(not BROWSER, reason="needs a browser that runs without a window"),
 ]
 

@@ -153,7 +153,7 @@ def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     assert "on the way there are 5" in sentences[1]
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
     """The table, the record, the arrays and the check name one and the same least gap, that of the verifier."""
     problem = tmp_path / "room.toml"

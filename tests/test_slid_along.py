@@ -79,7 +79,7 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
     assert np.linalg.norm(tip - track.corners[-1]) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_few_long_links_pass_a_bent_pipe_with_room() -> None:
     """Links that steps towards the tip's target wedge in the bends slide through on the track of the tip."""
     problem = site_problem("pipe-two-bends", 64002, 12, "pipe")
@@ -89,7 +89,7 @@ def test_few_long_links_pass_a_bent_pipe_with_room() -> None:
     assert solution.room.nearest.gap > 0.5 * problem.wanted_gap
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 def test_a_motion_that_lacks_room_is_made_of_more_keyframes() -> None:
     """One run of the optimisation leaves a fifth less than is wanted in the bends of this pipe."""
     problem = site_problem("pipe-two-bends", 71002, 16, "pipe")

@@ -93,9 +93,9 @@ BEYOND = SpaceTipGoal(np.array([0.7, 0.05, 0.0]))
         ("too stiff", 0, 0.05),
         ("contact", 1, 0.1),
         ("torque", 1, 0.05),
-        pytest.param("too short", 1, 0.1, marks=pytest.mark.slow),
-        pytest.param("too thick", 1, 0.3, marks=pytest.mark.slow),
-        pytest.param("blocked", 0, 0.0, marks=pytest.mark.slow),
+        pytest.param("too short", 1, 0.1, marks=pytest.mark.planning),
+        pytest.param("too thick", 1, 0.3, marks=pytest.mark.planning),
+        pytest.param("blocked", 0, 0.0, marks=pytest.mark.planning),
     ],
 )
 def test_the_reason_in_space_is_true_and_what_helps_is_told(

@@ -31,7 +31,7 @@ SHAPES: dict[str, Expression] = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 @pytest.mark.parametrize("weight", [2.0, 20.0])
 def test_a_camera_that_should_be_high_still_finds_its_way(weight: float) -> None:
     """With the valve in view a motion is found whatever the tip's height costs."""
@@ -42,7 +42,7 @@ def test_a_camera_that_should_be_high_still_finds_its_way(weight: float) -> None
     assert solution.metrics["cost_share"] == 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.planning
 # A failure would be shrunk for minutes, each of its tries being a whole solve.
 @settings(
     max_examples=4, suppress_health_check=[HealthCheck.too_slow], phases=(Phase.explicit, Phase.reuse, Phase.generate)

@@ -93,6 +93,7 @@ def covering(folder: Path) -> Covering:
             "--hypothesis-seed=1",
             "-p",
             "no:cacheprovider",
+            "-n0",
             *options,
             *files,
         ]

@@ -87,7 +87,7 @@ def _run(module: str, path: str, tree: ast.Module, tests: Sequence[str]) -> None
         os.dup2(nothing, 1)
         os.dup2(nothing, 2)
         sys.meta_path.insert(0, _Finder(module, path, tree))
-        options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=1"]
+        options = ["-x", "-q", "-n0", "--no-header", "-p", "no:cacheprovider", "--hypothesis-seed=1"]
         options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # Hypothesis is here already
         code = int(pytest.main([*options, f"--hypothesis-profile={PROFILE}", *tests]))
     finally:
