@@ -51,7 +51,7 @@ nitpick_ignore_regex = [
     ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any|Number|Figure)"),
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.baseline\.distance\.Precision"),
-    ("py:class", r"ccm_opt\.scene\.walls\.Walls"),
+    ("py:class", r"ccm_opt\.scene\.(walls\.Walls|shells\.Shells)"),
     ("py:class", r"AnySolution"),
     # The kind of problem that a plan is for.
     ("py:class", r"ccm_opt\.solution\.solution\.ProblemT"),
@@ -69,7 +69,7 @@ class SettingsClasses(SphinxDirective):
         names = [
             ".".join((*file.relative_to(root).with_suffix("").parts, name))
             for file in sorted((root / "ccm_opt").rglob("*.py"))
-            for name in re.findall(r"^class (\w+Settings)\b", file.read_text(), re.MULTILINE)
+            for name in re.findall(r"^class (\w*Settings)\b", file.read_text(), re.MULTILINE)
         ]
         lines = [line for name in names for line in (f".. autoclass:: {name}", "   :members:", "")]
         container = nodes.container()
