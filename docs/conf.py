@@ -91,7 +91,13 @@ class NotebookParser(MystParser):
 def draw_math(translator: HTML5Translator, node: nodes.Element) -> None:
     """Write a formula as MathML, in its line or in one of its own."""
     display = "inline" if isinstance(node, nodes.math) else "block"
-    translator.body.append(convert(node.astext(), display=display))
+    formula = convert(node.astext(), display=display)
+    # Functions stand apart from what they are of, and primes are raised by their fonts already.
+    formula = re.sub(r"<mi>(cos|sin)</mi>", r'<mo lspace="0.17em" rspace="0.17em">\1</mo>', formula)
+    formula = re.sub(
+        r"<msup>(<mi>[^<]*</mi>)<mi>&#x02032;</mi></msup>", r'\1<mo lspace="0" rspace="0">&#x02032;</mo>', formula
+    )
+    translator.body.append(formula)
     raise nodes.SkipNode
 
 
