@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.controller_points import controller_points, message_checks
+from ccm_opt.io.controller_points import controller_points, message_checks, spared
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.text_agreement import checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.robot.space_arm import SpaceArm
@@ -234,6 +236,59 @@ def test_no_pose_is_farther_from_the_plan_than_is_told(seed: int) -> None:
     for now in rng.uniform(0.0, plan.time[-1], 20):
         pose = arm.joint_positions(arm.headings(message.at_times(np.array([now]))))
         assert np.min(np.max(np.linalg.norm(places - pose, axis=2), axis=1)) <= told + piece
+
+
+FLUSH = {
+    "in the plane": """
+schema = 1
+name = "flush"
+[workspace]
+bounds = [0.0, -1.0, 1.0, 1.0]
+[arm]
+links = 8
+link_length = 0.1
+radius = 0.02
+base = [0.0, 0.0]
+joint_limit_deg = 60.0
+[limits]
+velocity = 2.0
+acceleration = 10.0
+[start]
+shape = "straight"
+[goal]
+position = [0.6, 0.3]
+""",
+}
+FLUSH["in space"] = (
+    FLUSH["in the plane"]
+    .replace("schema = 1", "schema = 1\nspace = 3")
+    .replace("[0.0, -1.0, 1.0, 1.0]", "[[0.0, -1.0, -1.0], [1.0, 1.0, 1.0]]")
+    .replace("base = [0.0, 0.0]", "base = { position = [0.0, 0.0, 0.0] }")
+    .replace("[0.6, 0.3]", "[0.6, 0.3, 0.1]")
+)
+FLUSH["touching at the start"] = FLUSH["in the plane"].replace(
+    "[arm]", '[[workspace.obstacles]]\nname = "shelf"\nbox = [0.5, -0.5, 0.9, -0.02]\n[arm]'
+)
+
+
+@pytest.mark.parametrize("name", FLUSH)
+def test_what_touches_where_it_hardly_moves_is_handed_on(name: str) -> None:
+    """An arm flush on a wall, or that leaves a shelf, has few points that pass; bent towards these they do not."""
+    solution = ccm_opt.solve(parse_problem(FLUSH[name], "flush.toml"))
+    motion = (solution.problem, solution.trajectory)
+    found = controller_points(*motion, solution.joints, solution.checks)
+    assert len(found.samples) < 0.3 * len(solution.trajectory.time)
+    spare = spared(solution.problem, solution.checks)
+    assert spare < 2e-6
+    judged = (found.message, found.samples, found.factor, spare)
+    assert all(check.passed for check in message_checks(*motion, *judged))
+    # Down at the base, which brings the shelf and the wall nearer.
+    bent = found.message.positions.copy()
+    bent[1, 0 if name != "in space" else 1] -= 2e-4
+    off = replace(found.message, positions=bent)
+    _, deviation = message_checks(*motion, off, *judged[1:])
+    assert not deviation.passed
+    assert "wall clearance: link" in deviation.where
 
 
 def test_quintics_through_accelerations_that_jump_are_refused(written: Mapping[str, Folder]) -> None:

@@ -275,6 +275,40 @@ def test_touching_within_a_micrometre_is_allowed_and_beyond_it_refused() -> None
         assert check_walls(ChainMotion(arm, time, bends), Workspace(ROOM, (wall,))).passed is passed
 
 
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> None:
+    """A link that may be off by more than its gap to a wall touches it; at another time, or another link, does not."""
+    rng = np.random.default_rng(seed)
+    arm = plain_arm(4, 0.1, radius=0.01)
+    time, bends = straight_steps(np.linspace(np.zeros(4), np.full(4, rng.uniform(0.05, 0.2)), 6))
+    gap = rng.uniform(1e-5, 0.01)
+    wall = Workspace(ROOM, (Obstacle("shelf", shapely.box(0.3, -0.5, 0.4, -0.01 - gap)),))
+    exact = ChainMotion(arm, time, bends)
+    for interval, link, by, passed in (
+        (0, 3, -1e-7, True),
+        (0, 3, 2e-6, False),
+        (4, 3, 2e-6, True),
+        (0, 1, 2e-6, True),
+    ):
+        off = np.zeros((5, 4))
+        off[interval, link] = gap + by
+        assert check_walls(replace(exact, deviation=off), wall).passed is passed
+
+
+def test_what_links_may_be_off_counts_for_both_of_a_pair() -> None:
+    """Links of a coil that is held touch where together they may be off by more than their gap."""
+    arm = plain_arm(8, 0.1, 0.01)
+    time, bends = straight_steps(np.full((4, 8), 0.7))
+    motion = ChainMotion(arm, time, bends)
+    near = check_self_collision(motion).place
+    assert near is not None
+    for share, passed in ((0.49, True), (0.51, False)):
+        off = np.zeros((3, 8))
+        off[1] = share * near.gap
+        assert check_self_collision(replace(motion, deviation=off)).passed is passed
+
+
 def test_the_mount_may_touch_walls_and_nothing_beyond_it_may() -> None:
     """Arm length up to mount_length is exempt, even across several links; the link after it is not."""
     block = Obstacle("block", shapely.box(-0.1, -0.1, 0.24, 0.1))

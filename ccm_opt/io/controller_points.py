@@ -21,11 +21,16 @@ from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.limits import check_points
+from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.space_chain_motion import SpaceChainMotion
+from ccm_opt.verification.space_clearance import check_surfaces
+from ccm_opt.verification.space_contact import check_contact
 from ccm_opt.verification.space_newton_euler import efforts_in_space
 from ccm_opt.verification.space_verifier import check_space_points
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.verification.wall_clearance import check_walls
 
 logger = logging.getLogger(__name__)
 
@@ -35,8 +40,6 @@ _DEVIATION = 1e-5
 """Greatest deviation from the plan, about, as a share of the arm's length. Taste: less than what drives repeat."""
 _FARTHEST = 50
 """Samples from a point to the next at most. Taste: files are small then, and choosing takes as long as verifying."""
-_SPARE = 0.1
-"""Share of what the plan spares that the deviation may take. Taste."""
 _STILL = 1e-9
 """What a coordinate that rests in the plan may be off its place, as in a guide tube or a pause [rad, m]."""
 _SLOWER = 1.002
@@ -122,7 +125,22 @@ def message_checks(
     limits = check_message_limits(
         problem, message, stops, partial(_efforts, problem), partial(_checks_of_points, problem), settings
     )
-    return limits, check_message_deviation(problem.arm, plan, message, factor, spare)
+    gaps = partial(_gaps_of_links, problem, plan)
+    return limits, check_message_deviation(problem.arm, plan, message, factor, spare, gaps)
+
+
+def _gaps_of_links(problem: AnyProblem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
+    """Check that links that are off a plan, shape (T − 1, links) [m], keep its gaps to twice the contact tolerance."""
+    settings = DEFAULT_VERIFICATION.for_problem(problem)
+    # A plan may lack one tolerance of a gap, and a message may be one tolerance off it.
+    settings = replace(settings, contact_tolerance=2.0 * settings.contact_tolerance)
+    if isinstance(problem, SpaceProblem):
+        in_space = SpaceChainMotion(problem.arm, plan.time, plan.positions, deviation)
+        to_walls, to_itself = check_surfaces(in_space, problem.workspace, settings), partial(check_contact, in_space)
+    else:
+        motion = ChainMotion(problem.arm, plan.time, plan.positions, deviation)
+        to_walls, to_itself = check_walls(motion, problem.workspace, settings), partial(check_self_collision, motion)
+    return [to_walls, to_itself(settings)] if problem.arm.self_collision else [to_walls]
 
 
 def _efforts(problem: AnyProblem, *states: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +169,7 @@ def controller_points(
         checks: of the plan, which know the least gaps.
     """
     spare = spared(problem, checks)
-    tolerance = min(_SPARE * spare, _DEVIATION * problem.arm.length)
+    tolerance = _DEVIATION * problem.arm.length
     smooth = problem.limits.jerk is not None or problem.limits.feed_jerk is not None
     factor = 1.0
     for _ in range(_ATTEMPTS):

@@ -278,7 +278,12 @@ def _effort_bow(problem: CheckedProblem, steps: _Steps) -> FloatArray:
 
 
 def check_message_deviation(
-    arm: DrivenArm, proved: JointTrajectory, message: Message, factor: float, spare: float
+    arm: DrivenArm,
+    proved: JointTrajectory,
+    message: Message,
+    factor: float,
+    spare: float,
+    gaps: Callable[[FloatArray], Sequence[Check]],
 ) -> Check:
     """Check that a controller that joins the points of a message stays as near to the proved motion as that spares.
 
@@ -287,7 +292,9 @@ def check_message_deviation(
         proved: the motion whose coordinates are linear between samples.
         message: the points.
         factor: by which the message takes longer.
-        spare: how far any point of the arm may be from the proved motion [m].
+        spare: how far any point of the arm may be from the proved motion at any time [m].
+        gaps: checks of the gaps of links that may be off the proved motion by so much in each of its intervals, shape
+            (T − 1, links) [m]; asked where links or times matter, as where an arm touches something.
 
     Returns:
         The check; its worst value is a distance that no point of the arm passes from where it is at some time of the
@@ -296,13 +303,18 @@ def check_message_deviation(
     found = _deviation(arm, proved, message, factor, 1)
     if np.max(found) > 0.5 * spare:
         found = np.minimum(found, _deviation(arm, proved, message, factor, MOST_PIECES))
-    k = int(np.argmax(found))
-    where = f"t = {factor * proved.time[k]:.4f} s"
-    return Check("message deviation", float(found[k]), spare, "m", where, passed=bool(found[k] <= spare))
+    worst = float(np.max(found))
+    when = f"t = {factor * proved.time[int(np.argmax(found[:, -1]))]:.4f} s"
+    if worst <= spare:
+        return Check("message deviation", worst, spare, "m", when, passed=True)
+    missed = [f"{check.name}: {check.where}" for check in gaps(found) if not check.passed]
+    if missed:
+        return Check("message deviation", worst, spare, "m", "; ".join(missed), passed=False)
+    return Check("message deviation", worst, worst, "m", f"spared link by link at {when}", passed=True)
 
 
 def _deviation(arm: DrivenArm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
-    """Bounds on the deviation for every step of the proved motion, shape (T − 1,) [m].
+    """Bounds on the deviation of links in every step of the proved motion, shape (T − 1, links) [m].
 
     Every place on the straight piece between two poses is held against the place of the curve as far between the two
     times at which it is nearest to these poses; its chord between them it leaves by its acceleration.
@@ -324,13 +336,14 @@ def _deviation(arm: DrivenArm, proved: JointTrajectory, message: Message, factor
     nearest[[0, -1]] = times[[0, -1]]
     away = _travel(arm, message.coordinates, message.at_times(nearest) - straight)
     # The curve is a mean of its Bernstein coefficients, so the greatest travel is that of one of them.
-    growth = np.append(np.max([_travel(arm, message.coordinates, each) for each in _controls(message)], axis=0), 0.0)
+    growth = np.max([_travel(arm, message.coordinates, each) for each in _controls(message)], axis=0)
+    growth = np.concatenate((growth, np.zeros((1, arm.links))))
     early, late = np.minimum(nearest[:-1], nearest[1:]), np.maximum(nearest[:-1], nearest[1:])
     first = np.clip(np.searchsorted(message.time, early, side="left") - 1, 0, len(growth) - 2)
     last = np.clip(np.searchsorted(message.time, late, side="right"), first + 1, len(growth) - 1)
     most = np.maximum.reduceat(growth, np.stack((first, last), axis=1).ravel())[::2]
-    bounds = np.maximum(away[:-1], away[1:]) + np.diff(nearest) ** 2 / 8.0 * most
-    return np.asarray(np.max(bounds.reshape(-1, pieces), axis=1))
+    bounds = np.maximum(away[:-1], away[1:]) + np.diff(nearest)[:, None] ** 2 / 8.0 * most
+    return np.asarray(np.max(bounds.reshape(-1, pieces, arm.links), axis=1))
 
 
 def _controls(message: Message) -> list[FloatArray]:
@@ -344,9 +357,9 @@ def _controls(message: Message) -> list[FloatArray]:
 
 
 def _travel(arm: DrivenArm, layout: Coordinates, change: FloatArray) -> FloatArray:
-    """How far any point of the arm moves at most when its coordinates change, shape (N, c) to (N,) [m]."""
+    """How far any point of each link moves at most when coordinates change, shape (N, c) to (N, links) [m]."""
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
-    turned = np.sum(np.abs(np.cumsum(bends, axis=1)), axis=1)
-    return np.asarray(arm.link_length * turned + np.sum(np.abs(change[:, layout.joints :]), axis=1))
+    turned = np.cumsum(np.abs(np.cumsum(bends, axis=1)), axis=1)
+    return np.asarray(arm.link_length * turned + np.sum(np.abs(change[:, layout.joints :]), axis=1, keepdims=True))

@@ -77,11 +77,18 @@ class ChainMotion:
         arm: the arm.
         time: sample times, shape (T,) [s].
         positions: bends at the samples, and positions of the axes that carry the base, shape (T, c) [rad, m].
+        deviation: what links may be off this motion in each interval, shape (T − 1, links) [m]; none by default.
     """
 
     arm: Arm
     time: FloatArray
     positions: FloatArray
+    deviation: FloatArray | None = None
+
+    @cached_property
+    def off(self) -> FloatArray:
+        """How far links may be off in each interval, shape (T − 1, links) [m]."""
+        return np.zeros((len(self.time) - 1, self.arm.links)) if self.deviation is None else self.deviation
 
     @property
     def bends(self) -> FloatArray:

@@ -127,14 +127,15 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
         k = pairs.node
         i = pairs.link
         j = pairs.other
-        return self_distances(arm, poses, pairs) - lost, nodes.half[k] * relative_travel(
-            motion, nodes.interval[k], i, j
-        )
+        interval = nodes.interval[k]
+        off = motion.off[interval, i] + motion.off[interval, j]
+        travel = nodes.half[k] * relative_travel(motion, interval, i, j)
+        return self_distances(arm, poses, pairs) - off - lost, travel
 
     nodes = motion.whole
     nearest = _probe(motion, evaluate, nodes, _PAIR_PROBES)
     # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
-    look = thickness + max(least, min(nearest.gap, arm.link_length)) + 2.0 * lost
+    look = thickness + max(least, min(nearest.gap, arm.link_length)) + 2.0 * (lost + float(np.max(motion.off)))
     # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.
     pairs = _candidates(arm, motion.poses(nodes), 0.5 * motion.turned, look)
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)

@@ -121,11 +121,22 @@ class SpaceChainMotion:
         arm: the arm.
         time: sample times, shape (T,) [s].
         positions: coordinates at the samples, shape (T, c) [rad, m].
+        deviation: what links may be off this motion in each interval, shape (T − 1, links) [m]; none by default.
     """
 
     arm: SpaceArm
     time: FloatArray
     positions: FloatArray
+    deviation: FloatArray | None = None
+
+    def off(self, stretches: TimeStretches, stretch: IntArray, link: IntArray) -> FloatArray | float:
+        """How far links may be off in stretches, by the numbers of both, shape (P,) [m]."""
+        if self.deviation is None:
+            return 0.0
+        ends = np.stack((np.floor(stretches.low), np.ceil(stretches.high)), axis=1).astype(np.intp)
+        beyond = np.zeros((1, self.arm.links))  # so that a stretch may end with the motion
+        most = np.maximum.reduceat(np.concatenate((self.deviation, beyond)), ends.ravel())[::2]
+        return np.asarray(most[stretch, link])
 
     @cached_property
     def points(self) -> FloatArray:

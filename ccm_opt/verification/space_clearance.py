@@ -99,13 +99,14 @@ class SurfaceProof:
         start += self._exposed.take(pairs.link)[:, None] * (end - start)
         low, high = self.surfaces.bounds(pairs.other, start, end)
         thick = self.motion.arm.radius + self.surfaces.rounding.take(pairs.other)
+        off = self.motion.off(stretches, pairs.stretch, pairs.link)
         # Triangles whose boxes are far enough need not be measured.
-        exact = self.surfaces.is_triangle(pairs.other) & (low - thick - self._lost - travel < cutoff)
+        exact = self.surfaces.is_triangle(pairs.other) & (low - thick - self._lost - off - travel < cutoff)
         triangles = self.surfaces.triangles[pairs.other[exact] - self.surfaces.offsets[-2]]
         low[exact], high[exact] = separations(start[exact], end[exact], triangles)
         # A box may hold triangles of less rounding than the largest, which are farther.
         most = high - np.where(exact, thick, self.motion.arm.radius)
-        return Measured(low - thick - self._lost, most, travel, exact)
+        return Measured(low - thick - self._lost - off, most, travel, exact)
 
     def _opened(self, pairs: StretchPairs, travel: FloatArray) -> tuple[StretchPairs, BoolArray]:
         surfaces = self.surfaces

@@ -68,7 +68,8 @@ def _prove(
         j = which.other
         distance = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - thickness
         travel = relative_travels(motion, some, which)
-        return Measured(distance - lost, distance, travel, np.ones(len(which), dtype=bool))
+        off = motion.off(some, k, i) + motion.off(some, k, j)
+        return Measured(distance - lost - off, distance, travel, np.ones(len(which), dtype=bool))
 
     return prove_stretches(motion, stretches, pairs, measure, least, settings)
 

@@ -145,13 +145,14 @@ def _prove(
         end = end + ahead
         travel -= carried * (1.0 - aslant)
         distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
-        return distance - edges.rounding[pairs.other] - arm.radius - lost, travel
+        thick = edges.rounding[pairs.other] + arm.radius + motion.off[interval, pairs.link]
+        return distance - thick - lost, travel
 
     nodes = motion.whole
     poses = motion.poses(nodes)
     nearest = _probe(motion, edges, exposed, links, poses, _WALL_PROBES)
     # Walls that are farther away than this at the middle of an interval come no nearer than the nearest known one.
-    travel = 0.5 * arm.link_length * motion.turned[:, links + 1]
+    travel = 0.5 * arm.link_length * motion.turned[:, links + 1] + motion.off[:, links]
     look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length)) + 2.0 * lost
     pairs = _candidates(poses, edges, exposed, links, look)
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)
