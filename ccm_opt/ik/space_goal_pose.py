@@ -18,7 +18,6 @@ from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTa
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_kinematics import joint_positions
-from ccm_opt.robot.tip_newton import TipTarget
 from ccm_opt.scene.distances.segment_pairs import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -199,7 +198,7 @@ class SpaceGoalPoses:
         return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     @cached_property
-    def target(self) -> TipTarget:
+    def target(self) -> SpaceTipGoal:
         """Where the tip has to be.
 
         Raises:
@@ -208,7 +207,7 @@ class SpaceGoalPoses:
         goal = self.problem.goal
         if not isinstance(goal, SpaceTipGoal):
             raise ProblemError("the goal is a pose of the whole arm; expected one of the tip, to find a pose for")
-        return TipTarget(goal.position, goal.direction)
+        return goal
 
     def _good_enough(self, found: list[SpaceArmPose]) -> bool:
         """Whether the last solution brought little, with all the room that is wanted or no side that shapes it."""

@@ -170,16 +170,12 @@ class SpaceArmPose:
         q: the configuration, shape (c,) [rad, m].
         curve: the curve whose mean directions its links have.
         gap: least room of any link in its region beyond radius and clearance, at most the wanted gap [m].
-        position_error: distance of the tip from its place [m].
-        direction_error: angle of the last link to its direction [rad].
         answer: how the program was answered.
     """
 
     q: FloatArray
     curve: SpaceConfiguration
     gap: float
-    position_error: float
-    direction_error: float
     answer: RowAnswer
 
 
@@ -360,13 +356,10 @@ class SpacePoseQuestion:
         bends = variables[program.places["bends"]]
         q = task.arm.configuration(bends, float(variables[program.places["feed"]][0]) * self._length)
         q = np.clip(q, task.arm.lower_limits, task.arm.upper_limits)
-        tip = joint_positions(task.arm, q)[-1]
         return SpaceArmPose(
             q=q,
             curve=self._curve(variables),
             gap=float(variables[-1]) * self._length,
-            position_error=float(np.linalg.norm(tip - task.target.position)),
-            direction_error=task.target.angle(link_rotations(task.arm, q)[-1, :, 0]),
             answer=reading.says(costs, binding=self.settings.binding, feasible=self.settings.feasible),
         )
 
