@@ -147,7 +147,8 @@ def test_a_mesh_is_scaled_turned_and_moved(tmp_path: Path) -> None:
     """The vertices of a mesh come to lie where scale, unit and pose say, in this order."""
     extra = "scale = 2.0\npose = { position = [100, 200, 300], rotation_deg = [90, 0, 0] }"
     file = written(tmp_path, binary_stl(), extra=extra)
-    file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("2.0, ", "2e3, ").replace("2.0]", "2e3]"))
+    in_mm = file.read_text().replace("space = 3", 'space = 3\nunits = "mm"')
+    file.write_text(in_mm.replace("2.0, ", "2e3, ").replace("2.0]", "2e3]"))
     problem = ccm_opt.load_problem(file)
     assert isinstance(problem, SpaceProblem)
     body = problem.workspace.obstacles[0].body

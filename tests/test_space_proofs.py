@@ -219,6 +219,17 @@ def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> Non
         assert check_surfaces(replace(motion, deviation=off), workspace, SETTINGS).passed is passed
 
 
+def test_a_flush_mount_hides_nothing() -> None:
+    """Where the least gap is that of the link on a wall, the least of the links beyond it is told too."""
+    arm = space_arm(4, radius=0.02, mount_length=0.02)
+    motion = SpaceChainMotion(arm, np.array([0.0, 0.005]), np.zeros((2, 8)))
+    ball = SpaceObstacle("ball", SphereBody(np.array([3.5 * arm.link_length, 0.05, 0.0]), 0.01))
+    room = np.array([[0.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    check = check_surfaces(motion, SpaceWorkspace(room, (ball,)), SETTINGS)
+    assert check.passed
+    assert check.where.endswith("touches it where it leaves the mount; links beyond it keep 20.0 mm from 'ball'")
+
+
 @settings(max_examples=60)
 @given(seed=seeds)
 def test_the_side_is_told_by_the_body(seed: int) -> None:

@@ -321,7 +321,7 @@ def test_the_mount_may_touch_walls_and_nothing_beyond_it_may() -> None:
     flush = ChainMotion(plain_arm(6, 0.1, 0.02, mount_length=0.26), time, bends)
     touching = check_walls(flush, Workspace(ROOM, (block,)))
     assert touching.passed
-    assert touching.where.endswith("touches it where it leaves the mount")
+    assert touching.where.endswith("touches it where it leaves the mount; links beyond it keep 40.0 mm from 'block'")
 
 
 def test_an_arm_outside_the_room_or_inside_an_obstacle_is_refused() -> None:

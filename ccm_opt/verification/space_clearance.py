@@ -19,7 +19,7 @@ from ccm_opt.verification.stretch_proof import (
     prove_stretches,
 )
 from ccm_opt.verification.verification_settings import VerificationSettings
-from ccm_opt.verification.wall_clearance import touch_beside_mount
+from ccm_opt.verification.wall_clearance import gap_beyond, touch_beside_mount
 
 
 def check_surfaces(
@@ -37,9 +37,14 @@ def check_surfaces(
     least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
     verdict = SurfaceProof(motion, surfaces, exposed).prove(least, settings, proof)
     near = verdict.nearest
-    wall = workspace.soup.names[surfaces.owner[near.other - surfaces.offsets[-2]]]
+    names = np.array(workspace.soup.names)[surfaces.owner]
+    wall = str(names[near.other - surfaces.offsets[-2]])
     where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
     remark = verdict.remark or touch_beside_mount(motion.arm, near.link, near.gap)
+    exposed[: near.link + 1] = 1.0
+    if not verdict.remark and remark and np.any(exposed < 1.0):
+        beyond = SurfaceProof(motion, surfaces, exposed).prove(least, settings, proof).nearest
+        remark += gap_beyond(beyond.gap, str(names[beyond.other - surfaces.offsets[-2]]))
     where = f"{where}: {remark}" if remark else where
     place = NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall)
     return Check("wall clearance", near.gap, workspace.clearance, "m", where, passed=verdict.proved, place=place)

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.length_words import short_length
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_chain import LinkChain
 from ccm_opt.scene.workspace import Workspace
@@ -39,26 +40,36 @@ def check_walls(
         )
     verdict, wall = found
     near = verdict.nearest
+    remark = verdict.remark or touch_beside_mount(motion.arm, near.link, near.gap)
+    # What a flush mount touches hides all that comes near the links beyond.
+    if not verdict.remark and remark and (beyond := nearest_wall(motion, workspace, settings, near.link + 1)):
+        remark += gap_beyond(beyond[0].nearest.gap, beyond[1])
+    where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
     return Check(
         "wall clearance",
         near.gap,
         workspace.clearance,
         "m",
-        _where(motion.arm, verdict, wall),
+        f"{where}: {remark}" if remark else where,
         passed=verdict.proved,
         place=NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall),
     )
 
 
 def nearest_wall(
-    motion: ChainMotion, workspace: Workspace, settings: VerificationSettings = DEFAULT_VERIFICATION
+    motion: ChainMotion,
+    workspace: Workspace,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+    first: int = 0,
 ) -> tuple[Verdict, str] | None:
     """Whether the arm keeps the clearance from every wall, with the nearest approach and the name of its wall.
 
-    None when the whole arm counts as its mount, so that there is nothing to keep away.
+    None when the whole arm counts as its mount, so that there is nothing to keep away. Links before the first, counted
+    from 0, are not looked at.
     """
     edges = wall_edges(workspace)
     exposed = exposed_starts(motion.arm)
+    exposed[:first] = 1.0
     if not np.any(exposed < 1.0):
         return None
     least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
@@ -112,17 +123,15 @@ def exposed_starts(arm: LinkChain) -> FloatArray:
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
-def _where(arm: LinkChain, verdict: Verdict, wall: str) -> str:
-    near = verdict.nearest
-    place = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
-    remark = verdict.remark or touch_beside_mount(arm, near.link, near.gap)
-    return f"{place}: {remark}" if remark else place
-
-
 def touch_beside_mount(arm: LinkChain, link: int, gap: float) -> str:
     """Say of a link that touches a wall [m] that it is the one that leaves the mount; empty where it is not."""
     leaves = link == int(arm.mount_length // arm.link_length)
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
+
+
+def gap_beyond(gap: float, wall: str) -> str:
+    """Say the least gap [m] of the links beyond the one that touches beside the mount."""
+    return f"; links beyond it keep {short_length(gap)} from {wall!r}"
 
 
 def _prove(
