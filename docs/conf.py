@@ -1,7 +1,10 @@
+import inspect
 import json
 import re
 import sys
-from dataclasses import is_dataclass
+from collections.abc import Iterator
+from dataclasses import MISSING, fields
+from importlib import import_module
 from pathlib import Path
 
 from docutils import nodes
@@ -61,20 +64,38 @@ nitpick_ignore_regex = [
 
 
 class SettingsClasses(SphinxDirective):
-    """The documentation of every class of settings, so that the page of settings is complete."""
+    """Every class of settings with a table of its fields, so that the page of settings is complete."""
 
     def run(self) -> list[nodes.Node]:
-        """Expand to one ``autoclass`` a class."""
+        """Expand to the description of one class after the other."""
         root = Path(__file__).parent.parent
-        names = [
-            ".".join((*file.relative_to(root).with_suffix("").parts, name))
+        lines = [
+            line
             for file in sorted((root / "ccm_opt").rglob("*.py"))
             for name in re.findall(r"^class (\w*Settings)\b", file.read_text(), re.MULTILINE)
+            for line in class_lines(".".join(file.relative_to(root).with_suffix("").parts), name)
         ]
-        lines = [line for name in names for line in (f".. autoclass:: {name}", "   :members:", "")]
         container = nodes.container()
         self.state.nested_parse(StringList(lines, __file__), self.content_offset, container)
         return container.children
+
+
+def class_lines(module: str, name: str) -> Iterator[str]:
+    """Lines in reStructuredText that describe a class of settings, with the defaults of its fields."""
+    described = getattr(import_module(module), name)
+    summary, _, attributes = inspect.getdoc(described).partition("\nAttributes:\n")
+    meanings = dict(re.findall(r"^    (\w+): ((?:.+\n?)(?:     .*\n?)*)", attributes, re.MULTILINE))
+    yield from (f".. py:class:: {module}.{name}", "", *(f"   {line}" for line in summary.splitlines()), "")
+    yield from ("   .. list-table::", "      :header-rows: 1", "      :widths: 20 20 60", "")
+    yield from ("      * - field", "        - default", "        - meaning")
+    for field in fields(described):
+        default = field.default if field.default_factory is MISSING else field.default_factory()
+        kind = type(default)
+        nested = f":py:class:`~{kind.__module__}.{kind.__name__}`" if kind.__name__.endswith("Settings") else ""
+        value = "" if default is MISSING else f"``{default!r}``"
+        yield from (f"      * - ``{field.name}``", f"        - {nested or value}".rstrip())
+        yield f"        - {' '.join(meanings.get(field.name, '').split())}"
+    yield ""
 
 
 class NotebookParser(MystParser):
@@ -101,17 +122,9 @@ def draw_math(translator: HTML5Translator, node: nodes.Element) -> None:
     raise nodes.SkipNode
 
 
-def shorten_signature(
-    _app: Sphinx, _what: str, name: str, obj: object, _options: object, _signature: str, _returns: str
-) -> tuple[str, None] | None:
-    """Leave the arguments of settings out, which are their fields; where these are settings too, one fills pages."""
-    return ("", None) if is_dataclass(obj) and name.endswith("Settings") else None
-
-
 def setup(app: Sphinx) -> None:
     """Make the directive and the reader of notebooks known."""
     app.add_source_suffix(".ipynb", "notebook")
     app.add_source_parser(NotebookParser)
     app.add_html_math_renderer("mathml", (draw_math, None), (draw_math, None))
-    app.connect("autodoc-process-signature", shorten_signature)
     app.add_directive("settings-classes", SettingsClasses)

@@ -216,8 +216,8 @@ def gap_data(room: RoomRecord, settings: ReportSettings = REPORT) -> dict[str, o
 
 
 def highest_shown(room: RoomRecord) -> float:
-    """Gap at the upper edge of the chart [m]: some times the wanted one, or the largest there is if that is less."""
+    """Gap at the upper edge of the chart [m]: some times the wanted or the least one, the largest if that is less."""
     # What is beyond the record's reach stands there as the reach, and is not shown as if it were a gap.
     largest = 1.1 * float(room.gaps.max())
-    shown = _WANTED_GAPS_SHOWN * room.wanted if room.wanted else room.reach
+    shown = max(_WANTED_GAPS_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach
     return max(min(shown, largest, 0.98 * room.reach), 1.5 * room.wanted, 1e-3 * room.reach)
