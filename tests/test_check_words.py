@@ -4,7 +4,7 @@ import pytest
 
 from ccm_opt.solution import Check
 from ccm_opt.viz.checks_section import checks_in_words
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import PageUnits
 
 MILLIMETRES = PageUnits("mm", 1e-3, 2)
 

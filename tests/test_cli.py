@@ -19,8 +19,7 @@ from typer.testing import CliRunner
 from ccm_opt import __version__
 from ccm_opt.cli import choices
 from ccm_opt.cli.commands import app
-from ccm_opt.cli.outcome import run_all
-from ccm_opt.cli.sentences import folded
+from ccm_opt.cli.outcome import folded, run_all
 from ccm_opt.core.progress import Progress
 from ccm_opt.errors import (
     ConfigurationNotFound,

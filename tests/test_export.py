@@ -15,10 +15,10 @@ import pytest
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
 from ccm_opt.io import folder as folder_module
-from ccm_opt.io.failure_folder import FAILED, UNFINISHED, place_beside, write_failure
 from ccm_opt.io.folder import check_target, solution_files, write_folder, write_solution
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.reading_back import SHAPES, load_motion, load_problem_data
+from ccm_opt.io.result_folders import FAILED, UNFINISHED, place_beside, write_failure
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Solution
 

@@ -12,8 +12,8 @@ from ccm_opt.cli.commands import app
 from ccm_opt.cli.notes import mesh_data, mesh_lines
 from ccm_opt.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.io.space_problem_data import space_problem_data
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BOX_FACES, MeshBody
 from tests.space_files import CUBE, binary_stl, model_3mf, object_3mf, three_mf, written
@@ -58,7 +58,7 @@ def in_millimetres(folder: Path, name: str, content: bytes, extra: str = "") -> 
     file = written(folder, content, name, extra)
     file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("2.0", "2e3"))
     problem, body = read(file)
-    data = space_problem_data(problem, [name])
+    data = problem_data(problem, [name])
     again = problem_from_mapping(data, folder=folder)
     assert isinstance(again, SpaceProblem)
     assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, rtol=1e-12)

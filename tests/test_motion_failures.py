@@ -10,8 +10,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.failures import Failure, StrategyInVain, evidence, nothing_found
 from ccm_opt.planning.search import find_motion
+from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.failure_page import drawn_findings
-from ccm_opt.viz.page_units import PageUnits
 from tests.scenes import clutter, motion_task
 
 

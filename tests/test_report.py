@@ -24,10 +24,9 @@ from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.solution import Check, GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.viz.checks_section import checks_in_words
-from ccm_opt.viz.document import coded
+from ccm_opt.viz.document import MINUS, PageUnits, coded, three_digits
 from ccm_opt.viz.failure_page import failure_data, failure_html
 from ccm_opt.viz.page import report_html
-from ccm_opt.viz.page_units import MINUS, PageUnits, three_digits
 from ccm_opt.viz.time_series import kept_samples, limit_shares, series_groups
 
 NASTY = "</script><script>alert(1)</script><b title='\"x'>&amp;"

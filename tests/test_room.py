@@ -21,7 +21,7 @@ from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.verification.room_over_time import RoomSettings, room_over_time
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.room_section import room_sentences
 
 from .arms import plain_arm

@@ -10,8 +10,7 @@ from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceSto
 from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
-from ccm_opt.viz.space_plan import draw_goals_in_space
-from ccm_opt.viz.space_section import ArmSection, section_along
+from ccm_opt.viz.space_plan import ArmSection, draw_goals_in_space, section_along
 from ccm_opt.viz.space_views import SIDES
 
 from .space_arms import space_arm

@@ -16,7 +16,7 @@ import ccm_opt
 from ccm_opt.cli.view.app import ViewerApp, claim_port
 from ccm_opt.cli.view.frames import SpaceFrames, turned_to
 from ccm_opt.cli.view.handles import GOAL, direction_of, frames_of
-from ccm_opt.cli.view.space_scene import SpaceScene
+from ccm_opt.cli.view.scene import SpaceScene
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal

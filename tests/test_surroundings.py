@@ -14,8 +14,8 @@ import pytest
 import tomlkit
 
 from ccm_opt.cli import surroundings
-from ccm_opt.cli.failure_record import failures_recorded
 from ccm_opt.cli.outcome import NO_PLAN
+from ccm_opt.cli.solving import failures_recorded
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.io.reading import load_problem
 
@@ -28,7 +28,7 @@ SILENT = """
 import ctypes
 import time
 from pathlib import Path
-from ccm_opt.cli.failure_record import failure_recorder
+from ccm_opt.cli.solving import failure_recorder
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.display_settings import WatchdogSettings
 from ccm_opt.cli.watchdog import ended_when_silent

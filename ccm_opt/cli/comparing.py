@@ -41,7 +41,7 @@ from ccm_opt.compare.statistics import ConfidenceInterval, FigurePair
 from ccm_opt.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
 from ccm_opt.viz.comparison_page import ComparedMethod, ComparedPair, ComparedQuantity, ComparedRun, comparison_html
-from ccm_opt.viz.page_units import NONE, three_digits
+from ccm_opt.viz.document import NONE, three_digits
 
 _MOST_PROBLEMS = 40
 """Problems of a comparison up to which the table of all runs is printed; of more it is in the file only."""

@@ -11,7 +11,7 @@ from ccm_opt.cli.loading import no_search_for_cycles
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.pareto_folder import folder_of
+from ccm_opt.io.result_folders import folder_of
 from ccm_opt.solution import ParetoPlans
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.viz.saved_plans import SavedSpacePlan, drawn, load

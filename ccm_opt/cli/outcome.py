@@ -17,7 +17,9 @@ Of several files all are tried; the exit code is that of the worst outcome: 1, t
 
 import errno
 import os
+import re
 import sys
+import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -29,11 +31,44 @@ from rich.markup import escape
 
 from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupt_unmet, interrupts_as_usual
 from ccm_opt.cli.output import output
-from ccm_opt.cli.sentences import folded
 from ccm_opt.cli.surroundings import out_of_memory
+from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis, NativeLibraryError, NoPlanFound, ProblemError, ProblemFileError, VerificationError
-from ccm_opt.io.strict_json import strict_text
 from ccm_opt.solution import SimulationVerdict
+
+UNBROKEN = re.compile(
+    r"(?<=\d) (?=(?:mm|m|s|kg|N|rad|times)\b|%)"
+    r"|(?<=N) (?=m\b)"
+    r"|(?<=\d,) (?=[-\d])"
+    r"|(?<=[≤≥=]) (?=[-\d])"
+)
+"""Spaces that stay inside a line: before a unit, within a place or a row of numbers, after a sign of comparison."""
+KEPT = "\u00a0"
+"""Stands for such a space while lines are folded; no-break space."""
+INDENT = "    "
+"""In front of what continues a line."""
+
+
+def folded(text: str, width: int) -> str:
+    """A text whose lines fit a width where its words allow; every line by itself, its continuation indented.
+
+    Args:
+        text: perhaps of several lines.
+        width: in characters.
+    """
+    lines = []
+    for line in text.splitlines():
+        indent = line[: len(line) - len(line.lstrip())]
+        lines += textwrap.wrap(
+            UNBROKEN.sub(KEPT, line.strip()),
+            max(width, 1),
+            initial_indent=indent,
+            subsequent_indent=indent + INDENT,
+            break_long_words=False,
+            break_on_hyphens=False,
+        ) or [""]
+    return "\n".join(lines).replace(KEPT, " ")
+
 
 SOLVED = 0
 BUG = 1

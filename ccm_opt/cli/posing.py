@@ -1,29 +1,38 @@
-"""``ccm-opt pose``: the best pose at the goal of a problem, drawn and written, or a record of why there is none."""
+"""The commands ``pose`` and ``reach``: the best pose at the goal, and where the tip can be."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
-from ccm_opt.cli.failure_record import tell_where
+from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.output import output
+from ccm_opt.cli.solving import tell_where
 from ccm_opt.cli.stage_clock import StageClock, stage_display
-from ccm_opt.cli.tables import report_console, stage_line, units_of, value_table
+from ccm_opt.cli.tables import columned_table, report_console, stage_line, units_of, value_table
 from ccm_opt.cli.watchdog import ended_when_silent
+from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.errors import Diagnosis, NoPlanFound
-from ccm_opt.io.failure_folder import write_pose_failure
-from ccm_opt.io.folder import POSE_RECORD, check_target
-from ccm_opt.io.pose_folder import write_pose
+from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
+from ccm_opt.io.result_folders import (
+    reach_json,
+    write_pose,
+    write_pose_failure,
+    write_reach,
+)
 from ccm_opt.io.solution_json import pose_json, segment_words
-from ccm_opt.io.space_pose_files import space_pose_json, write_space_pose
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.space_configuration import SpaceSegment
-from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
+from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 
 ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""
@@ -62,9 +71,13 @@ def _pose(problem: AnyProblem, out: Path, terms: TermReferences, *, pictures: bo
     with stage_display(problem.name) as clock:
         found = _found_or_recorded(problem, out, clock, terms)
         clock.begin("writing")
-        drawn = _pictures(found) if pictures else {}
+        drawn = {}
+        if pictures:
+            from ccm_opt.viz.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
+
+            drawn = {"pose.png": pose_png(found)}
         last_steps_uninterrupted()
-        folder = _written(found, out, drawn)
+        folder = write_pose(found, out, drawn)
         clock.finish()
     return print_result(lambda: _print(found, clock, folder), SOLVED, lambda: _data(found, folder))
 
@@ -96,25 +109,11 @@ def _found_or_recorded(problem: AnyProblem, out: Path, clock: StageClock, terms:
         raise
 
 
-def _written(found: AnyStaticPose, out: Path, drawn: Mapping[str, bytes]) -> Path:
-    if isinstance(found, SpaceStaticPose):
-        return write_space_pose(found, out, drawn)
-    return write_pose(found, out, drawn)
-
-
 def _data(found: AnyStaticPose, folder: Path) -> dict[str, object]:
     """The record of the pose without the problem, for programs."""
-    text = space_pose_json(found) if isinstance(found, SpaceStaticPose) else pose_json(found)
-    record: dict[str, object] = json.loads(text)
+    record: dict[str, object] = json.loads(pose_json(found))
     del record["problem"]
     return {"folder": str(folder), **record}
-
-
-def _pictures(found: AnyStaticPose) -> Mapping[str, bytes]:
-    from ccm_opt.viz.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.viz.space_pose_picture import space_pose_png  # noqa: PLC0415 - likewise
-
-    return {"pose.png": space_pose_png(found) if isinstance(found, SpaceStaticPose) else pose_png(found)}
 
 
 def _print(found: AnyStaticPose, clock: StageClock, folder: Path) -> None:
@@ -172,3 +171,119 @@ def _parts(costs: Mapping[str, float]) -> str:
     """The parts of the objective that count, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
+
+
+@dataclass(frozen=True)
+class ReachOptions:
+    """What the command line asks for.
+
+    Attributes:
+        out: directory of the output folders.
+        step: width of a cell [m], or None.
+        headings: that are tried in a cell, or None.
+        workers: processes of this machine.
+        dask: address of a Dask scheduler, or None.
+        pictures: whether to draw.
+    """
+
+    out: Path
+    step: float | None
+    headings: int | None
+    workers: int
+    dask: str | None
+    pictures: bool
+
+    @property
+    def crew(self) -> Workers:
+        """Where cells are looked at."""
+        if self.dask is not None:
+            return DaskWorkers(self.dask)
+        return ThisProcess() if self.workers == 1 else LocalWorkers(self.workers)
+
+
+def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[str] = ()) -> int:
+    """Map the reach in every file's room; all are tried.
+
+    Args:
+        files: problem files.
+        options: the options.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+
+    Returns:
+        The exit code.
+    """
+    problems = NamedProblems(files, changes)
+
+    def reach_one(file: Path) -> int:
+        problem = problems.read(file)
+        check_target(options.out / problem.name, REACH_RECORD)
+        from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
+
+        with _display(problem.name) as shown, _guarded(problem, options, shown) as progress:
+            found = reach_map(
+                problem, step=options.step, headings=options.headings, workers=options.crew, progress=progress
+            )
+        drawn = {}
+        if options.pictures:
+            from ccm_opt.viz.pose_picture import reach_png  # noqa: PLC0415 - loads matplotlib
+
+            drawn = {"reach.png": reach_png(found)}
+        last_steps_uninterrupted()
+        folder = write_reach(found, options.out, drawn)
+        return print_result(lambda: _print_reach(found, folder), SOLVED, lambda: _reach_data(found, folder))
+
+    return run_all(files, reach_one)
+
+
+def _guarded(
+    problem: AnyProblem, options: ReachOptions, progress: Callable[[int, int], None]
+) -> AbstractContextManager[Callable[..., None]]:
+    """Ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
+    if isinstance(options.crew, DaskWorkers):
+        return nullcontext(progress)
+    return ended_when_silent(problem.name, problem.planner, progress)
+
+
+@contextmanager
+def _display(name: str) -> Iterator[Callable[[int, int], None]]:
+    """How many cells are reached, on stderr when that is a terminal."""
+    console = Console(stderr=True, emoji=False)
+    if output().quiet or not console.is_terminal:
+        yield lambda _reached, _cells: None
+        return
+    with console.status(escape(name), refresh_per_second=DISPLAY.status_refreshes) as status:
+        yield lambda reached, cells: status.update(escape(f"{name}: {reached} of at most {cells} cells reached"))
+
+
+def _reach_data(found: AnyReachMap, folder: Path) -> dict[str, object]:
+    """The record of the map without the problem, for programs."""
+    record: dict[str, object] = json.loads(reach_json(found))
+    del record["problem"]
+    return {"folder": str(folder), "status": "mapped", **record}
+
+
+def _print_reach(found: AnyReachMap, folder: Path) -> None:
+    """Print one line of figures, on stdout."""
+    share = found.taken[found.reachable].mean() if found.taken.size and found.reachable.any() else np.nan
+    if isinstance(found, SpaceReachMap):
+        count = len(found.directions)
+        size = ("volume [m³]", f"{found.volume:.3g}")
+        ways = ("directions", f"{100.0 * share:.0f} % of {count}" if count else "not asked")
+    else:
+        size = ("area [m²]", f"{found.area:.3g}")
+        ways = ("headings", f"{360.0 * share:.0f}° of 360°")
+    cells = (
+        ("problem", escape(found.problem.name)),
+        ("cells", str(found.reachable.size)),
+        ("reached", str(int(found.reachable.sum()))),
+        ("proved out of reach", str(int(found.proved.sum()))),
+        ("no pose found", str(int((~found.reachable & ~found.proved).sum()))),
+        size,
+        ways,
+        ("CPU [s]", f"{sum(found.timings.values()):.1f}"),
+    )
+    table = columned_table("", [name for name, _ in cells])
+    table.add_row(*(value for _, value in cells))
+    console = report_console()
+    console.print(table)
+    console.print(escape(f"written to {folder}"), soft_wrap=True)

@@ -1,22 +1,149 @@
-"""``ccm-opt solve``: read a problem, solve it, draw and write the plan, or leave a record of why there is none."""
+"""The command ``solve``, and the records of problems without a plan.
+
+An earlier plan of the same name stays as it is; whatever is no whole result of its own is then written beside it.
+"""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
-from ccm_opt.cli.failure_record import failure_recorder, failures_recorded, kept_without_pictures
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences, no_search_for_cycles
-from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
-from ccm_opt.cli.stage_clock import stage_display
+from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
+from ccm_opt.cli.stage_clock import StageClock, stage_display
+from ccm_opt.cli.surroundings import MORE_MEMORY, out_of_memory
 from ccm_opt.cli.tables import print_pareto, print_solution
 from ccm_opt.cli.watchdog import ended_when_silent
+from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
-from ccm_opt.io.pareto_folder import pareto_files
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+
+
+def failure_recorder(
+    problem: AnyProblem, out: Path, clock: StageClock, *, pictures: bool
+) -> Callable[[str, Diagnosis], None]:
+    """What writes the record of a problem without a plan, given its status and diagnosis.
+
+    Args:
+        problem: what is solved.
+        out: directory of the output folders.
+        clock: knows the stages so far.
+        pictures: whether the page is drawn too.
+    """
+
+    def record(status: str, diagnosis: Diagnosis) -> None:
+        # The record first: it must be there whatever becomes of the page.
+        folder = write_failure(problem, status, diagnosis, out, clock.timings)
+        # Who has pressed Ctrl-C is not to wait for a page.
+        if pictures and status != "cancelled":
+            page = page_of_failure(problem, status, diagnosis, clock.timings)
+            folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
+        tell_where(folder, out / problem.name, "why there is no new one is recorded")
+
+    return record
+
+
+def page_of_failure(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+    """The page of a problem without a plan, in the plane or in space."""
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.viz.space_page_html import space_failure_html  # noqa: PLC0415 - most need no view
+
+        return space_failure_html(problem, status, diagnosis, timings)
+    from ccm_opt.viz.failure_page import failure_html  # noqa: PLC0415 - likewise
+
+    return failure_html(problem, status, diagnosis, timings)
+
+
+@contextmanager
+def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
+    """Plan inside it; a problem without a plan leaves the record of why in the output folder.
+
+    Args:
+        problem: what is solved.
+        out: directory of the output folders.
+        clock: knows the stages so far.
+        pictures: whether the page is drawn too.
+
+    Raises:
+        NoPlanFound: its diagnosis is written to ``solution.json``.
+        VerificationError: likewise.
+        KeyboardInterrupt: a record with the status ``cancelled`` and the reason, as far as it is known, is written; or
+            the plan where there is one already.
+        MemoryError: or whatever else says that memory ran out before there was a reason; a record of that is written.
+    """
+    record = failure_recorder(problem, out, clock, pictures=pictures)
+    try:
+        yield
+    except NoPlanFound as error:
+        record(error.status, error.diagnosis)
+        raise
+    except VerificationError as error:
+        refused = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
+        record(NoPlanFound.unproved_status, refused)
+        raise
+    except CancelledWithPlan as cancelled:
+        write_unfinished(out / problem.name, solution_files(cancelled.solution))
+        raise
+    except KeyboardInterrupt:
+        record("cancelled", clock.known or Diagnosis("cancelled by the user", clock.current or "planning"))
+        raise
+    except Exception as error:
+        short = out_of_memory(error)
+        known = clock.known
+        if known is None and short:
+            known = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
+        if known is not None:
+            # What was being made is free again by now; without the room for a record, the error alone has to do.
+            with suppress(MemoryError):
+                failure_recorder(problem, out, clock, pictures=False)(NoPlanFound(known).status, known)
+        if clock.known is not None and short:
+            advice = (*clock.known.advice, "more memory, which ran out while changes that would help were sought")
+            raise NoPlanFound(replace(clock.known, advice=advice)) from error
+        raise
+
+
+@contextmanager
+def kept_without_pictures(target: Path, files: Mapping[str, bytes]) -> Iterator[None]:
+    """Draw inside it; a plan whose drawing fails or is cancelled is written without pictures before the error goes on.
+
+    Args:
+        target: the folder of the plan.
+        files: content of the plan's files by file name.
+    """
+    try:
+        yield
+    except BaseException:
+        write_unfinished(target, files)
+        raise
+
+
+def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
+    """Write a verified plan that was cut short, in its place or beside an earlier one.
+
+    Args:
+        target: the folder of the plan.
+        files: content of the plan's files by file name.
+    """
+    folder = write_folder(target, files, beside=partial(place_beside, ending=UNFINISHED))
+    tell_where(folder, target, "the new one, as far as it came, is written")
+
+
+def tell_where(folder: Path, target: Path, what: str) -> None:
+    """Say that an earlier result stays, and where something else was written for that reason.
+
+    Args:
+        folder: where it was written.
+        target: where it would be without an earlier result.
+        what: what was written, as the beginning of the sentence's second half.
+    """
+    if folder != target:
+        warn(f"{target} keeps its earlier result; {what} in {folder}")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict
 from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.room_section import room_sentences
 
 _PIPED_WIDTH = 200

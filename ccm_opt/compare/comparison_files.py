@@ -20,8 +20,7 @@ from ccm_opt.compare.statistics import LEVEL, ConfidenceInterval, FigurePair
 from ccm_opt.compare.suites import Case
 from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.problem_data import recorded_data
-from ccm_opt.io.space_problem_data import space_problem_data
+from ccm_opt.io.problem_data import problem_data, recorded_data
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.bodies import Body, MeshBody
 
@@ -171,9 +170,7 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
 def problem_text(problem: AnyProblem) -> str:
     """A problem file: the one that a problem was read from, if that says all of it, or a new one."""
     if isinstance(problem, SpaceProblem):
-        return tomlkit.dumps(
-            space_problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles])
-        )
+        return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
     data = recorded_data(problem)
     # Other files that a problem names would have to be written too; then its own text does not say all.
     if problem.source and tomllib.loads(problem.source) == data:

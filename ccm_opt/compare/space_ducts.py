@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from ccm_opt.compare.space_routes import Route, Site
+from ccm_opt.compare.space_clutter import Route, Site
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.scene.bodies import Body, BoxBody, MeshBody
 

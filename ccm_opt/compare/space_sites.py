@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.compare import space_ducts
+from ccm_opt.compare.space_clutter import Route, Site, arm_of_links, laid_along
 from ccm_opt.compare.space_ducts import holed_plate, ring, straight_pipe
-from ccm_opt.compare.space_routes import Route, Site, arm_of_links, laid_along
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal

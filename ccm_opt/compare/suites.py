@@ -15,8 +15,7 @@ import numpy as np
 import shapely
 from scipy.optimize import brentq
 
-from ccm_opt.compare.space_clutter import JOBS, disturbed_job, space_clutter
-from ccm_opt.compare.space_routes import USUAL_LINKS
+from ccm_opt.compare.space_clutter import JOBS, USUAL_LINKS, disturbed_job, space_clutter
 from ccm_opt.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector

@@ -21,9 +21,10 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.arrays_npz import arrays_npz, solution_arrays
 from ccm_opt.io.controller_points import controller_points
 from ccm_opt.io.mjcf import mjcf_text, space_mjcf
+from ccm_opt.io.problem_data import KEPT_MESHES
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.io.solution_json import solution_json
-from ccm_opt.io.space_scene import KEPT_MESHES, kept_meshes, named_bodies, space_meshes, space_urdf
+from ccm_opt.io.space_scene import kept_meshes, named_bodies, space_meshes, space_urdf
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.io.urdf import URDF_MESHES, scene_meshes, urdf_text
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem

@@ -1,10 +1,13 @@
-"""From a problem back to the data of a problem file, the inverse of reading: in its unit, angles in degrees."""
+"""Problems as data of a problem file."""
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
@@ -12,6 +15,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
+from ccm_opt.io.scene_solids import told_apart
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import (
     Disturbances,
@@ -26,17 +30,23 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
+from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, SphereBody
+from ccm_opt.scene.rigid_placement import RigidPlacement
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 Table = dict[str, object]
 """A table of a problem file."""
+KEPT_MESHES = "meshes"
+"""Folder in an output folder with the mesh files that the problem was read with."""
 
 
-def recorded_data(problem: Problem) -> Table:
-    """The data to keep for the record: those of the problem's file as long as they still say the same.
+def recorded_data(problem: AnyProblem) -> Table:
+    """The data to keep for the record: in the plane those of the problem's file as long as they still say the same.
 
     Args:
         problem: the problem, from a file, from Python, or changed by ``dataclasses.replace``.
@@ -48,7 +58,7 @@ def recorded_data(problem: Problem) -> Table:
         ProblemError: when it cannot be written in a problem file.
     """
     written = problem_data(problem)
-    if not problem.source:
+    if isinstance(problem, SpaceProblem) or not problem.source:
         return written
     try:
         read_again = parse_problem(problem.source)
@@ -58,7 +68,7 @@ def recorded_data(problem: Problem) -> Table:
     return tomllib.loads(problem.source) if same else written
 
 
-def problem_data(problem: Problem) -> Table:
+def problem_data(problem: AnyProblem, mesh_files: Sequence[str] | None = None) -> Table:
     """Every value of a problem in the layout of ``problem.toml``.
 
     Angles pass through degrees, so that the problem read from these data may differ in the last bit. Lengths are in the
@@ -66,6 +76,8 @@ def problem_data(problem: Problem) -> Table:
 
     Args:
         problem: the problem; its ``source`` does not matter.
+        mesh_files: path of the mesh of each obstacle in space, relative to where the data will be read; of no matter
+            where it is no mesh. Those of ``kept_names`` when None.
 
     Returns:
         Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.
@@ -74,13 +86,22 @@ def problem_data(problem: Problem) -> Table:
         ProblemError: when it cannot be written in a problem file.
     """
     unit = problem.length_unit
+    head: Table = {"schema": 1}
+    if isinstance(problem, SpaceProblem):
+        head["space"] = 3
+        files = kept_names(problem) if mesh_files is None else mesh_files
+        workspace = _space_workspace(problem, files, unit)
+        arm: Table = {**chain_table(problem.arm, unit), "base": _base(problem.arm, unit)}
+    else:
+        workspace = workspace_table(problem.workspace, unit)
+        arm = arm_table(problem.arm, unit)
     return {
-        "schema": 1,
+        **head,
         "name": problem.name,
         "description": problem.description,
-        "units": problem.length_unit,
-        "workspace": workspace_table(problem.workspace, unit),
-        "arm": arm_table(problem.arm, unit),
+        "units": unit,
+        "workspace": workspace,
+        "arm": arm,
         "limits": limits_table(problem.limits, unit),
         "start": pose_table(problem.start, problem.arm, unit),
         "goal": _goals(problem),
@@ -179,39 +200,46 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
     return table
 
 
-def _goals(problem: Problem) -> Table | list[Table]:
+def _goals(problem: AnyProblem) -> Table | list[Table]:
     """The goal, or with stops on the way the list of all goals."""
-    arm = problem.arm
     unit = problem.length_unit
-    last = goal_table(problem.goal, arm, unit) | _tolerances(problem.tolerances, unit)
-    stops = [
-        goal_table(stop.goal, arm, unit) | _tolerances(stop.tolerances, unit) | {"pause": float(stop.pause)}
-        for stop in problem.stops
-    ]
+
+    def table(goal: Goal | SpaceGoal, tolerances: Tolerances) -> Table:
+        angle = "direction" if isinstance(problem, SpaceProblem) else "heading"
+        own = goal_table(goal, problem.arm, unit)
+        own["position_tolerance"] = in_unit(tolerances.position, unit)
+        return own | {f"{angle}_tolerance_deg": _degrees(tolerances.heading)}
+
+    last = table(problem.goal, problem.tolerances)
+    stops = [table(stop.goal, stop.tolerances) | {"pause": float(stop.pause)} for stop in problem.stops]
     return [*stops, last] if stops else last
 
 
-def goal_table(goal: Goal, arm: Arm, unit: LengthUnit) -> Table:
+def goal_table(goal: Goal | SpaceGoal, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     """A goal as ``[goal]``, without its tolerances."""
-    if not isinstance(goal, TipGoal):
+    if not isinstance(goal, (TipGoal, SpaceTipGoal)):
         return pose_table(goal, arm, unit)
     table: Table = {"position": _lengths(goal.position, unit)}
-    return table if goal.heading is None else table | {"heading_deg": _degrees(goal.heading)}
+    if isinstance(goal, TipGoal):
+        return table if goal.heading is None else table | {"heading_deg": _degrees(goal.heading)}
+    if goal.direction is not None:
+        table["direction"] = goal.direction.tolist()
+    return table | {"via": [_lengths(place, unit) for place in goal.via]} if goal.via else table
 
 
-def pose_table(pose: Start, arm: Arm, unit: LengthUnit) -> Table:
+def pose_table(pose: Start | SpaceJointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     """A pose of the whole arm as ``[start]``.
 
     Raises:
         ProblemError: a curve does not begin at the base.
     """
     feed: Table = {axis: in_unit(pose.feed, unit) for axis in arm.coordinates.base_names}
-    if isinstance(pose, JointPose):
-        return {"joints_deg": _list(np.rad2deg(pose.bends))} | feed
+    if isinstance(pose, (JointPose, SpaceJointPose)):
+        return {"joints_deg": np.rad2deg(pose.bends).tolist()} | feed
     return _curve(pose.configuration, arm, unit) | feed
 
 
-def _curve(curve: Configuration, arm: Arm, unit: LengthUnit) -> Table:
+def _curve(curve: Configuration, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance * arm.length):
         raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
     segments = [
@@ -223,13 +251,6 @@ def _curve(curve: Configuration, arm: Arm, unit: LengthUnit) -> Table:
         for segment in curve.segments
     ]
     return {"heading_deg": _degrees(curve.base_heading), "segments": segments}
-
-
-def _tolerances(tolerances: Tolerances, unit: LengthUnit) -> Table:
-    return {
-        "position_tolerance": in_unit(tolerances.position, unit),
-        "heading_tolerance_deg": _degrees(tolerances.heading),
-    }
 
 
 def planner_table(options: PlannerOptions, unit: LengthUnit) -> Table:
@@ -273,9 +294,76 @@ def _list(values: FloatArray) -> list[float]:
     return plain
 
 
-def _lengths(values: FloatArray, unit: LengthUnit) -> list[Any]:
+def _lengths(values: npt.ArrayLike, unit: LengthUnit) -> list[Any]:
     """Lengths or places in a unit, as nested lists."""
     metres = np.asarray(values, dtype=np.float64)
     given = np.array([in_unit(value, unit) for value in metres.flat])
     nested: list[Any] = given.reshape(metres.shape).tolist()
     return nested
+
+
+def _space_workspace(problem: SpaceProblem, mesh_files: Sequence[str], unit: LengthUnit) -> Table:
+    workspace = problem.workspace
+    table: Table = {"clearance": in_unit(workspace.clearance, unit)}
+    if workspace.bounds is not None:
+        table["bounds"] = _lengths(workspace.bounds, unit)
+    table["obstacles"] = [
+        {"name": each.name} | _body(each.body, file, unit)
+        for each, file in zip(workspace.obstacles, mesh_files, strict=True)
+    ]
+    return table
+
+
+def _body(body: Body, file: str, unit: LengthUnit) -> Table:
+    """An obstacle without its name; bodies that are round stand where they are without being placed."""
+    if isinstance(body, MeshBody):
+        surface: Table = {} if body.solid else {"solid": False}
+        if not body.content:
+            # Made in Python: written in metres, where it stands.
+            return {"mesh": file, "scale": 1.0 / METRES[unit]} | surface
+        table: Table = {"mesh": file, "scale": body.scale / METRES[unit], "sha256": body.digest} | surface
+        # Of GLB it is said that y is up where the key is not there.
+        if body.up == "y" or body.file.lower().endswith(".glb"):
+            table["up"] = body.up
+        return table | _placement(body.placement, unit)
+    if isinstance(body, BoxBody):
+        return {"box": [_lengths(body.low, unit), _lengths(body.high, unit)]} | _placement(body.placement, unit)
+    radius = in_unit(body.radius, unit)
+    if isinstance(body, SphereBody):
+        return {"sphere": {"center": _lengths(body.center, unit), "radius": radius}}
+    bar = {
+        "from": _lengths(body.start, unit),
+        "to": _lengths(body.end, unit),
+        "radius": radius,
+    }
+    return {"cylinder" if isinstance(body, CylinderBody) else "capsule": bar}
+
+
+def _placement(placement: RigidPlacement, unit: LengthUnit) -> Table:
+    if placement.is_identity:
+        return {}
+    return {
+        "pose": {
+            "position": _lengths(placement.position, unit),
+            "quaternion": placement.quaternion.tolist(),
+        }
+    }
+
+
+def _base(arm: SpaceArm, unit: LengthUnit) -> Table:
+    return {"position": _lengths(arm.base, unit), "direction": arm.direction.tolist(), "up": arm.up.tolist()}
+
+
+def kept_names(problem: SpaceProblem) -> list[str]:
+    """Where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
+    slugs = [slug for _, slug in told_apart(each.name for each in problem.workspace.obstacles)]
+    return [
+        f"{KEPT_MESHES}/{slug}{_suffix(each.body)}"
+        for slug, each in zip(slugs, problem.workspace.obstacles, strict=True)
+    ]
+
+
+def _suffix(body: Body) -> str:
+    """Of the file of a mesh; those that have none are written as STL."""
+    kept = isinstance(body, MeshBody) and body.content
+    return PurePosixPath(body.file).suffix.lower() if isinstance(body, MeshBody) and kept else ".stl"

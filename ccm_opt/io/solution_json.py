@@ -9,24 +9,23 @@ from dataclasses import asdict
 
 import numpy as np
 
+from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis
 from ccm_opt.io.problem_data import recorded_data
-from ccm_opt.io.space_scene import mesh_data, space_recorded_data
-from ccm_opt.io.strict_json import strict_text
-from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.io.space_scene import mesh_data
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment_types import segment_words
+from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import (
     Check,
     GoalPoseRecord,
     NearPlace,
     RoomRecord,
     SpaceGoalPoseRecord,
-    StaticPose,
     SurvivedError,
 )
-from ccm_opt.solution.space_solution import AnySolution, AnyStaticPose, GoalErrors, SpaceSolution
+from ccm_opt.solution.space_solution import AnySolution, AnyStaticPose, GoalErrors, SpaceSolution, SpaceStaticPose
 
 __all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
 
@@ -34,7 +33,7 @@ SCHEMA = 1
 """Version of the file's layout."""
 
 
-def pose_json(found: StaticPose) -> str:
+def pose_json(found: AnyStaticPose) -> str:
     """The record of a pose.
 
     Args:
@@ -43,19 +42,12 @@ def pose_json(found: StaticPose) -> str:
     Returns:
         JSON text; numbers that are not finite stand as null.
     """
-    record = _pose_json_record(found.problem, "solved") | answer_record(found)
-    record |= {
-        "curve": curve_record(found.pose.curve),
-        "binding": [asdict(side) for side in found.binding],
-    }
-    return strict_text(record)
-
-
-def answer_record(found: AnyStaticPose) -> dict[str, object]:
-    """What the records of poses have in common, in the plane and in space."""
     pose = found.pose
     variables, rows = pose.size
-    return {
+    record: dict[str, object] = {
+        "schema": SCHEMA,
+        "status": "solved",
+        "problem": recorded_data(found.problem),
         "joints_deg": np.rad2deg(found.bends).tolist(),
         "joint_positions": found.joint_positions.tolist(),
         "gap": pose.gap,
@@ -69,9 +61,14 @@ def answer_record(found: AnyStaticPose) -> dict[str, object]:
         "tries": [asdict(outcome) for outcome in found.outcomes],
         "timings": dict(found.timings),
     }
+    if isinstance(found, SpaceStaticPose):
+        own = {"feed": found.feed, "goal": asdict(found.goal_errors), "curve": curve_record(found.curve)}
+        return strict_text(record | own | {"meshes": mesh_data(found.problem)})
+    binding = [asdict(side) for side in found.binding]
+    return strict_text(record | {"curve": curve_record(found.pose.curve), "binding": binding})
 
 
-def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+def pose_failure_json(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
     """The record of a problem at whose goal no pose was found.
 
     Args:
@@ -80,28 +77,20 @@ def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timin
         diagnosis: why there is no pose.
         timings: of the stages that ran [s].
     """
-    return strict_text(_pose_json_record(problem, status) | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
+    record = {"schema": SCHEMA, "status": status, "problem": recorded_data(problem)}
+    return strict_text(record | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
 
 
-def curve_record(curve: Configuration) -> dict[str, object]:
-    """A curve with the type, length, knots and curvature of every segment."""
-    return {
-        "base": curve.base.tolist(),
-        "base_heading": curve.base_heading,
-        "segments": [
-            {
-                "type": segment_words(segment),
-                "length": segment.length,
-                "knots": list(segment.knots),
-                "curvature": segment.curvature.tolist(),
-            }
-            for segment in curve.segments
-        ],
-    }
-
-
-def _pose_json_record(problem: Problem, status: str) -> dict[str, object]:
-    return {"schema": SCHEMA, "status": status, "problem": recorded_data(problem)}
+def curve_record(curve: Configuration | SpaceConfiguration) -> dict[str, object]:
+    """A curve with length, knots and curvature of every segment, and in the plane its type."""
+    segments = [
+        {"length": segment.length, "knots": list(segment.knots), "curvature": segment.curvature.tolist()}
+        for segment in curve.segments
+    ]
+    if isinstance(curve, SpaceConfiguration):
+        return {"base": curve.base.tolist(), "base_frame": curve.base_frame.tolist(), "segments": segments}
+    typed = [{"type": segment_words(each)} | data for each, data in zip(curve.segments, segments, strict=True)]
+    return {"base": curve.base.tolist(), "base_heading": curve.base_heading, "segments": typed}
 
 
 def goal_pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
@@ -239,7 +228,7 @@ def _record(problem: AnyProblem, status: str, versions: Mapping[str, str]) -> di
         "schema": SCHEMA,
         "status": status,
         "method": problem.planner.method,
-        "problem": space_recorded_data(problem) if isinstance(problem, SpaceProblem) else recorded_data(problem),
+        "problem": recorded_data(problem),
         "versions": dict(versions),
         "seed": problem.planner.seed,
     }

@@ -3,25 +3,20 @@
 import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.arm_description import number, numbers, roll_pitch_yaw
-from ccm_opt.io.problem_data import Table
+from ccm_opt.io.problem_data import kept_names
 from ccm_opt.io.scene_solids import told_apart
 from ccm_opt.io.settings import EXPORT, ExportSettings
-from ccm_opt.io.space_problem_data import space_problem_data
 from ccm_opt.io.urdf import arm_urdf, triangles_stl, urdf_of
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from ccm_opt.scene.round_bodies import turned_to
 from ccm_opt.scene.scene import ROOM_NAME
-
-KEPT_MESHES = "meshes"
-"""Folder in an output folder with the mesh files that the problem was read with."""
 
 
 @dataclass(frozen=True)
@@ -64,31 +59,18 @@ def space_meshes(bodies: tuple[NamedBody, ...], folder: str) -> dict[str, bytes]
     }
 
 
-def kept_meshes(problem: SpaceProblem) -> dict[str, bytes]:
-    """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself.
+def kept_meshes(problem: AnyProblem) -> dict[str, bytes]:
+    """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself; in space.
 
     Meshes that were made in Python are written as they stand.
     """
+    if not isinstance(problem, SpaceProblem):
+        return {}
     return {
         name: obstacle.body.content or triangles_stl(obstacle.body.triangles)
         for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True)
         if isinstance(obstacle.body, MeshBody)
     }
-
-
-def kept_names(problem: SpaceProblem) -> list[str]:
-    """Where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
-    slugs = [slug for _, slug in told_apart(each.name for each in problem.workspace.obstacles)]
-    return [
-        f"{KEPT_MESHES}/{slug}{_suffix(each.body)}"
-        for slug, each in zip(slugs, problem.workspace.obstacles, strict=True)
-    ]
-
-
-def _suffix(body: Body) -> str:
-    """Of the file of a mesh; those that have none are written as STL."""
-    kept = isinstance(body, MeshBody) and body.content
-    return PurePosixPath(body.file).suffix.lower() if isinstance(body, MeshBody) and kept else ".stl"
 
 
 def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
@@ -99,11 +81,6 @@ def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
         own = np.arange(3) == axis
         yield BoxBody(low - thickness, np.where(own, low, high + thickness))
         yield BoxBody(np.where(own, high, low - thickness), high + thickness)
-
-
-def space_recorded_data(problem: SpaceProblem) -> Table:
-    """The data of a problem in space; its meshes are those that the folder keeps."""
-    return space_problem_data(problem, kept_names(problem))
 
 
 def mesh_data(problem: SpaceProblem) -> list[dict[str, object]]:

@@ -10,7 +10,15 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
-from ccm_opt.solution import JointTrajectory, PoseOutcome, Solution, SolutionOf, SpaceGoalPoseRecord, StaticPose
+from ccm_opt.solution import (
+    JointTrajectory,
+    PoseOutcome,
+    ReachMap,
+    Solution,
+    SolutionOf,
+    SpaceGoalPoseRecord,
+    StaticPose,
+)
 
 
 @dataclass(frozen=True)
@@ -203,6 +211,10 @@ class SpaceReachMap:
     def places(self) -> FloatArray:
         """Middles of all cells, shape (nx, ny, nz, 3) [m]."""
         return np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), axis=-1)
+
+
+AnyReachMap: TypeAlias = ReachMap | SpaceReachMap
+"""Where the tip can be, in the plane or in space."""
 
 
 def even_directions(count: int) -> FloatArray:

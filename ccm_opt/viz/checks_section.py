@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import Check, SimulationVerdict
 from ccm_opt.solution.space_solution import AnySolution
-from ccm_opt.viz.document import Child, Markup, element, joined, table
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import Child, Markup, PageUnits, element, joined, table
 
 _WORDS = {
     "wall clearance": "Gap to walls",

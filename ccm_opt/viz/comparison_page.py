@@ -12,9 +12,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.document import Markup, element, html_document, joined, table
+from ccm_opt.viz.document import NONE, Markup, element, html_document, joined, table, three_digits
 from ccm_opt.viz.figure_files import figure_png
-from ccm_opt.viz.page_units import NONE, three_digits
 from ccm_opt.viz.settings import COMPARISON_PICTURES, ComparisonPictureSettings
 
 SCRIPTS = ("elements", "numbers", "sampled", "axes", "theme", "comparison_charts", "comparison_page")

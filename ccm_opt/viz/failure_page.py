@@ -11,8 +11,7 @@ from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.space_kinematics import joint_positions
-from ccm_opt.viz.document import COMMON, Markup, badge, element, html_document, joined, page_header, table
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import COMMON, Markup, PageUnits, badge, element, html_document, joined, page_header, table
 from ccm_opt.viz.problem_section import problem_section, timings_table
 from ccm_opt.viz.scene_data import goals_data, scene_data
 from ccm_opt.viz.settings import REPORT, ReportSettings

@@ -16,6 +16,7 @@ from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
     COMMON,
     Markup,
+    PageUnits,
     element,
     html_document,
     joined,
@@ -23,8 +24,8 @@ from ccm_opt.viz.document import (
     plan_badges,
     plan_figures,
     table,
+    three_digits,
 )
-from ccm_opt.viz.page_units import PageUnits, three_digits
 from ccm_opt.viz.problem_section import PlanPages, files_section, making_section, plans_section, problem_section
 from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
 from ccm_opt.viz.scene_data import goals_data, scene_data

@@ -1,19 +1,33 @@
-"""Pictures of poses and reach maps."""
+"""Pictures of poses and of where the tip can be."""
+
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from ccm_opt.core.length_words import short_length, words_in
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.length_words import METRES, short_length, words_in
+from ccm_opt.problem.space_problem import SpaceTipGoal
 from ccm_opt.solution import BindingSide, ReachMap, StaticPose
+from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import draw_body, draw_workspace, polygon_patch
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.plan import draw_goal, dress, layout_of
-from ccm_opt.viz.settings import PICTURES, PictureSettings
+from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings, SpacePictureSettings
+from ccm_opt.viz.space_plan import (
+    draw_arm,
+    draw_goal_in_space,
+    draw_section,
+    dress_view,
+    legend_below_views,
+    sheet_of_sides,
+)
+from ccm_opt.viz.space_views import SIDES, SLANTED, SeenScene, Side, window_of
 
 _SCALE_ROOM = 0.9
 """Room for a scale of colours at the right [inch]."""
@@ -23,21 +37,13 @@ _BAR_SHARE = 0.02
 """Half the length of the bar at a side that a pose leans on, as a share of the arm's length."""
 
 
-def pose_png(found: StaticPose, settings: PictureSettings = PICTURES) -> bytes:
-    """The picture of a pose.
-
-    Args:
-        found: the pose.
-        settings: sizes.
-
-    Returns:
-        The content of a PNG file.
-    """
-    return figure_png(lambda: pose_figure(found, settings))
+def pose_png(found: AnyStaticPose) -> bytes:
+    """The picture of a pose: the content of a PNG file."""
+    return figure_png(lambda: space_pose_figure(found) if isinstance(found, SpaceStaticPose) else pose_figure(found))
 
 
 def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot."""
+    """The picture as a matplotlib figure, made without pyplot."""
     problem = found.problem
     points = found.joint_positions
     layout = layout_of(problem.workspace.boundary.bounds, settings)
@@ -45,7 +51,12 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     axes = figure.add_axes(layout.place)
     draw_workspace(axes, problem.workspace, settings)
     draw_body(axes, points, problem.arm.radius, style.REGION_TINT, style.GOAL_ARM, label="arm", zorder=3)
-    _draw_curve(axes, found.pose.curve)
+    curve = found.pose.curve
+    _draw_curve(
+        axes,
+        curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES)),
+        curve.positions_at(curve.boundaries[1:-1]),
+    )
     _draw_binding(axes, found)
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
     draw_goal(axes, problem.goal, problem.tolerances, points, "goal")
@@ -55,14 +66,12 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     return figure
 
 
-def _draw_curve(axes: Axes, curve: Configuration) -> None:
-    """The curve, and a mark where one segment ends and the next begins."""
-    arc = np.linspace(0.0, curve.length, _CURVE_PLACES)
-    axes.plot(*curve.positions_at(arc).T, color=style.TIP_PATH, linewidth=1.4, zorder=5, label="curve")
-    ends = curve.positions_at(curve.boundaries[1:-1])
+def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
+    """The curve, and a mark where one segment ends and the next begins; places as they are drawn, shape (n, 2)."""
+    axes.plot(*line.T, color=style.TIP_PATH, linewidth=1.3, zorder=7, label="curve")
     axes.plot(
         *ends.T, linestyle="none", marker="D", markersize=4, markerfacecolor="white",
-        markeredgecolor=style.TIP_PATH, zorder=6, label="ends of segments",
+        markeredgecolor=style.TIP_PATH, zorder=7.1, label="ends of segments",
     )  # fmt: skip
 
 
@@ -87,21 +96,13 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
     return [(float(end[0]), float(end[1])) for end in ends]
 
 
-def reach_png(found: ReachMap, settings: PictureSettings = PICTURES) -> bytes:
-    """The picture of a map.
-
-    Args:
-        found: the map.
-        settings: sizes.
-
-    Returns:
-        The content of a PNG file.
-    """
-    return figure_png(lambda: reach_figure(found, settings))
+def reach_png(found: AnyReachMap) -> bytes:
+    """The picture of a map: the content of a PNG file."""
+    return figure_png(lambda: space_reach_figure(found) if isinstance(found, SpaceReachMap) else reach_figure(found))
 
 
 def reach_figure(found: ReachMap, settings: PictureSettings = PICTURES) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot."""
+    """The picture as a matplotlib figure, made without pyplot."""
     workspace = found.problem.workspace
     layout = layout_of(workspace.boundary.bounds, settings)
     across, up = layout.size
@@ -125,8 +126,8 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
     """Every cell in its colour, under the obstacles."""
     shares = found.taken.mean(axis=2)
     colours = colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * shares)
-    colours[~found.reachable] = _rgba(style.NOT_FOUND)
-    colours[found.proved] = _rgba(style.PROVED)
+    colours[~found.reachable] = to_rgba(style.NOT_FOUND)
+    colours[found.proved] = to_rgba(style.PROVED)
     half = 0.5 * found.step
     extent = (found.x[0] - half, found.x[-1] + half, found.y[0] - half, found.y[-1] + half)
     limits = (axes.get_xlim(), axes.get_ylim())
@@ -140,7 +141,7 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
     axes.set_ylim(limits[1])
 
 
-def _name_colour(axes: Axes, colour: str, label: str) -> None:
+def _name_colour(axes: Axes, colour: Any, label: str) -> None:
     """A line of the legend for a colour of cells."""
     axes.plot(
         [], [], linestyle="none", marker="s", markersize=8, color=colour, markeredgecolor=style.WALL_EDGE, label=label
@@ -159,6 +160,133 @@ def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
     axes.set_ylabel("headings that the tip can take [°]")
 
 
-def _rgba(colour: str) -> tuple[float, float, float, float]:
-    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
-    return parts[0], parts[1], parts[2], 1.0
+def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+    """The picture as a matplotlib figure, made without pyplot."""
+    problem = found.problem
+    points = found.joint_positions
+    window = window_of(problem, points[None])
+    sheet = sheet_of_sides(window, settings)
+    scene = SeenScene(problem, settings)
+    curve = found.curve
+    line = curve.positions_at(np.linspace(0.0, curve.length, 8 * problem.arm.links))
+    ends = curve.positions_at(curve.boundaries[1:-1])
+    for side, axes in zip(SIDES, sheet.views, strict=True):
+        low, high = side(window)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        scene.draw_room(axes, side)
+        scene.draw(axes, side)
+        axes.set_aspect("equal", adjustable="box", anchor="NW")
+        draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
+        _draw_curve(axes, side(line), side(ends))
+        draw_goal_in_space(axes, problem.goal, points[-1], side, 3.0 * problem.arm.link_length, "goal")
+        dress_view(axes, side, problem)
+    draw_section(sheet.section, problem, points, settings)
+    with words_in(problem.length_unit):
+        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
+    figure = sheet.figure
+    figure.suptitle(f"{problem.name}: best pose at the goal, gap {gap}", x=0.02, ha="left", fontsize=10)
+    legend_below_views(figure)
+    return figure
+
+
+_ACROSS = (2, 1, 0)
+"""Which axis each of the three sides looks along."""
+
+
+def space_reach_figure(found: SpaceReachMap, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+    """The picture as a matplotlib figure, made without pyplot."""
+    problem = found.problem
+    axes_of_cells = (found.x, found.y, found.z)
+    half = 0.5 * found.step
+    window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
+    place = _sliced_at(found)
+    sheet = sheet_of_sides(window, settings)
+    scene = SeenScene(problem, settings)
+    colours = _colours(found)
+    for side, across, axes in zip(SIDES, _ACROSS, sheet.views, strict=True):
+        low, high = side(window)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        number = int(np.argmin(np.abs(axes_of_cells[across] - place[across])))
+        slice_ = np.take(colours, number, axis=across).swapaxes(0, 1)
+        extent = (low[0], high[0], low[1], high[1])
+        axes.imshow(slice_, origin="lower", extent=extent, interpolation="nearest", aspect="auto", zorder=0.4)
+        scene.draw_cut(axes, side, across, float(axes_of_cells[across][number]))
+        scene.draw_room(axes, side)
+        axes.set_aspect("equal", adjustable="box", anchor="NW")
+        axes.plot(
+            *side(problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, linestyle="none", zorder=8,
+            label="base",
+        )  # fmt: skip
+        dress_view(axes, side, problem)
+        at = f"{axes_of_cells[across][number] / METRES[problem.length_unit]:.3g}".replace("-", "\N{MINUS SIGN}")
+        name = f"{side.name}: slice at {'xyz'[across]} = {at}"
+        axes.set_title(name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
+    _draw_cloud(sheet.section, found, scene)
+    figure = sheet.figure
+    figure.suptitle(f"{problem.name}: where the tip can be", x=0.02, ha="left", fontsize=10)
+    _legend(figure, sheet.views[0], found)
+    return figure
+
+
+def _legend(figure: Figure, axes: Axes, found: SpaceReachMap) -> None:
+    """What the colours of cells mean, in two lines below the views."""
+    with words_in(found.problem.length_unit):
+        seen = short_length(found.seen)
+    meanings = (
+        (_shades(found, np.zeros(())), "reached, hardly any room"),
+        (_shades(found, np.full((), found.seen)), f"reached, {seen} of room or more"),
+        (style.NOT_FOUND, "no pose found, not proved"),
+        (style.PROVED, "proved out of reach"),
+    )
+    for colour, label in meanings:
+        _name_colour(axes, colour, label)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
+
+
+def _sliced_at(found: SpaceReachMap) -> FloatArray:
+    """Where the slices go through: the goal, or the middle of what is reached, shape (3,) [m]."""
+    goal = found.problem.goal
+    if isinstance(goal, SpaceTipGoal):
+        return goal.position
+    reached = found.places[found.reachable]
+    return np.asarray(reached.mean(axis=0)) if len(reached) else found.problem.arm.base
+
+
+def _shades(found: SpaceReachMap, gap: FloatArray) -> FloatArray:
+    """Colours of cells that are reached, by their room, shape (..., 4)."""
+    share = np.clip(gap / found.seen, 0.0, 1.0)
+    return np.asarray(colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * share))
+
+
+def _colours(found: SpaceReachMap) -> FloatArray:
+    """Of all cells, shape (nx, ny, nz, 4)."""
+    colours = _shades(found, np.nan_to_num(found.gap))
+    colours[~found.reachable] = to_rgba(style.NOT_FOUND)
+    colours[found.proved] = to_rgba(style.PROVED)
+    return colours
+
+
+def _draw_cloud(axes: Axes, found: SpaceReachMap, scene: SeenScene) -> None:
+    """All places that are reached, those behind first, among the bodies that are near them."""
+    side: Side = SLANTED
+    places = found.places[found.reachable]
+    about = np.vstack((places, found.problem.arm.base))
+    flat = side(about)
+    low = flat.min(axis=0) - found.step
+    high = flat.max(axis=0) + found.step
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    scene.draw(axes, side)
+    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    ahead = np.cross(side.across, side.up)
+    order = np.argsort(places @ ahead)
+    colours = _shades(found, found.gap[found.reachable])[order]
+    across, up = side(places[order]).T
+    axes.scatter(across, up, s=12.0, c=colours, edgecolors=style.WALL_EDGE, linewidths=0.2, zorder=3)
+    axes.plot(*side(found.problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
+    axes.set_axis_off()
+    title = f"all {len(places)} places that are reached, slanted"
+    axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)

@@ -10,8 +10,7 @@ from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.solution import ParetoPlan, ParetoPlans
 from ccm_opt.solution.space_solution import AnySolution
-from ccm_opt.viz.document import Child, Markup, element, joined, table
-from ccm_opt.viz.page_units import NONE, PageUnits, three_digits
+from ccm_opt.viz.document import NONE, Child, Markup, PageUnits, element, joined, table, three_digits
 
 _FILES = {
     "solution.json": "what was asked, what came out, every limit",

@@ -10,8 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.solution import PossibleGap, RoomRecord, ShortStretch, Solution, SurvivedError
 from ccm_opt.viz.checks_section import joint_in_words
-from ccm_opt.viz.document import Markup, coded, element, step_for
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
 _WANTED_GAPS_SHOWN = 4.0

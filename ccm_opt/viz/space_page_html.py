@@ -16,7 +16,9 @@ from ccm_opt.scene.surfaces import sharp_edges, within
 from ccm_opt.solution.space_solution import SpaceSolution
 from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
+    MINUS,
     Markup,
+    PageUnits,
     badge,
     element,
     html_document,
@@ -25,9 +27,9 @@ from ccm_opt.viz.document import (
     plan_badges,
     plan_figures,
     table,
+    three_digits,
 )
 from ccm_opt.viz.page import joints_section, simulation_section, timing_section
-from ccm_opt.viz.page_units import MINUS, PageUnits, three_digits
 from ccm_opt.viz.problem_section import PlanPages, Row, files_section, limit_rows, making_section, plans_section
 from ccm_opt.viz.room_section import gap_data, room_section
 from ccm_opt.viz.settings import REPORT, ReportSettings

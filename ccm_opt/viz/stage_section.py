@@ -9,8 +9,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.solution.space_solution import AnySolution
-from ccm_opt.viz.document import Markup, element, joined
-from ccm_opt.viz.page_units import MINUS
+from ccm_opt.viz.document import MINUS, Markup, element, joined
 
 _MOST_OBSTACLES = 80
 """With more of them, routes and regions are left out, whose search would take too long."""

@@ -15,8 +15,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.solution.space_solution import AnySolution
-from ccm_opt.viz.document import coded, step_for
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import PageUnits, coded, step_for
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
 _CURVE_ERROR = 2e-3

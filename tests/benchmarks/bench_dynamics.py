@@ -34,7 +34,7 @@ from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import Solution
-from ccm_opt.viz.arm_3d import ArmView
+from ccm_opt.viz.arm_drawing import ArmView
 from hatch_build import build
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 

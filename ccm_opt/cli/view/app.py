@@ -30,7 +30,7 @@ from ccm_opt.core.arrays import TINY
 from ccm_opt.driver.live_plan import LiveAnswer
 from ccm_opt.errors import ProblemError
 from ccm_opt.solution import Check
-from ccm_opt.viz.page_units import PageUnits
+from ccm_opt.viz.document import PageUnits
 
 _FRAME_RATE = 30.0
 """Poses a second that are sent to the browser while the motion plays [1/s]."""

@@ -13,9 +13,8 @@ import numpy as np
 import viser
 
 from ccm_opt.cli.view.frames import MotionFrames, SpaceFrames, in_space, turned, turned_to
-from ccm_opt.cli.view.scene import Scene
+from ccm_opt.cli.view.scene import Scene, SpaceScene
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
-from ccm_opt.cli.view.space_scene import SpaceScene
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace

@@ -1,4 +1,6 @@
-"""What stands in the browser's scene: room, arm, start, goals, the region swept, and the way there.
+"""What the view draws: arm, room and motion.
+
+The scene counts in arm lengths, so that the camera and the handles suit arms of any size.
 
 The scene counts in arm lengths, so that the camera and the handles suit arms of any size.
 """
@@ -11,10 +13,24 @@ import shapely
 import viser
 
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.frames import Mesh, MotionFrames, ball, cylinder, extruded, in_space, turned
+from ccm_opt.cli.view.frames import (
+    Mesh,
+    MotionFrames,
+    SpaceFrames,
+    ball,
+    cylinder,
+    extruded,
+    in_space,
+    turned,
+    turned_to,
+)
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.round_bodies import seen_triangles
+from ccm_opt.scene.scene import SpaceObstacle
+from ccm_opt.scene.surfaces import within
 from ccm_opt.viz.stage_section import route_layers
 
 LAYERS = {"swept region": "/tube", "start": "/start", "route": "/route", "regions": "/regions", "names": "/names"}
@@ -205,3 +221,168 @@ def _headings(points: FloatArray) -> FloatArray:
 def path_of(folder: str, name: str) -> str:
     """Where something of a name stands in the scene; a slash in it would make a branch."""
     return f"{folder}/{name.replace('/', '|')}"
+
+
+SPACE_LAYERS = {"start": "/start", "poses on the way": "/poses", "names": "/names"}
+"""What can be switched on and off, and where it stands in the scene."""
+
+
+@dataclass
+class SpaceScene:
+    """The scene of one motion in space; attributes as of ``Scene``."""
+
+    server: viser.ViserServer
+    frames: SpaceFrames
+    settings: ViewSettings = VIEW
+    shown: set[str] = field(default_factory=lambda: {"start", "names"})
+    colour_by: str = "nothing"
+    opacity: float = VIEW.glass
+    _standing: dict[str, SpaceObstacle] = field(default_factory=dict)
+    _arm: Any = None
+    _joints: Any = None
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of what can be switched on and off."""
+        return tuple(SPACE_LAYERS)
+
+    @property
+    def unit(self) -> float:
+        """Metres in a unit of the scene."""
+        return float(self.frames.problem.arm.length)
+
+    @property
+    def radius(self) -> float:
+        """That the arm is drawn with, in units of the scene."""
+        return max(self.frames.problem.arm.radius / self.unit, self.settings.thin_arm)
+
+    def draw(self) -> None:
+        """Draw everything."""
+        self.server.scene.set_up_direction("+z")
+        self.draw_room(self.frames.problem)
+        self.draw_motion()
+
+    def look(self, client: viser.ClientHandle) -> None:
+        """Put a client's camera before the arm and what is about it."""
+        points = self.frames.points.reshape(-1, 3) / self.unit
+        low = points.min(axis=0)
+        high = points.max(axis=0)
+        middle = 0.5 * (low + high)
+        away = max(float(np.max(high - low)), 0.5)
+        client.camera.position = middle + 1.2 * away * np.array([0.35, -0.85, 0.4])
+        client.camera.look_at = middle
+
+    def draw_room(self, problem: SpaceProblem) -> None:
+        """Draw bodies and goals of a problem, which may be ahead of the motion."""
+        self._draw_bodies(problem)
+        goals = [*(stop.goal for stop in problem.stops), problem.goal]
+        for number, goal in enumerate(goals, start=1):
+            if isinstance(goal, SpaceTipGoal):
+                self._draw_goal(goal, str(number) if len(goals) > 1 else "")
+
+    def _draw_bodies(self, problem: SpaceProblem) -> None:
+        obstacles = problem.workspace.obstacles
+        most = self.settings.most_triangles // max(len(obstacles), 1)
+        extent = float(np.max(np.ptp(problem.workspace.extent, axis=0), initial=problem.arm.length))
+        for obstacle in obstacles:
+            # Most drags move one body, and leave the others the same objects.
+            if self._standing.get(obstacle.name) is obstacle:
+                continue
+            self._standing[obstacle.name] = obstacle
+            surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
+            vertices, faces = within(*surface, most, self.settings.cell * extent)
+            self.server.scene.add_mesh_simple(
+                path_of("/room", obstacle.name), vertices / self.unit, faces, color=colours.WALLS,
+                opacity=self.opacity, side="double", flat_shading=True,
+            )  # fmt: skip
+            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)) / self.unit
+            self.server.scene.add_label(
+                path_of("/names", obstacle.name), obstacle.name, position=middle, visible="names" in self.shown
+            )
+        if problem.workspace.bounds is not None:
+            self._draw_bounds(problem.workspace.bounds / self.unit)
+
+    def _draw_bounds(self, bounds: FloatArray) -> None:
+        """Draw the edges of the room."""
+        counted = np.arange(8)[:, None] >> np.arange(3) & 1
+        corners = np.where(counted == 1, bounds[1], bounds[0])
+        edges = np.array([corners[[a, a | bit]] for a in range(8) for bit in (1, 2, 4) if not a & bit])
+        self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
+
+    def _draw_goal(self, goal: SpaceTipGoal, number: str) -> None:
+        place = goal.position / self.unit
+        name = f"/goal{number}"
+        self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
+        if number:
+            self.server.scene.add_label(f"{name}/number", number)
+        if goal.direction is not None:
+            mesh = cylinder(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
+            self.server.scene.add_mesh_simple(
+                f"{name}/direction", *mesh, color=colours.GOAL, side="double", wxyz=turned_to(goal.direction)
+            )
+
+    def draw_motion(self) -> None:
+        """Draw the arm and all that belongs to the motion."""
+        arm = self.frames.problem.arm
+        scene = self.server.scene
+        link = cylinder(arm.link_length / self.unit, self.radius, self.settings.sides)
+        start = self.frames.points[0] / self.unit
+        self._arm = scene.add_batched_meshes_simple(
+            "/arm/links", *link, _turns(start), start[:-1], batched_colors=colours.plain(arm.links)
+        )
+        upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (arm.links + 1, 1))
+        self._joints = scene.add_batched_meshes_simple(
+            "/arm/joints", *ball(self.radius), upright, start, batched_colors=colours.plain(arm.links + 1)
+        )
+        chosen = np.linspace(0, len(self.frames.points) - 1, self.settings.frames).astype(int)
+        tip = self.frames.points[chosen, -1] / self.unit
+        scene.add_line_segments("/tip", np.stack((tip[:-1], tip[1:]), axis=1), colours.ROUTE, thickness=0.004)
+        self._draw_layers(start)
+        self.pose(0.0)
+
+    def _draw_layers(self, start: FloatArray) -> None:
+        scene = self.server.scene
+        if "start" in self.shown:
+            pieces = np.stack((start[:-1], start[1:]), axis=1)
+            scene.add_line_segments(SPACE_LAYERS["start"], pieces, colours.START, thickness=0.006)
+        if "poses on the way" in self.shown:
+            few = np.linspace(0, len(self.frames.points) - 1, self.settings.poses).astype(int)
+            points = self.frames.points[few] / self.unit
+            pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
+            scene.add_line_segments(SPACE_LAYERS["poses on the way"], pieces, colours.TUBE, thickness=0.003)
+
+    def switch(self, layer: str, *, on: bool) -> None:
+        """Switch a layer on or off."""
+        self.shown.add(layer) if on else self.shown.discard(layer)
+        if layer == "names":
+            self._standing = {}
+            self.draw_room(self.frames.problem)
+        elif on:
+            self.draw_motion()
+        else:
+            self.server.scene.remove_by_name(SPACE_LAYERS[layer])
+
+    def pose(self, time: float) -> None:
+        """Show the arm at a time [s]."""
+        points = self.frames.pose(time) / self.unit
+        self._arm.batched_positions = points[:-1]
+        self._arm.batched_wxyzs = _turns(points)
+        coloured = self._colours(time)
+        self._arm.batched_colors = coloured
+        # A joint is as the link before it, which it ends.
+        self._joints.batched_colors = np.vstack((coloured[:1], coloured))
+        self._joints.batched_positions = points
+
+    def _colours(self, time: float) -> colours.Colours:
+        problem = self.frames.problem
+        if self.colour_by == "gap":
+            return colours.by_gap(self.frames.gaps(time), max(2.0 * problem.default_gap, 1e-12))
+        if self.colour_by == "torque":
+            return colours.by_use(self.frames.torque_shares(time))
+        return colours.plain(problem.arm.links)
+
+
+def _turns(points: FloatArray) -> FloatArray:
+    """Quaternions that turn world x along the links between places, shape (n + 1, 3) to (n, 4)."""
+    along = np.diff(points, axis=0)
+    return turned_to(along / np.linalg.norm(along, axis=1, keepdims=True))

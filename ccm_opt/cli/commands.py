@@ -1,0 +1,516 @@
+"""Every command and option of ``ccm-opt``: one function a command, which hands over to the module of its name.
+
+Each returns its exit code, whose meaning is in ``outcome``; what happens on Ctrl-C is in ``cancelling``.
+"""
+
+import inspect
+import logging
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from ccm_opt import __version__
+from ccm_opt.cli.cancelling import report_cancelled
+from ccm_opt.cli.choices import ControllerChoice, ExportFormat, FigureKind, FigureName, MethodChoice
+from ccm_opt.cli.loading import no_search_for_cycles, outside_files
+from ccm_opt.cli.output import Output, printing
+
+
+class CommandGroup(TyperGroup):
+    """All commands; Ctrl-C while one of them loads its modules ends with exit code 130, where Typer's own is 1."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as interrupt:
+            raise typer.Exit(report_cancelled()) from interrupt
+
+
+app = typer.Typer(
+    name="ccm-opt",
+    cls=CommandGroup,
+    help="Plan, time and verify motions of highly redundant manipulators.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"ccm-opt {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Plan, time and verify motions of highly redundant manipulators."""
+
+
+_AS_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document in place of tables.")]
+_QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")]
+_VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Tell every stage, and every check.")]
+_PRINTING = {"as_json": _AS_JSON, "quiet": _QUIET, "verbose": _VERBOSE}
+"""Options of every command, which say how it prints."""
+_ALLOW_OUTSIDE = Annotated[
+    bool, typer.Option("--allow-outside", help="Read drawings that lie outside the folder of the problem file.")
+]
+"""Option of the commands that read problem files."""
+
+
+def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Make a function a command, with the options that say how it prints.
+
+    Args:
+        name: of the command.
+        examples: lines as one would type them, shown below its help.
+
+    Returns:
+        A decorator for a function that returns the command's exit code.
+    """
+
+    def decorated(function: Callable[..., int]) -> Callable[..., int]:
+        @wraps(function)
+        def run(*, as_json: bool, quiet: bool, verbose: bool, allow_outside: bool = False, **options: Any) -> None:
+            with printing(Output(name, as_json, quiet, verbose)) as out, outside_files(allowed=allow_outside):
+                if verbose:
+                    logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+                code = function(**options)
+                if as_json:
+                    from ccm_opt.cli.outcome import print_document  # noqa: PLC0415 - loads what helps have no need of
+
+                    print_document(out.document(code))
+            raise typer.Exit(code)
+
+        own = list(inspect.signature(function, eval_str=True).parameters.values())
+        reads_problems = any(each.name in {"changes", "item"} for each in own) or name == "compare"
+        options_of_all = _PRINTING | ({"allow_outside": _ALLOW_OUTSIDE} if reads_problems else {})
+        shared = [
+            inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+            for key, kind in options_of_all.items()
+        ]
+        # Typer reads both to learn of the options.
+        run.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
+        run.__annotations__ = {each.name: each.annotation for each in [*own, *shared]}
+        epilog = "Examples:\n\n" + "\n\n".join(f"  {line}" for line in examples) if examples else None
+        app.command(name, epilog=epilog)(run)
+        return function
+
+    return decorated
+
+
+def listed_or_given(places: list[Path] | None) -> list[Path] | None:
+    """Return the files that come with ccm-opt in the place of the names that `ccm-opt problems` lists them under."""
+    if places is None or all(place.suffix or os.path.exists(place) or str(place) == "-" for place in places):  # noqa: PTH110 - see below
+        return places
+    from ccm_opt.cli.starting import listed_problems  # noqa: PLC0415 - loads numpy
+
+    known = listed_problems()
+    # Path.exists raises where a name is too long.
+    return [place if os.path.exists(place) else known.get(place.as_posix(), place) for place in places]  # noqa: PTH110
+
+
+ProblemFiles = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Problem files, or names that `ccm-opt problems` lists; - stands for standard input.",
+        metavar="FILE…",
+        show_default=False,
+        callback=listed_or_given,
+    ),
+]
+FigureFormatOption = Annotated[FigureKind, typer.Option(help="Format of still pictures.")]
+Constraints = Annotated[
+    list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
+]
+Costs = Annotated[
+    list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Set a key of the problem files, as in arm.radius=0.02. May be repeated."
+    ),
+]
+Folders = Annotated[list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)]
+
+
+@command("new", ("ccm-opt new mine", "ccm-opt new rigs/bulkhead.toml", "ccm-opt new --space duct"))
+def new_command(
+    file: Annotated[Path, typer.Argument(help="File to make.", metavar="FILE", show_default=False)],
+    *,
+    space: Annotated[bool, typer.Option("--space", help="Of an arm that leaves the plane.")] = False,
+) -> int:
+    """Write a commented problem file to begin with, which solves as it is."""
+    from ccm_opt.cli.starting import write_new  # noqa: PLC0415 - loads numpy
+
+    return write_new(file, space=space)
+
+
+@command("problems", ("ccm-opt problems", "ccm-opt problems swan-neck fork --out mine"))
+def problems_command(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Problems to copy; all are listed without.", show_default=False)
+    ] = None,
+    *,
+    out: Annotated[Path, typer.Option(help="Folder for the copies.")] = Path(),
+) -> int:
+    """List the problems that come with ccm-opt, or copy some of them."""
+    from ccm_opt.cli.starting import show_problems  # noqa: PLC0415 - loads numpy
+
+    return show_problems(names or (), out)
+
+
+@command(
+    "solve",
+    (
+        "ccm-opt solve problems/swan-neck.toml",
+        "ccm-opt solve problems/*.toml --out runs --no-pictures",
+        "ccm-opt solve mine.toml --set arm.radius=0.02 --time-limit 10",
+        "ccm-opt solve mine.toml --constraint terms.py:camera_sees_valve",
+        "cat mine.toml | ccm-opt solve - --json",
+    ),
+)
+def solve_command(
+    files: ProblemFiles,
+    *,
+    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs"),
+    method: Annotated[MethodChoice | None, typer.Option(help="Planner to use instead of the one in the file.")] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="CPU time for planning, in s.", show_default="the file's planner.time_limit"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the search.", show_default="the file's planner.seed")
+    ] = None,
+    changes: Changes = None,
+    constraint: Constraints = None,
+    cost: Costs = None,
+    pareto: Annotated[
+        bool, typer.Option("--pareto", help="Make five plans from the fastest to the roomiest, and recommend one.")
+    ] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+    figure_format: FigureFormatOption = "png",
+    no_diagnosis: Annotated[
+        bool, typer.Option("--no-diagnosis", help="When there is no plan, do not look for what would help.")
+    ] = False,
+) -> int:
+    """Solve problems; write OUT/<name>/ for each."""
+    with no_search_for_cycles():
+        from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
+        from ccm_opt.cli.solving import SolveOptions, solve_files, with_planner_options  # noqa: PLC0415 - loads numpy
+
+    options = SolveOptions(
+        out=out,
+        terms=TermReferences(tuple(constraint or ()), tuple(cost or ())),
+        changes=with_planner_options(changes or (), method=method, time_limit=time_limit, seed=seed),
+        pictures=not no_pictures,
+        figure_format=figure_format,
+        explain=not no_diagnosis,
+        several=pareto,
+    )
+    return solve_files(files, options)
+
+
+@command("view", ("ccm-opt view problems/swan-neck.toml", "ccm-opt view runs/swan-neck --port 8090"))
+def view_command(
+    item: Annotated[
+        Path,
+        typer.Argument(
+            help="Problem file, or name that `ccm-opt problems` lists, or folder that solve wrote.",
+            metavar="FILE|FOLDER",
+            show_default=False,
+            callback=lambda item: (listed_or_given([item]) or [item])[0],
+        ),
+    ],
+    *,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page, on this machine alone; 0: any.")
+    ] = 8080,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page.")] = False,
+) -> int:
+    """Show a motion in space in the browser; drag its goal or a wall, and it is planned again."""
+    from ccm_opt.cli.viewing import view_item  # noqa: PLC0415 - loads numpy
+
+    return view_item(item, port, browser=not no_browser)
+
+
+@command(
+    "pose",
+    ("ccm-opt pose problems/swan-neck.toml",),
+)
+def pose_command(
+    files: ProblemFiles,
+    *,
+    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/poses"),
+    changes: Changes = None,
+    constraint: Constraints = None,
+    cost: Costs = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> int:
+    """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
+    from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
+    from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
+
+    terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
+    return pose_files(files, out, terms, changes or (), pictures=not no_pictures)
+
+
+@command(
+    "reach",
+    ("ccm-opt reach problems/swan-neck.toml --step 0.05",),
+)
+def reach_command(
+    files: ProblemFiles,
+    *,
+    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/reach"),
+    changes: Changes = None,
+    step: Annotated[
+        float | None,
+        typer.Option(help="Width of a cell, in m.", show_default="a sixteenth of the arm's length, in space an eighth"),
+    ] = None,
+    headings: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Headings that are tried in a cell, in space directions.", show_default="16, in space none"
+        ),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
+    dask: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
+    ] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> int:
+    """Map where the tip can be in the room, and with which headings; write OUT/<name>/ for each."""
+    from ccm_opt.cli.posing import ReachOptions, reach_files  # noqa: PLC0415 - loads numpy
+
+    options = ReachOptions(out, step, headings, workers, dask, pictures=not no_pictures)
+    return reach_files(files, options, changes or ())
+
+
+@command(
+    "check",
+    (
+        "ccm-opt check runs/swan-neck",
+        "ccm-opt check runs/swan-neck --constraint terms.py:camera_sees_valve",
+    ),
+)
+def check_command(
+    folders: Folders,
+    *,
+    constraint: Constraints = None,
+) -> int:
+    """Verify written plans again, from their files alone."""
+    from ccm_opt.cli.checking import check_folders  # noqa: PLC0415 - loads numpy
+
+    return check_folders(folders, tuple(constraint or ()))
+
+
+@command(
+    "compare",
+    (
+        "ccm-opt compare --suite open-space --count 10",
+        "ccm-opt compare mine.toml --method nlp --method hill-climbing --workers 4",
+    ),
+)
+def compare_command(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Problem files, or names that `ccm-opt problems` lists.",
+            metavar="[FILE…]",
+            show_default=False,
+            callback=listed_or_given,
+        ),
+    ] = None,
+    *,
+    suite: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Suite of problems: shared, open-space, clutter-N or duct; in space space-clutter-N, space-elbow, "
+            "space-wing-box, space-blade-row, space-tank and others. May be repeated."
+        ),
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, help="Number of problems from each suite.", show_default="20, or all")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first random problem.")] = 0,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method to compare. May be repeated.", show_default="nlp and hill-climbing")
+    ] = None,
+    planner: Annotated[
+        list[str] | None, typer.Option(help="Another planner to compare, as module:attribute. May be repeated.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
+    dask: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the journal, tables and pictures.")] = Path("runs/comparison"),
+    time_limit: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="CPU time for every planner, in s.", show_default="the problem's"),
+    ] = None,
+    write_problems: Annotated[
+        bool, typer.Option("--write-problems", help="Write every problem as a file, in problems/ of that folder.")
+    ] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+) -> int:
+    """Run planners on the same problems and compare what they find; continue where an earlier run stopped."""
+    from ccm_opt.cli.comparing import CompareOptions, compare_methods  # noqa: PLC0415 - loads numpy
+
+    options = CompareOptions(
+        files=files or (),
+        suites=suite or (),
+        count=count,
+        seed=seed,
+        methods=method or (),
+        planners=planner or (),
+        workers=workers,
+        dask=dask,
+        out=out,
+        time_limit=time_limit,
+        pictures=not no_pictures,
+        write_problems=write_problems,
+    )
+    return compare_methods(options)
+
+
+@command(
+    "describe",
+    ("ccm-opt describe problems/swan-neck.toml",),
+)
+def describe_command(
+    files: ProblemFiles,
+    *,
+    changes: Changes = None,
+) -> int:
+    """Print the arm of problems: link parameters, drives, masses."""
+    from ccm_opt.cli.examining import describe_files  # noqa: PLC0415 - loads numpy
+
+    return describe_files(files, changes or ())
+
+
+@command(
+    "simulate",
+    ("ccm-opt simulate runs/swan-neck --payload 0.2 --no-pictures",),
+)
+def simulate_command(
+    folders: Folders,
+    *,
+    controller: Annotated[ControllerChoice | None, typer.Option(help="Controller.")] = None,
+    step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step, in s.")] = None,
+    bandwidth: Annotated[
+        float | None, typer.Option(min=1e-3, help="Bandwidth of computed torque and of the feed axis, in 1/s.")
+    ] = None,
+    payload: Annotated[float | None, typer.Option(help="Mass at the tip, unknown to the controller, in kg.")] = None,
+    mass_error: Annotated[
+        float | None, typer.Option(help="Fraction by which the links are heavier than the controller believes.")
+    ] = None,
+    friction: Annotated[
+        float | None, typer.Option(help="Viscous friction, unknown to the controller, in N m s/rad.")
+    ] = None,
+    angle_noise_deg: Annotated[float | None, typer.Option(help="Noise of the measured angles, in degrees.")] = None,
+    velocity_noise: Annotated[float | None, typer.Option(help="Noise of the measured velocities, in rad/s.")] = None,
+    start_delay: Annotated[
+        float | None, typer.Option(help="How long the brakes hold the arm before it starts, in s.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise.")] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> int:
+    """Simulate written plans again, with other settings and disturbances."""
+    from math import radians  # noqa: PLC0415
+
+    from ccm_opt.cli.examining import Overrides, simulate_folders  # noqa: PLC0415 - loads numpy
+
+    options = {"controller": controller, "step": step, "bandwidth": bandwidth}
+    disturbances = {
+        "payload": payload,
+        "mass_error": mass_error,
+        "friction": friction,
+        "angle_noise": None if angle_noise_deg is None else radians(angle_noise_deg),
+        "velocity_noise": velocity_noise,
+        "start_delay": start_delay,
+        "seed": seed,
+    }
+    return simulate_folders(folders, Overrides(options, disturbances), pictures=not no_pictures)
+
+
+@command(
+    "tolerance",
+    ("ccm-opt tolerance runs/swan-neck",),
+)
+def tolerance_command(
+    folders: Folders,
+    *,
+    no_simulation: Annotated[
+        bool, typer.Option("--no-simulation", help="Leave out payload and friction, which are found by simulations.")
+    ] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> int:
+    """Say which errors of joints, links, base, walls and loads written plans survive."""
+    from ccm_opt.cli.examining import tolerance_of_folders  # noqa: PLC0415 - loads numpy
+
+    return tolerance_of_folders(folders, simulated=not no_simulation, pictures=not no_pictures)
+
+
+@command(
+    "export",
+    (
+        "ccm-opt export runs/swan-neck --format urdf --out arm.urdf",
+        "ccm-opt export runs/swan-neck --format yaml --bends-only --out trajectory.yaml",
+        "ccm-opt export runs/swan-neck --format glb --out motion.glb",
+    ),
+)
+def export_command(
+    folder: Annotated[Path, typer.Argument(help="Folder that solve wrote.", show_default=False)],
+    *,
+    kind: Annotated[ExportFormat, typer.Option("--format", help="Format.")],
+    out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
+    bends_only: Annotated[
+        bool,
+        typer.Option("--bends-only", help="Leave out the two revolutes of a ball that stay at 0 in the plane."),
+    ] = False,
+    no_scene: Annotated[bool, typer.Option("--no-scene", help="Leave the obstacles out of URDF and MJCF.")] = False,
+    effort: Annotated[
+        bool, typer.Option("--effort", help="Write efforts into yaml; controllers from ROS 2 Humble on refuse them.")
+    ] = False,
+) -> int:
+    """Write the arm, its surroundings or the motion of a written plan for other programs."""
+    from ccm_opt.cli.exporting import ExportOptions, export_folder  # noqa: PLC0415 - loads numpy
+
+    return export_folder(folder, ExportOptions(kind, out, bends_only, not no_scene, effort))
+
+
+@command(
+    "draw",
+    (
+        "ccm-opt draw runs/swan-neck",
+        "ccm-opt draw runs/swan-neck --figure plan --figure links --figure-format pdf --out paper",
+        "ccm-opt draw runs/* --figure mp4",
+    ),
+)
+def draw_command(
+    folders: Folders,
+    *,
+    figure: Annotated[
+        list[FigureName] | None,
+        typer.Option(help="What to draw; mp4 needs ffmpeg. May be repeated.", show_default="all still figures"),
+    ] = None,
+    figure_format: FigureFormatOption = "png",
+    out: Annotated[Path | None, typer.Option(help="Folder of the pictures.", show_default="the plan's")] = None,
+) -> int:
+    """Draw written plans: the motion, its curvatures, its steps, the jointed arm, the simulated arm in space."""
+    from ccm_opt.cli.drawing import DrawOptions, draw_folders  # noqa: PLC0415 - loads numpy
+
+    return draw_folders(folders, DrawOptions(figure or (), figure_format, out))

@@ -1,0 +1,341 @@
+"""The commands ``describe``, ``simulate`` and ``tolerance``: an arm, what it does with a plan, what that survives."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from ccm_opt.cli.loading import outside_allowed
+from ccm_opt.cli.notes import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
+from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_all
+from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.files import put_file
+from ccm_opt.core.length_words import in_unit
+from ccm_opt.driver.verified_motion import check, failed_checks
+from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.io.folder import TOLERANCE_FILES
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import load_problem
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
+from ccm_opt.io.solution_json import tolerance_data, tolerance_json
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.frames import dh_table, joint_names
+from ccm_opt.solution import SimulatedMotion, SurvivedError
+from ccm_opt.viz.room_section import survived_in_words
+
+_DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
+"""Columns of a revolute's drive."""
+
+
+def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
+    """Describe the arm of every file; all are tried.
+
+    Args:
+        files: problem files.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+
+    Returns:
+        The exit code.
+    """
+
+    def describe(file: Path) -> int:
+        return _describe(load_problem(file, changes=changes, allow_outside=outside_allowed()))
+
+    return run_all(files, describe)
+
+
+def _describe(problem: AnyProblem) -> int:
+    if isinstance(problem, SpaceProblem):
+        tell_of_meshes(problem)
+    else:
+        tell_of_drawing(problem)
+    tell_of_odd_rates(problem)
+
+    def show() -> None:
+        console = report_console()
+        for line in arm_lines(problem):
+            console.print(line, markup=False)
+        console.print(parameter_table(problem))
+        console.print(link_table(problem.arm))
+
+    return print_result(show, SOLVED, lambda: _data(problem))
+
+
+def _data(problem: AnyProblem) -> dict[str, object]:
+    """The arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
+    whole = problem_data(replace(problem, length_unit="m"))
+    rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
+    parameters = [{"joint": name, **row._asdict()} for name, row in rows]
+    return {"status": "described", "name": problem.name, "arm": whole["arm"], "limits": whole["limits"]} | {
+        "link_parameters": parameters
+    }
+
+
+def arm_lines(problem: AnyProblem) -> list[str]:
+    """The arm in a few lines."""
+    arm = problem.arm
+    gravity = problem.simulation.gravity
+    unit = problem.length_unit
+
+    def number(length: float) -> str:
+        return f"{in_unit(length, unit):.9g}"
+
+    def words(length: float) -> str:
+        return f"{number(length)} {unit}"
+
+    base = f"({', '.join(number(value) for value in arm.base)}) {unit}, {_pointing(problem)}"
+    lines = [
+        f"{problem.name}: {arm.links} links of {words(arm.link_length)}, {3 * arm.links} revolutes, axes {arm.axes}",
+        f"base at {base}; radius {words(arm.radius)}, length {words(arm.length)}",
+        f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
+    ]
+    along = "the base's direction" if isinstance(problem, SpaceProblem) else "the base heading"
+    lines += [
+        f"feed axis from {number(axis.low)} to {words(axis.high)} along {along}, guide tube ends at {words(axis.hole)}"
+        for axis in arm.base_axes
+    ]
+    return lines
+
+
+def _pointing(problem: AnyProblem) -> str:
+    """How the base is turned."""
+    if isinstance(problem, SpaceProblem):
+        return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
+    return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
+
+
+def _components(vector: FloatArray) -> str:
+    # A zero that rounding made negative is a zero.
+    return f"({', '.join(f'{value + 0.0:.6g}' for value in vector.round(12))})"
+
+
+def parameter_table(problem: AnyProblem) -> Table:
+    """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
+    arm = problem.arm
+    limits = problem.limits
+    unit = problem.length_unit
+    columns = ("joint", "offset [deg]", f"d [{unit}]", f"a [{unit}]", "alpha [deg]", *_DRIVE)
+    table = columned_table("link parameters", columns)
+    rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
+    friction = np.broadcast_to(arm.friction, (3 * arm.links,))
+    torque = ["none"] * (3 * arm.links) if limits.torque is None else [f"{value:g}" for value in limits.torque]
+    for j, (name, row) in enumerate(zip(joint_names(arm), dh_table(arm), strict=True)):
+        offset = f"{np.rad2deg(row.offset):g}"
+        lengths = (f"{in_unit(length, unit):.9g}" for length in (row.d, row.a))
+        geometry = (offset, *lengths, f"{np.rad2deg(row.alpha):g}")
+        drive = (f"{limits.velocity[j]:g}", f"{limits.acceleration[j]:g}", torque[j])
+        table.add_row(name, *geometry, *drive, f"{rotors[j]:g}", f"{friction[j]:g}")
+    return table
+
+
+def link_table(arm: DrivenArm) -> Table:
+    """Mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
+    table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
+    # In space a joint has two bends, within the same limit.
+    limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1)[:, 0])
+    for k in range(arm.links):
+        inertia = (f"{arm.inertia_axial[k]:.6g}", f"{arm.inertia_transverse[k]:.6g}")
+        table.add_row(f"link{k + 1:02d}", f"{arm.masses[k]:g}", *inertia, f"{limits[k]:.6g}")
+    return table
+
+
+PICTURE = "simulation.png"
+"""Name of the picture in the folder."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """Settings given on the command line; None leaves what the plan was made with.
+
+    Attributes:
+        options: of ``SimulationOptions`` by name.
+        disturbances: of ``Disturbances`` by name.
+    """
+
+    options: Mapping[str, Any]
+    disturbances: Mapping[str, Any]
+
+    def applied(self, problem: AnyProblem) -> AnyProblem:
+        """The problem with these settings.
+
+        Raises:
+            ProblemError: naming the setting that is impossible.
+        """
+        given = {name: value for name, value in self.options.items() if value is not None}
+        changed = {name: value for name, value in self.disturbances.items() if value is not None}
+        for name, value in changed.items():
+            least = -1.0 if name == "mass_error" else 0.0  # an error of -1 is an arm without mass
+            if value < least:
+                raise ProblemError(f"--{name.replace('_', '-')} must be at least {least:g}, got {value:g}")
+        disturbances = replace(problem.simulation.disturbances, **changed)
+        return replace(problem, simulation=replace(problem.simulation, **given, disturbances=disturbances))
+
+
+def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures: bool) -> int:
+    """Simulate every folder; all are tried.
+
+    Args:
+        folders: output folders of ``ccm-opt solve``.
+        overrides: settings other than the recorded ones.
+        pictures: whether to draw ``simulation.png`` into the folder.
+
+    Returns:
+        The exit code: 4 when the simulated arm does not follow a plan.
+    """
+    return run_all(folders, lambda folder: _simulate(folder, overrides, pictures=pictures))
+
+
+def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
+    recorded = load_any_problem(folder)
+    problem = overrides.applied(recorded)
+    motion = load_motion(folder, recorded.arm)
+    from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
+    from ccm_opt.dynamics.simulation.simulation_checks import check_options  # noqa: PLC0415 - likewise
+
+    # What was recorded was checked before the plan was made; what the command line says is checked here.
+    check_options(problem.arm, problem.simulation)
+    simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
+    if pictures:
+        _draw(folder, problem, motion, simulated)
+    code = code_of_simulation(problem.name, simulated.verdict)
+    return print_result(
+        lambda: _print(problem, motion, simulated, figures), code, lambda: _simulated_data(problem, simulated, figures)
+    )
+
+
+def _simulated_data(problem: AnyProblem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
+    """What the simulated arm did, for programs."""
+    return {
+        "name": problem.name,
+        "status": simulated.verdict.outcome,
+        "simulation": asdict(simulated.verdict),
+        "metrics": dict(figures),
+    }
+
+
+def _draw(folder: Path, problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
+    from ccm_opt.viz import simulated_motion  # noqa: PLC0415 - loads matplotlib
+
+    if isinstance(problem, SpaceProblem):
+        picture = simulated_motion.space_simulation_png(problem, motion.trajectory, motion.joints, simulated)
+    else:
+        picture = simulated_motion.simulation_png(problem, motion.trajectory, motion.joints, simulated)
+    try:
+        put_file(folder / PICTURE, picture)
+    except OSError as error:
+        raise ProblemError(f"cannot write {folder / PICTURE}: {error.strerror or error}") from error
+
+
+def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
+    units = units_of(problem)
+    table = value_table(f"{problem.name}: simulated")
+    table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
+    if problem.simulation.controller == "pd":
+        table.add_row("gains", *_words_of_gains(problem))
+    for name, value in _disturbed(problem).items():
+        table.add_row(name.replace("_", " "), f"{value:.4g}", "", "unknown to the controller")
+    for name, value in figures.items():
+        words, _, unit = name.rpartition("_")
+        limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
+        table.add_row(words.replace("_", " "), units.shown(value, unit), limit, "")
+    in_space = isinstance(problem, SpaceProblem)
+    peak, bound, _, where = peak_torque(
+        simulated.torques, problem.limits.torque, motion.joints.names, in_space=in_space
+    )
+    table.add_row("peak torque", peak, bound, where)
+    outcome, _, _, reason = verdict_cells(simulated.verdict)
+    table.add_row("simulation", outcome, "", reason)
+    report_console().print(table)
+
+
+def _words_of_gains(problem: AnyProblem) -> tuple[str, str, str]:
+    """Gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
+    from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
+
+    options = problem.simulation
+    stiffness = gains(problem.arm, options).proportional
+    given = options.proportional_gain is not None or options.derivative_gain is not None
+    least = f"{stiffness.min():.4g}"
+    most = f"{stiffness.max():.4g}"
+    value = f"{most} N m/rad" if least == most else f"{least} to {most} N m/rad"
+    return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
+
+
+def _disturbed(problem: AnyProblem) -> dict[str, float]:
+    values = vars(problem.simulation.disturbances)
+    return {name: float(value) for name, value in values.items() if value and name != "seed"}
+
+
+def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
+    """Look at every folder; all are tried.
+
+    Args:
+        folders: output folders of ``ccm-opt solve``.
+        simulated: whether payload and friction are sought as well.
+        pictures: whether to draw ``tolerance.png`` into the folder.
+
+    Returns:
+        The exit code: 3 when a folder holds no plan that passes every check.
+    """
+    return run_all(folders, lambda folder: _look_at(folder, simulated=simulated, pictures=pictures))
+
+
+def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
+    problem = load_any_problem(folder)
+    motion = load_motion(folder, problem.arm)
+    # The certificate takes for granted that the plan itself touches nothing.
+    if failures := failed_checks(check(problem, motion.trajectory, motion.joints)):
+        raise VerificationError(failures)
+    from ccm_opt.driver.surviving import tolerance_of_motion  # noqa: PLC0415 - loads casadi
+
+    errors = tolerance_of_motion(problem, motion.trajectory, motion.joints, simulated=simulated)
+    record, picture = TOLERANCE_FILES
+    _write(folder / record, tolerance_json(problem.name, errors).encode())
+    if pictures:
+        _write(folder / picture, _picture(problem, motion, errors[0]))
+    return print_result(
+        lambda: report_console().print(tolerance_table(problem, errors)),
+        SOLVED,
+        lambda: {"name": problem.name, "status": "certified", "tolerance": tolerance_data(errors)},
+    )
+
+
+def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) -> bytes:
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.viz.simulated_motion import space_tolerance_png  # noqa: PLC0415 - likewise
+
+        return space_tolerance_png(problem, motion.trajectory, joints)
+    from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
+    from ccm_opt.verification.tolerance.tube import tube_of  # noqa: PLC0415 - with it
+    from ccm_opt.viz.simulated_motion import tolerance_png  # noqa: PLC0415 - loads matplotlib
+
+    tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)
+    return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        put_file(path, content)
+    except OSError as error:
+        raise ProblemError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def tolerance_table(problem: AnyProblem, errors: Sequence[SurvivedError]) -> Table:
+    """The errors that a plan survives, with what limits them."""
+    table = columned_table(f"{problem.name}: survives errors of, one at a time", ("", "up to", "asked", "limited by"))
+    table.columns[-1].justify = "left"
+    table.columns[-1].no_wrap = False
+    units = units_of(problem)
+    in_space = isinstance(problem, SpaceProblem)
+    asked = problem.joint_error
+    for error in errors:
+        words = survived_in_words(error, units, in_space=in_space)
+        limit = f"≥ {units.given(asked, 'rad')}" if error.name == "joints" and asked > 0.0 else ""
+        table.add_row(words.wrong, words.size, limit, escape(words.where))
+    return table

@@ -1,0 +1,248 @@
+"""Folders of poses, of problems without a plan, and of several plans."""
+
+import itertools
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.core.files import strict_text
+from ccm_opt.errors import Diagnosis
+from ccm_opt.io.arrays_npz import arrays_npz, curve_arrays
+from ccm_opt.io.folder import (
+    ARRAYS,
+    PARETO_RECORD,
+    POSE_ARRAYS,
+    POSE_RECORD,
+    REACH_RECORD,
+    RECORD,
+    solution_files,
+    write_folder,
+)
+from ccm_opt.io.problem_data import recorded_data
+from ccm_opt.io.solution_json import SCHEMA, failure_json, place_data, pose_failure_json, pose_json
+from ccm_opt.io.space_scene import kept_meshes, mesh_data
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.solution import ParetoPlan, ParetoPlans
+from ccm_opt.solution.space_solution import AnyReachMap, AnySolution, AnyStaticPose, SpaceReachMap, SpaceStaticPose
+
+
+def write_pose(found: AnyStaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+    """Write the folder of a pose.
+
+    Args:
+        found: the pose.
+        out: the directory that holds the folder; it is made when it is not there.
+        pictures: content of pictures by file name.
+
+    Returns:
+        The folder, ``out / <problem's name>``.
+
+    Raises:
+        ProblemError: when the folder cannot be written, or another folder is in its place.
+    """
+    files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found))}
+    return write_folder(
+        out / found.problem.name, {**files, **kept_meshes(found.problem), **(pictures or {})}, POSE_RECORD
+    )
+
+
+def pose_arrays(found: AnyStaticPose) -> dict[str, npt.NDArray[np.generic]]:
+    """The arrays of a pose under the names of the file format; angles [rad], lengths [m]."""
+    arrays: dict[str, npt.NDArray[np.generic]] = {
+        "bend_angles": found.bends,
+        "joint_positions": found.joint_positions,
+    }
+    if not isinstance(found, SpaceStaticPose):
+        curves = curve_arrays((found.pose.curve,))
+        del curves["segments_offsets"]  # there is one curve
+        return arrays | {"link_headings": found.pose.headings} | curves
+    curve = found.curve
+    arrays |= {
+        "segment_lengths": np.array([segment.length for segment in curve.segments]),
+        "segment_curvatures": np.array([segment.curvature for segment in curve.segments]),
+        "segment_knots": np.array([segment.knots for segment in curve.segments]),
+        "base_frame": curve.base_frame,
+    }
+    if found.problem.arm.base_axes:
+        arrays["base_feed"] = np.array(found.feed)
+    return arrays
+
+
+def write_reach(found: AnyReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+    """Write the folder of a map; arguments, result and errors as for ``write_pose``."""
+    files = {REACH_RECORD: reach_json(found).encode(), "reach.npz": arrays_npz(reach_arrays(found))}
+    return write_folder(
+        out / found.problem.name, {**files, **kept_meshes(found.problem), **(pictures or {})}, REACH_RECORD
+    )
+
+
+def reach_json(found: AnyReachMap) -> str:
+    """The record of a map: what was asked, and figures."""
+    record: dict[str, object] = {
+        "schema": SCHEMA,
+        "problem": recorded_data(found.problem),
+        "step": found.step,
+        "cells": found.reachable.size,
+        "reached": int(found.reachable.sum()),
+        "proved_out_of_reach": int(found.proved.sum()),
+        "no_pose_found": int((~found.reachable & ~found.proved).sum()),
+        "gap_seen": found.seen,
+        "timings": dict(found.timings),
+    }
+    if isinstance(found, SpaceReachMap):
+        meshes = mesh_data(found.problem)
+        own: dict[str, object] = {"directions": len(found.directions), "volume": found.volume, "meshes": meshes}
+    else:
+        own = {"headings": len(found.headings), "area": found.area}
+    return strict_text(record | own)
+
+
+def reach_arrays(found: AnyReachMap) -> dict[str, npt.NDArray[np.generic]]:
+    """The arrays of a map under the names of the file format; angles [rad], lengths [m]."""
+    own = ("z", "directions") if isinstance(found, SpaceReachMap) else ("headings", "heading_ranges")
+    return {name: getattr(found, name) for name in ("x", "y", "reachable", "proved", "gap", "taken", *own)}
+
+
+FAILED = ".failed"
+"""Added to the name of a folder whose earlier result stays, for the record of why there is no new one."""
+UNFINISHED = ".unfinished"
+"""The same for a verified plan whose simulation or pictures were cut short."""
+
+
+def place_beside(target: Path, ending: str) -> Path:
+    """The folder itself, or, where it holds an earlier result, one of nearly the same name beside it.
+
+    Args:
+        target: the folder of the result.
+        ending: added to its name; a number follows where a result is there too, or something that no run wrote.
+
+    Returns:
+        A folder that may be written: it is new, or holds the record of an earlier failure.
+    """
+    if not holds_result(target):
+        return target
+    names = (f"{target.name}{ending}" + (f"-{number}" if number > 1 else "") for number in itertools.count(1))
+    return next(place for name in names if _may_be_written(place := target.with_name(name)))
+
+
+def holds_result(folder: Path) -> bool:
+    """Whether a folder holds a plan or a pose, which only another plan or pose may replace."""
+    return any((folder / arrays).is_file() for arrays in (ARRAYS, POSE_ARRAYS))
+
+
+def _may_be_written(place: Path) -> bool:
+    if not place.exists():
+        return not place.is_symlink()
+    return place.is_dir() and any(place.glob("*.json")) and not holds_result(place)
+
+
+def write_failure(
+    problem: AnyProblem,
+    status: str,
+    diagnosis: Diagnosis,
+    out: Path,
+    timings: Mapping[str, float] | None = None,
+    pictures: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write the folder of a problem without a plan: ``solution.json``, and pictures where there are any.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no plan.
+        out: the directory that holds the folder.
+        timings: of the stages that ran [s].
+        pictures: content of pictures by file name.
+
+    Returns:
+        The folder: ``out / <problem's name>``, or with ``.failed`` at its end where an earlier plan has that place.
+
+    Raises:
+        ProblemError: when the folder cannot be written, or another folder is in its place.
+    """
+    record = failure_json(problem, status, diagnosis, timings or {})
+    # The problem in the record is read with the meshes beside it.
+    files = {RECORD: record.encode(), **kept_meshes(problem), **(pictures or {})}
+    return write_folder(out / problem.name, files, beside=_FAILED_PLACE)
+
+
+def write_pose_failure(
+    problem: AnyProblem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
+) -> Path:
+    """Write the folder of a problem at whose goal no pose was found: ``pose.json``, in space with the meshes.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no pose.
+        out: the directory that holds the folder.
+        timings: of the stages that ran [s].
+
+    Returns:
+        The folder, chosen as for ``write_failure``.
+
+    Raises:
+        ProblemError: as for ``write_failure``.
+    """
+    record = pose_failure_json(problem, status, diagnosis, timings)
+    files = {POSE_RECORD: record.encode(), **kept_meshes(problem)}
+    return write_folder(out / problem.name, files, POSE_RECORD, beside=_FAILED_PLACE)
+
+
+_FAILED_PLACE = partial(place_beside, ending=FAILED)
+
+
+def pareto_files(found: ParetoPlans[AnySolution]) -> dict[str, bytes]:
+    """Content of every file but the pictures, by file name.
+
+    The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
+    """
+    files = solution_files(found.best)
+    files[PARETO_RECORD] = pareto_json(found).encode()
+    for number, plan in enumerate(found.plans, start=1):
+        if plan.solution is not None:
+            inner = solution_files(plan.solution)
+            files |= {f"{folder_of(number)}/{name}": content for name, content in inner.items()}
+    return files
+
+
+def folder_of(number: int) -> str:
+    """Where the plan of a number, from 1, is written within the problem's folder."""
+    return f"pareto/{number}"
+
+
+def pareto_json(found: ParetoPlans[AnySolution]) -> str:
+    """The record of the trade-off; lengths [m], times [s]."""
+    plans = [_plan_data(plan, number) for number, plan in enumerate(found.plans, start=1)]
+    record = {
+        "schema": SCHEMA,
+        "problem": found.problem.name,
+        "recommended": found.recommended,
+        "most_time": found.most_time,
+        "plans": plans,
+    }
+    return strict_text(record)
+
+
+def _plan_data(plan: ParetoPlan[AnySolution], number: int) -> Mapping[str, object]:
+    head = {"number": number, "wanted_gap": plan.wanted_gap}
+    solution = plan.solution
+    if solution is None or solution.room is None:
+        return {**head, "status": "no plan", "reason": plan.reason}
+    return {
+        **head,
+        "status": "solved",
+        "folder": folder_of(number),
+        "duration": plan.duration,
+        "price": solution.room.price,
+        "nearest": place_data(solution.room.nearest),
+        "goal": place_data(solution.room.at_goal),
+        "energy": plan.energy,
+        "peak_torque": plan.peak_torque,
+        "planning_cpu": plan.cpu,
+        "simulation": solution.simulation.verdict.outcome,
+        "dominated_by": plan.dominated_by or None,
+    }
