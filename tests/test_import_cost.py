@@ -14,7 +14,6 @@ PLANAR_ALONE = (
     "ccm_opt.diagnosis.passages",
     "ccm_opt.driver.plane_pipeline",
     "ccm_opt.driver.settings",
-    "ccm_opt.viz.page",
     "ccm_opt.viz.scene_data",
     "ccm_opt.io.drawing",
     "ccm_opt.scene.free_space",
@@ -112,7 +111,7 @@ def test_loading_sets_aside_what_is_loaded_and_nothing_else() -> None:
     """Searches for cycles go on after loading; they leave out what was loaded, and nothing where nothing was."""
     code = """
 import gc
-from ccm_opt.cli.loading import no_search_for_cycles
+from ccm_opt.cli.surroundings import no_search_for_cycles
 before = gc.get_freeze_count()
 with no_search_for_cycles():
     assert not gc.isenabled()

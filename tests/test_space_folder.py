@@ -14,7 +14,7 @@ from PIL import Image, ImageSequence
 
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.choices import FigureName
-from ccm_opt.cli.drawing import drawn_files, space_pictures
+from ccm_opt.cli.drawing import drawn_files, plan_pictures
 from ccm_opt.cli.exporting import ExportOptions, exported_files
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution
@@ -27,8 +27,8 @@ from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.round_bodies import seen_triangles
 from ccm_opt.scene.surfaces import all_within, sharp_edges, thinned
 from ccm_opt.solution.space_solution import roll_against
+from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.saved_plans import SavedSpacePlan, load
-from ccm_opt.viz.space_page_html import space_failure_html
 
 from .space_arms import random_rotation, turned_arm
 from .space_folders import solved
@@ -38,7 +38,7 @@ from .space_folders import solved
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a plan, with pictures."""
     solution = solved()
-    return write_solution(solution, tmp_path_factory.mktemp("space"), space_pictures(solution))
+    return write_solution(solution, tmp_path_factory.mktemp("space"), plan_pictures(solution))
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -351,6 +351,6 @@ def test_the_page_of_a_failure_shows_the_arm_at_its_start() -> None:
     """The page of a failure holds the scene, the start and the reason, and loads nothing."""
     from ccm_opt.errors import Diagnosis
 
-    page = space_failure_html(solved().problem, "infeasible", Diagnosis("it is too thick", "necessary checks"))
+    page = failure_html(solved().problem, "infeasible", Diagnosis("it is too thick", "necessary checks"))
     assert "it is too thick" in page
     assert '"start":[[' in page

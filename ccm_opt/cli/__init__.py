@@ -59,7 +59,7 @@ def _run() -> None:
     from ccm_opt.cli.cancelling import interrupts_end_at_once, interrupts_insist  # noqa: PLC0415 - see above
 
     interrupts_end_at_once()
-    from ccm_opt.cli.loading import no_search_for_cycles  # noqa: PLC0415 - Ctrl-C while loading is handled now
+    from ccm_opt.cli.surroundings import no_search_for_cycles  # noqa: PLC0415 - Ctrl-C while loading is handled now
 
     with no_search_for_cycles():
         from ccm_opt.cli.commands import app  # noqa: PLC0415 - likewise

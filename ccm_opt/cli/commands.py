@@ -18,8 +18,8 @@ from typer.core import TyperGroup
 from ccm_opt import __version__
 from ccm_opt.cli.cancelling import report_cancelled
 from ccm_opt.cli.choices import ControllerChoice, ExportFormat, FigureKind, FigureName, MethodChoice
-from ccm_opt.cli.loading import no_search_for_cycles, outside_files
-from ccm_opt.cli.output import Output, printing
+from ccm_opt.cli.output import Output, outside_files, printing
+from ccm_opt.cli.surroundings import no_search_for_cycles
 
 
 class CommandGroup(TyperGroup):

@@ -19,9 +19,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from ccm_opt.cli.cancelling import CANCELLED
-from ccm_opt.cli.loading import outside_allowed
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
-from ccm_opt.cli.output import output
+from ccm_opt.cli.output import output, outside_allowed
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.compare.comparison_files import (
     FOLDER,

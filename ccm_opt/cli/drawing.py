@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ccm_opt.cli.choices import FigureKind, FigureName
-from ccm_opt.cli.loading import no_search_for_cycles
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.surroundings import no_search_for_cycles
 from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.result_folders import folder_of
@@ -49,42 +49,30 @@ def plan_pictures(
         kind: format of still pictures.
         plans: of which it is one, where there are several.
     """
-    if isinstance(solution, SpaceSolution):
-        return space_pictures(solution, kind, plans)
     with no_search_for_cycles():
-        from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415
-        from ccm_opt.viz.films import motion_gif  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.viz.films import motion_gif, space_film  # noqa: PLC0415 - loads matplotlib
         from ccm_opt.viz.page import report_html  # noqa: PLC0415
-        from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
-    plan = DrawnPlan.from_solution(solution)
-    return {
-        f"plan.{kind}": plan_picture(plan, kind),
-        "motion.gif": motion_gif(plan),
-        "report.html": report_html(solution, pictures=(f"plan.{kind}", "motion.gif"), plans=plans).encode(),
-    }
-
-
-def space_pictures(
-    solution: SpaceSolution, kind: FigureKind = "png", plans: "PlanPages | None" = None
-) -> Mapping[str, bytes]:
-    """The pictures of a plan in space that was just made, by file name; arguments as for ``plan_pictures``."""
-    with no_search_for_cycles():
-        from ccm_opt.viz.films import space_film  # noqa: PLC0415 - loads matplotlib
-        from ccm_opt.viz.space_page_html import space_report_html  # noqa: PLC0415
+    still = f"plan.{kind}"
+    report = report_html(solution, pictures=(still, "motion.gif"), plans=plans).encode()
+    if isinstance(solution, SpaceSolution):
         from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415
         from ccm_opt.viz.space_views import SeenScene  # noqa: PLC0415
 
-    scene = SeenScene(solution.problem)
-    return {
-        f"plan.{kind}": space_plan_picture(solution, kind, scene=scene),
-        "motion.gif": space_film(solution, scene=scene).gif(),
-        "report.html": space_report_html(solution, pictures=(f"plan.{kind}", "motion.gif"), plans=plans).encode(),
-    }
+        scene = SeenScene(solution.problem)
+        picture, film = space_plan_picture(solution, kind, scene=scene), space_film(solution, scene=scene).gif()
+    else:
+        from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415
+        from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
+
+        plan = DrawnPlan.from_solution(solution)
+        picture, film = plan_picture(plan, kind), motion_gif(plan)
+    return {still: picture, "motion.gif": film, "report.html": report}
 
 
 def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
+    from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.paper_figures import pareto_png  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.problem_section import PlanPages  # noqa: PLC0415
 
@@ -98,26 +86,21 @@ def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -
             continue
         still = f"plan.{kind}"
         beside = tuple(f"../{other}/{page}" if other != number else "" for other in numbers)
-        picture, report = _picture_and_page(plan.solution, kind, PlanPages(found, beside))
-        pictures[f"{folder_of(number)}/{still}"] = picture
+        report = report_html(plan.solution, pictures=(still,), plans=PlanPages(found, beside))
+        pictures[f"{folder_of(number)}/{still}"] = _still_picture(plan.solution, kind)
         pictures[f"{folder_of(number)}/{page}"] = report.encode()
     return pictures
 
 
-def _picture_and_page(solution: AnySolution, kind: FigureKind, plans: "PlanPages") -> tuple[bytes, str]:
-    """The still picture of one of several plans, and its page, which shows no film."""
-    pictures = (f"plan.{kind}",)
+def _still_picture(solution: AnySolution, kind: FigureKind) -> bytes:
     if isinstance(solution, SpaceSolution):
-        from ccm_opt.viz.space_page_html import space_report_html  # noqa: PLC0415
         from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415 - loads matplotlib
 
-        return space_plan_picture(solution, kind), space_report_html(solution, pictures=pictures, plans=plans)
+        return space_plan_picture(solution, kind)
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
-    drawing = plan_picture(DrawnPlan.from_solution(solution), kind)
-    return drawing, report_html(solution, pictures=pictures, plans=plans)
+    return plan_picture(DrawnPlan.from_solution(solution), kind)
 
 
 def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:

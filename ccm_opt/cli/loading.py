@@ -1,54 +1,20 @@
 """Loads the problems that a command is given."""
 
-import gc
-import sys
 import tomllib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypedDict
 
 from ccm_opt.cli.notes import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
 from ccm_opt.cli.outcome import warn
+from ccm_opt.cli.output import outside_allowed
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.references import load_terms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-
-
-@contextmanager
-def no_search_for_cycles() -> Iterator[None]:
-    """Load inside it; no search looks at what is loaded, then or later, which takes a tenth off the time of loading."""
-    loaded = len(sys.modules)
-    gc.disable()
-    try:
-        yield
-    finally:
-        # Where nothing was loaded, all that there is new may be garbage, which is not to be kept.
-        if len(sys.modules) > loaded:
-            gc.freeze()
-        gc.enable()
-
-
-_ALLOWED: ContextVar[bool] = ContextVar("drawings outside the folder of the problem", default=False)
-
-
-def outside_allowed() -> bool:
-    """Whether drawings outside the folder of a problem file are read; not unless somebody says so."""
-    return _ALLOWED.get()
-
-
-@contextmanager
-def outside_files(*, allowed: bool) -> Iterator[None]:
-    """Say so, until the block ends."""
-    token = _ALLOWED.set(allowed)
-    try:
-        yield
-    finally:
-        _ALLOWED.reset(token)
 
 
 @dataclass

@@ -91,3 +91,21 @@ def printing(way: Output) -> Iterator[Output]:
         yield way
     finally:
         _CURRENT.reset(token)
+
+
+_ALLOWED: ContextVar[bool] = ContextVar("drawings outside the folder of the problem", default=False)
+
+
+def outside_allowed() -> bool:
+    """Whether drawings outside the folder of a problem file are read; not unless somebody says so."""
+    return _ALLOWED.get()
+
+
+@contextmanager
+def outside_files(*, allowed: bool) -> Iterator[None]:
+    """Say so, until the block ends."""
+    token = _ALLOWED.set(allowed)
+    try:
+        yield
+    finally:
+        _ALLOWED.reset(token)

@@ -13,16 +13,16 @@ from pathlib import Path
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
-from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences, no_search_for_cycles
+from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
-from ccm_opt.cli.surroundings import MORE_MEMORY, out_of_memory
+from ccm_opt.cli.surroundings import MORE_MEMORY, no_search_for_cycles, out_of_memory
 from ccm_opt.cli.tables import print_pareto, print_solution
 from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem
 
 
 def failure_recorder(
@@ -42,22 +42,13 @@ def failure_recorder(
         folder = write_failure(problem, status, diagnosis, out, clock.timings)
         # Who has pressed Ctrl-C is not to wait for a page.
         if pictures and status != "cancelled":
-            page = page_of_failure(problem, status, diagnosis, clock.timings)
+            from ccm_opt.viz.failure_page import failure_html  # noqa: PLC0415 - most need no view
+
+            page = failure_html(problem, status, diagnosis, clock.timings)
             folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
         tell_where(folder, out / problem.name, "why there is no new one is recorded")
 
     return record
-
-
-def page_of_failure(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
-    """The page of a problem without a plan, in the plane or in space."""
-    if isinstance(problem, SpaceProblem):
-        from ccm_opt.viz.space_page_html import space_failure_html  # noqa: PLC0415 - most need no view
-
-        return space_failure_html(problem, status, diagnosis, timings)
-    from ccm_opt.viz.failure_page import failure_html  # noqa: PLC0415 - likewise
-
-    return failure_html(problem, status, diagnosis, timings)
 
 
 @contextmanager

@@ -7,9 +7,8 @@ from socket import socket
 from typing import TYPE_CHECKING, Any
 
 from ccm_opt.cli.cancelling import interrupt_met, leave_at_once
-from ccm_opt.cli.loading import outside_allowed
 from ccm_opt.cli.outcome import SOLVED, run_all
-from ccm_opt.cli.output import output
+from ccm_opt.cli.output import output, outside_allowed
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem

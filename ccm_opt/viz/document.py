@@ -94,6 +94,10 @@ class PageUnits:
         length = problem.arm.length
         return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
 
+    def data(self) -> dict[str, object]:
+        """The unit as the scripts of a page read it."""
+        return {"name": self.name, "metres": self.metres, "decimals": self.decimals}
+
     def length(self, value: float) -> str:
         """A length [m] with its unit."""
         return f"{three_digits(value / self.metres, self.decimals)} {self.name}"
@@ -203,6 +207,8 @@ def _attribute(key: str, value: str | float | bool) -> str:
 _FOLDER = "ccm_opt.viz"
 COMMON = ("elements", "numbers", "sampled", "arm", "timeline", "viewport", "scene", "marks", "theme", "controls")
 """Scripts that every page with a scene has, in the order in which they are needed."""
+COMMON_IN_SPACE = ("elements", "numbers", "sampled", "timeline", "theme", "controls", "space_arm", "space_view")
+"""The same in space."""
 
 
 def html_document(title: str, body: Markup, data: Mapping[str, object], scripts: Sequence[str]) -> str:

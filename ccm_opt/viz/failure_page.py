@@ -9,12 +9,24 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.space_kinematics import joint_positions
-from ccm_opt.viz.document import COMMON, Markup, PageUnits, badge, element, html_document, joined, page_header, table
+from ccm_opt.viz.document import (
+    COMMON,
+    COMMON_IN_SPACE,
+    Markup,
+    PageUnits,
+    badge,
+    element,
+    html_document,
+    joined,
+    page_header,
+    table,
+)
 from ccm_opt.viz.problem_section import problem_section, timings_table
 from ccm_opt.viz.scene_data import goals_data, scene_data
 from ccm_opt.viz.settings import REPORT, ReportSettings
+from ccm_opt.viz.space_scene_data import space_scene_data
 from ccm_opt.viz.stage_section import stage_section
 
 Mark = dict[str, object]
@@ -175,6 +187,11 @@ def _listed(place: FloatArray | tuple[float, ...]) -> list[float]:
 
 SCRIPTS = (*COMMON, "failure_page")
 """Scripts of the page of a failure, in the order in which they are needed."""
+_IN_SPACE = (
+    *COMMON_IN_SPACE,
+    *("axes", "chart", "joint_charts", "gap_chart", "phase_chart", "player", "timed_page", "space_page"),
+)
+"""The same in space, where one script draws scenes with and without a motion."""
 STATUS = {
     "infeasible": "proved: there is no plan",
     "timed-out": "no plan within the time",
@@ -183,7 +200,7 @@ STATUS = {
 
 
 def failure_html(
-    problem: Problem,
+    problem: AnyProblem,
     status: str,
     diagnosis: Diagnosis,
     timings: Mapping[str, float] | None = None,
@@ -202,6 +219,8 @@ def failure_html(
         A whole HTML page that loads nothing.
     """
     units = PageUnits.of_page(problem)
+    in_space = isinstance(problem, SpaceProblem)
+    data = failure_data(problem, diagnosis, units, settings)
     facts = (
         reason_section(diagnosis),
         help_section(diagnosis),
@@ -209,25 +228,48 @@ def failure_html(
         search_section(problem, diagnosis, timings or {}),
     )
     header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
-    stage = stage_section(f"The problem {problem.name}, and what stands in its way", moves=False)
+    ended = ", where the best attempt ended," if in_space and data["attempt"] else ""
+    label = f", the arm at its start{ended} and what stands in the way" if in_space else ", and what stands in its way"
+    stage = stage_section(f"The problem {problem.name}{label}", moves=False, in_space=in_space)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
-    return html_document(f"{problem.name}: {status}", body, failure_data(problem, diagnosis, units, settings), SCRIPTS)
+    return html_document(f"{problem.name}: {status}", body, data, _IN_SPACE if in_space else SCRIPTS)
 
 
 def failure_data(
-    problem: Problem, diagnosis: Diagnosis, units: PageUnits, settings: ReportSettings = REPORT
+    problem: AnyProblem, diagnosis: Diagnosis, units: PageUnits, settings: ReportSettings = REPORT
 ) -> dict[str, object]:
     """Everything that the scripts of a failure's page read."""
+    blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
+    common = {"unit": units.data(), "blocking": blocking}
+    if isinstance(problem, SpaceProblem):
+        return common | _space_failure_data(problem, diagnosis, settings)
     start = pose_points(problem, problem.start)
     poses = [_end_pose(problem, goal) for goal in (*(stop.goal for stop in problem.stops), problem.goal)]
-    blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
     return {
-        "unit": {"name": units.name, "metres": units.metres, "decimals": units.decimals},
+        **common,
         "scene": scene_data(problem, first_look(problem, diagnosis), settings),
         "start": None if start is None else start.round(6).tolist(),
         "goals": goals_data(problem, poses),
-        "blocking": blocking,
         "marks": drawn_findings(problem, diagnosis, units),
+    }
+
+
+def _space_failure_data(problem: SpaceProblem, diagnosis: Diagnosis, settings: ReportSettings) -> dict[str, object]:
+    arm = problem.arm
+    goals = [
+        goal.position
+        if isinstance(goal, SpaceTipGoal)
+        else np.asarray(joint_positions(arm, goal.configuration(arm))[-1])
+        for goal in (stop.goal for stop in problem.goals)
+    ]
+    places = [finding.place for finding in diagnosis.findings if finding.place is not None]
+    attempt = best_attempt(problem, diagnosis)
+    start = joint_positions(arm, problem.start.configuration(arm))
+    seen = np.concatenate((start, goals, np.reshape(places, (-1, 3)), *(() if attempt is None else (attempt,))))
+    return {
+        "scene": space_scene_data(problem, seen, np.array(goals), settings),
+        "findings": findings_in_space(diagnosis),
+        "attempt": None if attempt is None else attempt.round(6).tolist(),
     }
 
 

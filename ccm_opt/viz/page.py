@@ -12,9 +12,11 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.segment_types import segment_words
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import GoalPoseRecord, Solution, SurvivedError
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
     COMMON,
+    COMMON_IN_SPACE,
     Markup,
     PageUnits,
     element,
@@ -28,9 +30,8 @@ from ccm_opt.viz.document import (
 )
 from ccm_opt.viz.problem_section import PlanPages, files_section, making_section, plans_section, problem_section
 from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
-from ccm_opt.viz.scene_data import goals_data, scene_data
 from ccm_opt.viz.settings import REPORT, ReportSettings
-from ccm_opt.viz.stage_section import goal_times, player_bar, route_layers, stage_section
+from ccm_opt.viz.stage_section import goal_times, player_bar, stage_section
 from ccm_opt.viz.time_series import phase_data, series_data
 
 _POSE_MARGIN = 0.18
@@ -357,23 +358,15 @@ def simulation_section(groups: Collection[str]) -> Markup | None:
     )
 
 
-SCRIPTS = (
-    *COMMON,
-    "axes",
-    "chart",
-    "joint_charts",
-    "gap_chart",
-    "phase_chart",
-    "curvature_chart",
-    "player",
-    "timed_page",
-    "plan_page",
-)
+_TIMED = ("axes", "chart", "joint_charts", "gap_chart", "phase_chart")
+SCRIPTS = (*COMMON, *_TIMED, "curvature_chart", "player", "timed_page", "plan_page")
 """Scripts of the page of a plan, in the order in which they are needed."""
+SPACE_SCRIPTS = (*COMMON_IN_SPACE, *_TIMED, "player", "timed_page", "space_page")
+"""The same in space."""
 
 
 def report_html(
-    solution: Solution,
+    solution: AnySolution,
     settings: ReportSettings = REPORT,
     *,
     pictures: Sequence[str] = ("plan.png", "motion.gif"),
@@ -391,6 +384,7 @@ def report_html(
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
+    in_space = isinstance(solution, SpaceSolution)
     units = PageUnits.of_page(problem)
     data = plan_data(solution, units, settings)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
@@ -398,22 +392,24 @@ def report_html(
         plans_section(plans, units),
         room_section(solution.room, units),
         timing_section(),
-        joints_section(keys),
+        joints_section(keys, curvature=not in_space),
         simulation_section(keys),
         checks_section(solution, units),
-        goal_pose_section(solution, units),
-        tolerance_section(solution.tolerance, units),
+        None if isinstance(solution, SpaceSolution) else goal_pose_section(solution, units),
+        tolerance_section(solution.tolerance, units, in_space=in_space),
         problem_section(problem, units),
         making_section(solution),
         files_section(problem.name, pictures),
     )
-    stage = stage_section(f"The arm of {problem.name} in its room", moves=True)
+    where = "among its obstacles" if in_space else "in its room"
+    stage = stage_section(f"The arm of {problem.name} {where}", moves=True, in_space=in_space)
     header = page_header(problem, [plan_badges(solution)], plan_figures(solution, units), units)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts")), player_bar()))
-    return html_document(f"{problem.name}: {solution.trajectory.duration:.2f} s", body, data, SCRIPTS)
+    title = f"{problem.name}: {solution.trajectory.duration:.2f} s"
+    return html_document(title, body, data, SPACE_SCRIPTS if in_space else SCRIPTS)
 
 
-def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = REPORT) -> dict[str, object]:
+def plan_data(solution: AnySolution, units: PageUnits, settings: ReportSettings = REPORT) -> dict[str, object]:
     """Everything that the scripts of a plan's page read.
 
     Args:
@@ -421,16 +417,26 @@ def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = R
         units: of the page.
         settings: how large, how exact.
     """
-    problem = solution.problem
-    trajectory = solution.trajectory
     points = solution.joint_positions
-    ends = points[[*trajectory.stops, len(points) - 1]]
+    ends = points[[*solution.trajectory.stops, len(points) - 1]]
+    if isinstance(solution, SpaceSolution):
+        from ccm_opt.viz.space_scene_data import space_scene_data  # noqa: PLC0415 - of one kind of problems alone
+
+        scene: dict[str, object] = {
+            "scene": space_scene_data(solution.problem, points.reshape(-1, 3), ends[:, -1], settings)
+        }
+    else:
+        from ccm_opt.viz.scene_data import goals_data, route_layers, scene_data  # noqa: PLC0415 - likewise
+
+        scene = {
+            "scene": scene_data(solution.problem, points.reshape(-1, 2), settings),
+            "goals": goals_data(solution.problem, list(ends)),
+            "routes": route_layers(solution.problem, points[-1]),
+            "nearest": nearest_mark(solution, units),
+        }
     return {
-        "unit": {"name": units.name, "metres": units.metres, "decimals": units.decimals},
-        "scene": scene_data(problem, points.reshape(-1, 2), settings),
-        "goals": goals_data(problem, list(ends)),
-        "routes": route_layers(problem, points[-1]),
-        "nearest": nearest_mark(solution, units),
+        "unit": units.data(),
+        **scene,
         "marks": goal_times(solution),
         "groups": series_data(solution, settings),
         "gaps": None if solution.room is None else gap_data(solution.room, settings),

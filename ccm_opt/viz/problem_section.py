@@ -6,8 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Goal, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceTipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import ParetoPlan, ParetoPlans
 from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz.document import NONE, Child, Markup, PageUnits, element, joined, table, three_digits
@@ -25,7 +28,7 @@ _FILES = {
 Row = tuple[Child, Child]
 
 
-def problem_section(problem: Problem, units: PageUnits) -> Markup:
+def problem_section(problem: AnyProblem, units: PageUnits) -> Markup:
     """What was asked: arm, limits, room, start and goals.
 
     Args:
@@ -34,30 +37,34 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
     """
     rows = [
         *_arm_rows(problem, units),
-        *limit_rows(problem, units),
+        *_limit_rows(problem, units),
         *_room_rows(problem, units),
         *_goal_rows(problem, units),
+        ("gravity", f"({', '.join(f'{value:g}' for value in problem.simulation.gravity)}) m/s²"),
     ]
-    rows += [("gravity", f"({', '.join(f'{value:g}' for value in problem.simulation.gravity)}) m/s²")]
     return element("section", element("h2", "The problem"), table((), rows, cls="pairs"))
 
 
-def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
+def _arm_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     arm = problem.arm
     yield "arm", f"{arm.links} links of {units.given(arm.link_length, 'm')}, {units.given(arm.length, 'm')} in all"
     yield "radius", units.given(arm.radius, "m")
-    yield "base", f"{_place(arm.base, units)}, heading {units.given(arm.base_heading, 'rad')}"
-    first = arm.bend_limits[0]
-    others = f"±{units.given(arm.joint_limit, 'rad')}"
-    yield "bends", others if first == arm.joint_limit else f"{others}, the first ±{units.given(first, 'rad')}"
+    along = (
+        f"heading {units.given(arm.base_heading, 'rad')}"
+        if isinstance(arm, Arm)
+        else f"along {_direction(arm.direction)}"
+    )
+    yield "base", f"{_place(arm.base, units)}, {along}"
+    bends = f"±{units.given(arm.joint_limit, 'rad')}"
+    first = "" if arm.base_limit == arm.joint_limit else f", the first joint ±{units.given(arm.base_limit, 'rad')}"
+    yield "bends", bends + first
     yield "mass", f"{units.shown(float(arm.masses.sum()), 'kg')} in all"
     if arm.feed is not None:
         low, high = (units.given(value, "m") for value in (arm.feed.low, arm.feed.high))
         yield "feed axis", f"{low} to {high}, hole at {units.given(arm.feed.hole, 'm')}"
 
 
-def limit_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
-    """The limits that the motion keeps, and what plans use of them."""
+def _limit_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     """The limits that the motion keeps, and what plans use of them."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
@@ -84,40 +91,49 @@ def _bounds(values: FloatArray, unit: str) -> str:
     return f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"
 
 
-def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
+def _room_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     workspace = problem.workspace
-    xmin, ymin, xmax, ymax = workspace.boundary.bounds
-    yield (
-        "room",
-        f"{units.given(xmax - xmin, 'm')} by {units.given(ymax - ymin, 'm')}, {len(workspace.obstacles)} obstacles",
-    )
+    count, sides, meshes = len(workspace.obstacles), None, ""
+    if isinstance(workspace, Workspace):
+        sides = np.ptp(np.reshape(workspace.boundary.bounds, (2, 2)), axis=0)
+    else:
+        sides = None if workspace.bounds is None else np.ptp(workspace.bounds, axis=0)
+        faces = [len(each.body.faces) for each in workspace.obstacles if isinstance(each.body, MeshBody)]
+        meshes = f", {len(faces)} of them meshes with {sum(faces)} triangles" if faces else ""
+    yield "room", "none" if sides is None else " by ".join(units.given(side, "m") for side in sides)
+    yield "obstacles", f"{count}{meshes}"
     yield "clearance", f"{units.given(workspace.clearance, 'm')} to walls, required"
     yield "wanted gap", f"{units.given(problem.wanted_gap, 'm')} beyond radius and clearance"
 
 
-def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    asked: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
-    asked.append((problem.goal, problem.tolerances))
+def _goal_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
+    asked = [*((stop.goal, stop.tolerances) for stop in problem.stops), (problem.goal, problem.tolerances)]
     for number, (goal, tolerances) in enumerate(asked, start=1):
         name = f"goal {number}" if len(asked) > 1 else "goal"
         yield name, _goal_words(goal, tolerances, units)
 
 
-def _goal_words(goal: Goal, tolerances: Tolerances, units: PageUnits) -> str:
+def _goal_words(goal: Goal | SpaceGoal, tolerances: Tolerances, units: PageUnits) -> str:
     """A goal with its tolerances."""
     near = units.given(tolerances.position, "m")
     turn = units.given(min(tolerances.heading, np.pi), "rad")
-    if not isinstance(goal, TipGoal):
+    if not isinstance(goal, (TipGoal, SpaceTipGoal)):
         return f"a pose of the whole arm, within {near} and {turn}"
     place = f"tip at {_place(goal.position, units)} within {near}"
-    if goal.heading is None:
-        return f"{place}, any heading"
-    return f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
+    if isinstance(goal, TipGoal):
+        if goal.heading is None:
+            return f"{place}, any heading"
+        return f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
+    along = "any direction" if goal.direction is None else f"along {_direction(goal.direction)} within {turn}"
+    return f"{place}, {along}" + "".join(f", past {_place(passed, units)}" for passed in goal.via)
 
 
 def _place(point: FloatArray, units: PageUnits) -> str:
-    x, y = (three_digits(float(value) / units.metres, 1) for value in point)
-    return f"({x}, {y}) {units.name}"
+    return f"({', '.join(three_digits(float(value) / units.metres, 1) for value in point)}) {units.name}"
+
+
+def _direction(vector: FloatArray) -> str:
+    return f"({', '.join(three_digits(float(value), 2) for value in vector)})"
 
 
 def making_section(solution: AnySolution) -> Markup:
@@ -173,22 +189,19 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
     return joined((element("h3", "CPU time"), table((), rows, numbers=(1,))))
 
 
-def files_section(
-    name: str, pictures: Sequence[str], verbs: Sequence[str] = ("check", "simulate", "tolerance")
-) -> Markup:
+def files_section(name: str, pictures: Sequence[str]) -> Markup:
     """Links to the files beside the page, and the commands that go on from here.
 
     Args:
         name: of the output folder.
         pictures: names of the files that show the motion.
-        verbs: commands that take the folder.
     """
     shown = {
         file: "the motion as a film" if file.endswith(".gif") else "the motion in one picture" for file in pictures
     }
     files = {**_FILES, **shown}
     links = (element("li", element("a", file, href=file), f": {words}") for file, words in files.items())
-    commands = "\n".join(f"ccm-opt {verb} {name}" for verb in verbs)
+    commands = "\n".join(f"ccm-opt {verb} {name}" for verb in ("check", "simulate", "tolerance"))
     return element(
         "section",
         element("h2", "Files and what to do next"),

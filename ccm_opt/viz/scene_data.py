@@ -6,7 +6,11 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import path_length
+from ccm_opt.errors import CcmError
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.scene.corridor import Route
+from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
@@ -14,6 +18,8 @@ _PLACE_STEP = 2e-5
 """Of places in the page, as a share of the room's extent."""
 _MOST_NAMED = 16
 """Obstacles whose names stand in the scene at first."""
+_MOST_OBSTACLES = 80
+"""With more of them, routes and regions are left out, whose search would take too long."""
 
 SceneData = dict[str, object]
 
@@ -132,3 +138,32 @@ def goals_data(problem: Problem, ends: Sequence[FloatArray | None]) -> list[Scen
             }
         )
     return found
+
+
+_NO_WIDTH = 1e-6
+"""Stands for the radius of an arm of no width, as a share of its length."""
+
+
+def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
+    """The way that the arm takes round the obstacles in its last pose, drawn taut, and the regions along it.
+
+    Args:
+        problem: what was asked.
+        end: the last pose, joints and tip, shape (links + 1, 2) [m].
+
+    Returns:
+        ``route``, ``length`` [m] and ``regions``; empty where there are too many obstacles or no such way.
+    """
+    if len(problem.workspace.obstacles) > _MOST_OBSTACLES:
+        return {}
+    inflation = problem.arm.radius + problem.workspace.clearance or _NO_WIDTH * problem.arm.length
+    space = FreeSpace(problem.workspace, inflation)
+    try:
+        sleeve = space.sleeve_of(end)
+        taut = space.path_of_sleeve(sleeve, end[0], end[-1])
+        corridor = space.corridor(Route(sleeve, taut, path_length(taut)))
+    except CcmError:
+        # The base may stand in a wall, and the mount may lead through one: then there is no such way.
+        return {}
+    regions = [np.round(region.vertices, 6).tolist() for region in corridor.regions]
+    return {"route": np.round(taut, 6).tolist(), "length": path_length(taut), "regions": regions}

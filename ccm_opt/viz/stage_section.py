@@ -1,64 +1,76 @@
-"""The section of the page on stages, routes and goals."""
+"""The stage of a page: the scene with its buttons, and the bar that plays the motion."""
 
-import numpy as np
-
-from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.polyline import path_length
-from ccm_opt.errors import CcmError
-from ccm_opt.problem import Problem
-from ccm_opt.scene.corridor import Route
-from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz.document import MINUS, Markup, element, joined
 
-_MOST_OBSTACLES = 80
-"""With more of them, routes and regions are left out, whose search would take too long."""
-
-_BUTTONS = (
-    ("zoom-in", "+", "zoom in (+)"),
-    ("zoom-out", MINUS, "zoom out (-)"),
-    ("fit", "Fit", "all that matters (0)"),
-    ("room", "Whole room", "the whole room (r)"),
+_ZOOMS = (("zoom-in", "+", "zoom in (+)"), ("zoom-out", MINUS, "zoom out (-)"))
+_SIDES = (
+    ("look-slant", "Slanted", "from before and above (s)"),
+    ("look-x", "x", "against x (x)"),
+    ("look-y", "y", "along y (y)"),
+    ("look-z", "z", "from above (z)"),
 )
-_READOUT = (("time", "time"), ("tip", "tip at"), ("heading", "heads"), ("gap", "gap"))
 _KEYS = (
     ("Space", "play and pause"),
     ("← →", "a hundredth of the motion back and on; with Shift a tenth"),
     ("Home End", "start and end"),
     ("[ ]", "slower and faster"),
-    (f"+ {MINUS} 0 r", "zoom in, zoom out, all that matters, the whole room"),
 )
 
 
-def stage_section(label: str, *, moves: bool) -> Markup:
+def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
     """The scene, empty: the page's script draws it.
 
     Args:
         label: what it shows, for those who do not see it.
         moves: whether there is a motion, with its figures at the time that is looked at.
+        in_space: whether it can be turned, and obstacles cut open.
     """
-    buttons = [element("button", sign, id=name, type="button", title=words) for name, sign, words in _BUTTONS]
+    reach = ("all that the arm does", "all obstacles") if in_space else ("all that matters", "the whole room")
+    looks = (("fit", "Fit", f"{reach[0]} (0)"), ("room", "Whole room", f"{reach[1]} (r)"))
+    buttons = [
+        element("button", sign, id=name, type="button", title=words)
+        for name, sign, words in (*_ZOOMS, *looks, *(_SIDES if in_space else ()))
+    ]
     readout = None
     if moves:
-        pairs = [element("div", element("dt", words), element("dd", data_now=key)) for key, words in _READOUT]
-        readout = element("dl", *pairs, cls="readout")
-    hint = "Drag to move the scene, Ctrl and the wheel, two fingers or a double click to zoom."
+        heads = "points along" if in_space else "heads"
+        words = (("time", "time"), ("tip", "tip at"), ("heading", heads), ("gap", "gap"))
+        pairs = [element("div", element("dt", word), element("dd", data_now=key)) for key, word in words]
+        readout = element("dl", *pairs, cls="readout places" if in_space else "readout")
+    zoom = "Ctrl and the wheel, two fingers or a double click"
+    hint = (
+        "Drag to turn the scene; with Shift, the right button or two fingers to move it; " + f"{zoom} zoom."
+        if in_space
+        else f"Drag to move the scene, {zoom} to zoom."
+    )
+    keys = [*(_KEYS if moves else ()), (f"+ {MINUS} 0 r", f"zoom in, zoom out, {', '.join(reach)}")]
+    keys += [("s x y z", "slanted, and from the sides")] if in_space else []
+    listed = element("ul", *(element("li", element("kbd", key), f" {words}") for key, words in keys))
+    place = None if in_space else element("span", id="place", cls="soft")
     return element(
         "section",
-        element("div", *buttons, element("span", id="place", cls="soft"), cls="tools"),
+        element("div", *buttons, place, cls="tools"),
         element("div", id="scene", data_label=label),
         element("div", id="layers", cls="layers"),
+        element("div", _slider("clarity", "obstacles", 0.2, 0.9), *_cut(), cls="layers no-print") if in_space else None,
         readout,
-        element(
-            "details", element("summary", "Mouse and keys"), element("p", hint), _keys(moves=moves), cls="no-print"
-        ),
+        element("details", element("summary", "Mouse and keys"), element("p", hint), listed, cls="no-print"),
         cls="stage",
     )
 
 
-def _keys(*, moves: bool) -> Markup:
-    shown = _KEYS if moves else _KEYS[-1:]
-    return element("ul", *(element("li", element("kbd", keys), f" {words}") for keys, words in shown))
+def _slider(name: str, words: str, value: float, most: float) -> Markup:
+    """How clearly obstacles are seen, or where they are cut."""
+    bar = element("input", id=name, type="range", min="0", max=str(most), step="0.01", value=str(value))
+    return element("label", words, " ", bar)
+
+
+def _cut() -> tuple[Markup, Markup]:
+    """Where the obstacles are cut away, and across which axis."""
+    options = [element("option", name, value=str(k), selected=k == 1) for k, name in enumerate("xyz")]
+    axis = element("select", *options, id="cut-axis", aria_label="axis of the cut")
+    return _slider("cut", "cut", 1.0, 1.0), element("label", "across ", axis)
 
 
 def player_bar() -> Markup:
@@ -73,35 +85,6 @@ def player_bar() -> Markup:
         element("label", element("input", id="loop", type="checkbox", checked=True), "again"),
         cls="player",
     )
-
-
-_NO_WIDTH = 1e-6
-"""Stands for the radius of an arm of no width, as a share of its length."""
-
-
-def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
-    """The way that the arm takes round the obstacles in its last pose, drawn taut, and the regions along it.
-
-    Args:
-        problem: what was asked.
-        end: the last pose, joints and tip, shape (links + 1, 2) [m].
-
-    Returns:
-        ``route``, ``length`` [m] and ``regions``; empty where there are too many obstacles or no such way.
-    """
-    if len(problem.workspace.obstacles) > _MOST_OBSTACLES:
-        return {}
-    inflation = problem.arm.radius + problem.workspace.clearance or _NO_WIDTH * problem.arm.length
-    space = FreeSpace(problem.workspace, inflation)
-    try:
-        sleeve = space.sleeve_of(end)
-        taut = space.path_of_sleeve(sleeve, end[0], end[-1])
-        corridor = space.corridor(Route(sleeve, taut, path_length(taut)))
-    except CcmError:
-        # The base may stand in a wall, and the mount may lead through one: then there is no such way.
-        return {}
-    regions = [np.round(region.vertices, 6).tolist() for region in corridor.regions]
-    return {"route": np.round(taut, 6).tolist(), "length": path_length(taut), "regions": regions}
 
 
 def goal_times(solution: AnySolution) -> list[dict[str, object]]:

@@ -31,7 +31,7 @@ from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.scene.round_bodies import seen_triangles
 from ccm_opt.scene.scene import SpaceObstacle
 from ccm_opt.scene.surfaces import within
-from ccm_opt.viz.stage_section import route_layers
+from ccm_opt.viz.scene_data import route_layers
 
 LAYERS = {"swept region": "/tube", "start": "/start", "route": "/route", "regions": "/regions", "names": "/names"}
 """What can be switched on and off, and where it stands in the scene."""
