@@ -1,7 +1,6 @@
 """What commands print for programs, when asked to be quiet or to tell more, and how far a solve has come."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +8,6 @@ from typer.testing import CliRunner, Result
 
 from ccm_opt.cli import stage_clock
 from ccm_opt.cli.commands import app
-from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import Output, printing
 from ccm_opt.cli.stage_clock import stage_display
@@ -109,7 +107,8 @@ def test_long_work_is_told_on_a_pipe(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], after: float, quiet: bool, told: int
 ) -> None:
     """Nothing for quick work; later a line now and then, with time, candidate and the least distance."""
-    monkeypatch.setattr(stage_clock, "DISPLAY", replace(DISPLAY, first_line_after=after, line_every=1e3))
+    monkeypatch.setattr(stage_clock, "FIRST_LINE_AFTER", after)
+    monkeypatch.setattr(stage_clock, "LINE_EVERY", 1e3)
     with printing(Output(quiet=quiet)), stage_display("room") as display:
         for candidate in (2, 3):
             display(Progress("motion", 1.5, 60.0, candidate, "tip-led", 0.0425))

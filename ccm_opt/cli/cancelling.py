@@ -11,7 +11,7 @@ IPOPT runs in CasADi                 ``core/ipopt_call.py``         it is kept a
 ``solve`` plans a problem            ``solving``, ``outcome``         ``solution.json`` with the status ``cancelled``
                                                                       and the reason that is known; plans of earlier
                                                                       files stay, later ones are not tried
-``solve`` has a verified plan        ``failure_record``               the whole folder, but for pictures and, where it
+``solve`` has a verified plan        ``solving``                      the whole folder, but for pictures and, where it
                                                                       was not waited for, the simulation
 ``solve`` writes a folder, or after  ``last_steps_uninterrupted``     the whole folder: that file is solved, only
                                                                       those after it are not tried; a second Ctrl-C

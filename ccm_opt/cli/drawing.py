@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.surroundings import no_search_for_cycles
-from ccm_opt.core.files import put_file
+from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.result_folders import folder_of
 from ccm_opt.solution import ParetoPlans
@@ -121,11 +121,7 @@ def _draw(folder: Path, options: DrawOptions) -> int:
     out = folder if options.out is None else options.out / folder.resolve().name
     pictures = drawn_files(folder, options.figures or STILL_FIGURES, options.figure_format)
     for name, content in pictures.items():
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            put_file(out / name, content)
-        except OSError as error:
-            raise ProblemError(f"cannot write {out / name}: {error.strerror or error}; choose another --out") from error
+        put_file_or_refuse(out / name, content, "choose another --out")
     written = [str(out / name) for name in pictures]
     show = "".join(f"{name}\n" for name in written)
     return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})

@@ -14,7 +14,7 @@ from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_al
 from ccm_opt.cli.output import outside_allowed
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.files import put_file
+from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.core.length_words import in_unit
 from ccm_opt.driver.verified_motion import check, failed_checks
 from ccm_opt.errors import ProblemError, VerificationError
@@ -202,7 +202,10 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     check_options(problem.arm, problem.simulation)
     simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
     if pictures:
-        _draw(folder, problem, motion, simulated)
+        from ccm_opt.viz.simulated_motion import simulation_png  # noqa: PLC0415 - loads matplotlib
+
+        picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
+        put_file_or_refuse(folder / PICTURE, picture)
     code = code_of_simulation(problem.name, simulated.verdict)
     return print_result(
         lambda: _print(problem, motion, simulated, figures), code, lambda: _simulated_data(problem, simulated, figures)
@@ -217,19 +220,6 @@ def _simulated_data(problem: AnyProblem, simulated: SimulatedMotion, figures: Ma
         "simulation": asdict(simulated.verdict),
         "metrics": dict(figures),
     }
-
-
-def _draw(folder: Path, problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
-    from ccm_opt.viz import simulated_motion  # noqa: PLC0415 - loads matplotlib
-
-    if isinstance(problem, SpaceProblem):
-        picture = simulated_motion.space_simulation_png(problem, motion.trajectory, motion.joints, simulated)
-    else:
-        picture = simulated_motion.simulation_png(problem, motion.trajectory, motion.joints, simulated)
-    try:
-        put_file(folder / PICTURE, picture)
-    except OSError as error:
-        raise ProblemError(f"cannot write {folder / PICTURE}: {error.strerror or error}") from error
 
 
 def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
@@ -296,9 +286,9 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
     errors = tolerance_of_motion(problem, motion.trajectory, motion.joints, simulated=simulated)
     record, picture = TOLERANCE_FILES
-    _write(folder / record, tolerance_json(problem.name, errors).encode())
+    put_file_or_refuse(folder / record, tolerance_json(problem.name, errors).encode())
     if pictures:
-        _write(folder / picture, _picture(problem, motion, errors[0]))
+        put_file_or_refuse(folder / picture, _picture(problem, motion, errors[0]))
     return print_result(
         lambda: report_console().print(tolerance_table(problem, errors)),
         SOLVED,
@@ -317,13 +307,6 @@ def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) ->
 
     tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)
     return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        put_file(path, content)
-    except OSError as error:
-        raise ProblemError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def tolerance_table(problem: AnyProblem, errors: Sequence[SurvivedError]) -> Table:

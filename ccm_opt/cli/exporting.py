@@ -11,16 +11,12 @@ from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays
 from ccm_opt.io.controller_points import controller_points
-from ccm_opt.io.folder import ARRAYS
+from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb, space_motion_glb
-from ccm_opt.io.mjcf import mjcf_text, space_mjcf
 from ccm_opt.io.reading_back import load_any_problem, load_motion, read_arrays
 from ccm_opt.io.record_file import recorded_results
-from ccm_opt.io.scene_solids import solid_scene
-from ccm_opt.io.space_scene import named_bodies, space_meshes, space_urdf
 from ccm_opt.io.trajectory_text import trajectory_texts
-from ccm_opt.io.urdf import MESHES, URDF_MESHES, scene_meshes, urdf_text
-from ccm_opt.problem import Problem
+from ccm_opt.io.urdf import MESHES, URDF_MESHES
 from ccm_opt.problem.space_problem import SpaceProblem
 
 BINARY = ("npz", "glb")
@@ -68,7 +64,12 @@ def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
     problem = load_any_problem(folder)
     bends_only = options.bends_only
     if options.kind in {"urdf", "mjcf"}:
-        return _space_model(problem, options) if isinstance(problem, SpaceProblem) else _model(problem, options)
+        meshes = URDF_MESHES if options.out is None else f"{options.out.name}{MESHES}"
+        texts = model_texts(problem, obstacles=options.scene, bends_only=bends_only, meshes=meshes)
+        text = texts["arm.urdf" if options.kind == "urdf" else "arm.mjcf.xml"]
+        # MJCF of the plane has its meshes in itself.
+        beside = options.scene and (options.kind == "urdf" or isinstance(problem, SpaceProblem))
+        return {"": text.encode()} | (model_meshes(problem, meshes) if beside else {})
     motion = load_motion(folder, problem.arm)  # refuses what is no plan of this arm
     if options.kind == "npz":
         arrays = read_arrays(folder / ARRAYS)
@@ -80,31 +81,6 @@ def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
     points = controller_points(problem, motion.trajectory, motion.joints, recorded_results(folder).checks)
     csv, yaml = trajectory_texts(points, bends_only=bends_only, effort=options.effort)
     return {"": (csv if options.kind == "csv" else yaml).encode()}
-
-
-def _model(problem: Problem, options: ExportOptions) -> dict[str, bytes]:
-    """URDF or MJCF of an arm in the plane, under the name "", and the meshes beside it."""
-    arm = problem.arm
-    scene = solid_scene(problem.workspace, arm) if options.scene else None
-    if options.kind == "mjcf":
-        gravity = problem.simulation.gravity
-        return {"": mjcf_text(arm, problem.name, gravity, scene, bends_only=options.bends_only).encode()}
-    meshes = _mesh_folder(options)
-    text = urdf_text(arm, problem.name, problem.limits, scene, meshes, bends_only=options.bends_only)
-    return {"": text.encode()} | ({} if scene is None else scene_meshes(scene, meshes))
-
-
-def _space_model(problem: SpaceProblem, options: ExportOptions) -> dict[str, bytes]:
-    """The same of an arm in space; in MJCF too meshes are files beside it."""
-    bodies = named_bodies(problem) if options.scene else ()
-    meshes = _mesh_folder(options)
-    write = space_urdf if options.kind == "urdf" else space_mjcf
-    text = write(problem, bodies, meshes, bends_only=options.bends_only)
-    return {"": text.encode()} | space_meshes(bodies, meshes)
-
-
-def _mesh_folder(options: ExportOptions) -> str:
-    return URDF_MESHES if options.out is None else f"{options.out.name}{MESHES}"
 
 
 def _export(folder: Path, options: ExportOptions) -> int:

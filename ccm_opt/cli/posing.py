@@ -12,12 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
-from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.solving import tell_where
-from ccm_opt.cli.stage_clock import StageClock, stage_display
+from ccm_opt.cli.stage_clock import STATUS_REFRESHES, StageClock, stage_display
 from ccm_opt.cli.tables import columned_table, report_console, stage_line, units_of, value_table
 from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
@@ -251,7 +250,7 @@ def _display(name: str) -> Iterator[Callable[[int, int], None]]:
     if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None
         return
-    with console.status(escape(name), refresh_per_second=DISPLAY.status_refreshes) as status:
+    with console.status(escape(name), refresh_per_second=STATUS_REFRESHES) as status:
         yield lambda reached, cells: status.update(escape(f"{name}: {reached} of at most {cells} cells reached"))
 
 

@@ -23,6 +23,7 @@ from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, Verificati
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
 from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.solution import ParetoPlans
 
 
 def failure_recorder(
@@ -179,65 +180,48 @@ def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
         The exit code.
     """
     problems = NamedProblems(files, options.changes)
-
-    def solve_one(file: Path) -> int:
-        problem = problems.read(file)
-        return _solve_several(problem, options) if options.several else _solve(problem, options)
-
-    return run_all(files, solve_one)
+    return run_all(files, lambda file: _solve(problems.read(file), options))
 
 
 def _solve(problem: AnyProblem, options: SolveOptions) -> int:
+    """Make one plan, or plans from the fastest to the roomiest, the recommended one in the place of the only one."""
     target = options.out / problem.name
     check_target(target)
     with stage_display(problem.name) as clock:
         clock.begin("loading")
         with no_search_for_cycles():
             from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
-
+        if options.several:
+            from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - most want one plan
         arguments = options.terms.loaded()
         recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
         of_silence = failure_recorder(problem, options.out, clock, pictures=False)
         with recorded, ended_when_silent(problem.name, problem.planner, clock, of_silence) as progress:
-            solution = solve(problem, progress=progress, explain=options.explain, **arguments)
+            plan = pareto if options.several else solve
+            found = plan(problem, progress=progress, explain=options.explain, **arguments)
         clock.begin("writing")
-        files = solution_files(solution)
+        files = pareto_files(found) if isinstance(found, ParetoPlans) else solution_files(found)
+        drawn: Mapping[str, bytes] = {}
         with kept_without_pictures(target, files):
-            drawn = plan_pictures(solution, options.figure_format) if options.pictures else {}
+            if not options.pictures:
+                pass
+            elif isinstance(found, ParetoPlans):
+                drawn = pareto_pictures(found, options.figure_format)
+            else:
+                drawn = plan_pictures(found, options.figure_format)
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
-    code = code_of_simulation(problem.name, solution.simulation.verdict)
-    return print_result(lambda: print_solution(solution, clock, str(target)), code, lambda: _data(files, target))
+    best = found.best if isinstance(found, ParetoPlans) else found
+    code = code_of_simulation(problem.name, best.simulation.verdict)
 
+    def show() -> None:
+        if isinstance(found, ParetoPlans):
+            print_pareto(found, clock, str(target))
+        else:
+            print_solution(found, clock, str(target))
 
-def _solve_several(problem: AnyProblem, options: SolveOptions) -> int:
-    """Plans from the fastest to the roomiest, all written, the recommended one in the place of the only one."""
-    target = options.out / problem.name
-    check_target(target)
-    with stage_display(problem.name) as clock:
-        clock.begin("loading")
-        from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
-
-        arguments = options.terms.loaded()
-        recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
-        of_silence = failure_recorder(problem, options.out, clock, pictures=False)
-        with recorded, ended_when_silent(problem.name, problem.planner, clock, of_silence) as progress:
-            found = pareto(
-                problem,
-                progress=progress,
-                explain=options.explain,
-                **arguments,
-            )
-        clock.begin("writing")
-        files = pareto_files(found)
-        with kept_without_pictures(target, files):
-            drawn = pareto_pictures(found, options.figure_format) if options.pictures else {}
-        last_steps_uninterrupted()
-        write_folder(target, {**files, **drawn})
-        clock.finish()
-    code = code_of_simulation(problem.name, found.best.simulation.verdict)
-    return print_result(lambda: print_pareto(found, clock, str(target)), code, lambda: _data(files, target))
+    return print_result(show, code, lambda: _data(files, target))
 
 
 def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:

@@ -11,13 +11,20 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.markup import escape
 
-from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import output
 from ccm_opt.core.progress import Progress
 
 if TYPE_CHECKING:
     from ccm_opt.errors import Diagnosis
+
+
+STATUS_REFRESHES = 4.0
+"""Times a second that the line of the present stage is drawn [1/s]. Taste."""
+FIRST_LINE_AFTER = 3.0
+"""Wall time after which it is told how far the work has come where there is no terminal [s]. Taste."""
+LINE_EVERY = 3.0
+"""Wall time between two such lines [s]. Taste."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +108,7 @@ def stage_display(title: str) -> Iterator[StageClock]:
     elif output().verbose or not console.is_terminal:
         yield StageClock(_PlainLines(title, everything=output().verbose))
     else:
-        with console.status(escape(title), refresh_per_second=DISPLAY.status_refreshes) as status:
+        with console.status(escape(title), refresh_per_second=STATUS_REFRESHES) as status:
             yield StageClock(lambda progress: status.update(escape(f"{title}: {progress}")))
 
 
@@ -111,14 +118,14 @@ class _PlainLines:
     def __init__(self, title: str, *, everything: bool) -> None:
         self._title = title
         self._everything = everything
-        self._next = time.monotonic() + DISPLAY.first_line_after
+        self._next = time.monotonic() + FIRST_LINE_AFTER
         self._stage = ""
 
     def __call__(self, progress: Progress) -> None:
         new_stage = progress.stage != self._stage
         self._stage = progress.stage
         if (self._everything and new_stage) or time.monotonic() >= self._next:
-            self._next = time.monotonic() + DISPLAY.line_every
+            self._next = time.monotonic() + LINE_EVERY
             with suppress(OSError):  # nobody reads it, which is no reason to stop
                 sys.stderr.write(f"{self._title}: {progress}\n")
                 sys.stderr.flush()

@@ -14,10 +14,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from typing import TYPE_CHECKING, NoReturn
 
-from ccm_opt.cli.display_settings import WATCHDOG, WatchdogSettings
 from ccm_opt.cli.surroundings import MORE_MEMORY, used_up
 from ccm_opt.core.progress import Progress
 from ccm_opt.errors import Diagnosis, NoPlanFound, TimeLimitReached
@@ -30,6 +30,25 @@ Recorder = Callable[[str, Diagnosis], None]
 """Writes the record of a status and its diagnosis."""
 ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
 """Ends planning while the guard stands. Its number is the exit code of a problem without a plan."""
+
+
+@dataclass(frozen=True)
+class WatchdogSettings:
+    """How long planning may tell nothing before it is ended from outside.
+
+    Attributes:
+        limits: times the time limit. Derived: planning ends after three times as much wall time by itself.
+        grace: further time [s]. Taste: far longer than any stage that no time limit ends has taken.
+        patience: time within which a process that was told to end ends, before it is killed [s]. Taste.
+    """
+
+    limits: float = 3.0
+    grace: float = 60.0
+    patience: float = 2.0
+
+
+WATCHDOG = WatchdogSettings()
+"""What every command that plans goes by."""
 
 
 @contextmanager

@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from ccm_opt.errors import ProblemError
+
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
 """Opening a pipe that nobody writes to would else wait for ever."""
 
@@ -66,6 +68,20 @@ def put_file(place: Path, content: bytes) -> None:
         with suppress(OSError):
             beside.unlink()
         raise
+
+
+def put_file_or_refuse(place: Path, content: bytes, advice: str = "") -> None:
+    """Write a file as ``put_file`` does, in a folder that is made where there is none.
+
+    Raises:
+        ProblemError: it cannot be written; ``advice`` says what to do then.
+    """
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        put_file(place, content)
+    except OSError as error:
+        then = f"; {advice}" if advice else ""
+        raise ProblemError(f"cannot write {place}: {error.strerror or error}{then}") from error
 
 
 def _umask() -> int:

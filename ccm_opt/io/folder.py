@@ -262,14 +262,15 @@ def write_solution(solution: AnySolution, out: Path, pictures: Mapping[str, byte
 def solution_files(solution: AnySolution) -> dict[str, bytes]:
     """Content of every file of a solved problem but the pictures, by file name."""
     files = {name: text.encode() for name, text in solution_texts(solution).items()}
-    return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **_mesh_files(solution.problem)}
+    meshes = model_meshes(solution.problem) | kept_meshes(solution.problem)
+    return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
 
 
-def _mesh_files(problem: AnyProblem) -> dict[str, bytes]:
-    """Meshes of the URDF, and of a problem in space those that it was read with."""
+def model_meshes(problem: AnyProblem, folder: str = URDF_MESHES) -> dict[str, bytes]:
+    """Meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
     if isinstance(problem, SpaceProblem):
-        return {**space_meshes(named_bodies(problem), URDF_MESHES), **kept_meshes(problem)}
-    return scene_meshes(solid_scene(problem.workspace, problem.arm), URDF_MESHES)
+        return space_meshes(named_bodies(problem), folder)
+    return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
 
 
 def solution_texts(solution: AnySolution) -> dict[str, str]:
@@ -285,18 +286,20 @@ def solution_texts(solution: AnySolution) -> dict[str, str]:
     }
 
 
-def model_texts(problem: AnyProblem, *, obstacles: bool = True, bends_only: bool = False) -> dict[str, str]:
-    """Descriptions of a problem's arm and obstacles for other programs, by file name."""
+def model_texts(
+    problem: AnyProblem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
+) -> dict[str, str]:
+    """Descriptions of a problem's arm and obstacles for other programs, by file name; meshes are in a folder."""
     if isinstance(problem, SpaceProblem):
         bodies = named_bodies(problem) if obstacles else ()
         return {
-            "arm.urdf": space_urdf(problem, bodies, URDF_MESHES, bends_only=bends_only),
-            "arm.mjcf.xml": space_mjcf(problem, bodies, URDF_MESHES, bends_only=bends_only),
+            "arm.urdf": space_urdf(problem, bodies, meshes, bends_only=bends_only),
+            "arm.mjcf.xml": space_mjcf(problem, bodies, meshes, bends_only=bends_only),
         }
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
     return {
-        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits, scene, bends_only=bends_only),
+        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits, scene, meshes, bends_only=bends_only),
         "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, gravity, scene, bends_only=bends_only),
     }
 

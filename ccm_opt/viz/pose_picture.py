@@ -171,12 +171,7 @@ def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = S
     line = curve.positions_at(np.linspace(0.0, curve.length, 8 * problem.arm.links))
     ends = curve.positions_at(curve.boundaries[1:-1])
     for side, axes in zip(SIDES, sheet.views, strict=True):
-        low, high = side(window)
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
-        scene.draw_room(axes, side)
-        scene.draw(axes, side)
-        axes.set_aspect("equal", adjustable="box", anchor="NW")
+        scene.begin_view(axes, side, window)
         draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
         _draw_curve(axes, side(line), side(ends))
         draw_goal_in_space(axes, problem.goal, points[-1], side, 3.0 * problem.arm.link_length, "goal")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect
-from ccm_opt.core.files import put_file
+from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.folder import solution_files, write_folder
 from ccm_opt.io.reading_back import load_any_problem, load_motion
@@ -153,10 +153,7 @@ def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) ->
     if place.suffix not in films:
         raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
     content = films[place.suffix](plan if isinstance(plan, (SpaceSolution, SavedSpacePlan)) else drawn(plan))
-    try:
-        put_file(place, content)
-    except OSError as error:
-        raise ProblemError(f"cannot write {place}: {error.strerror or error}") from error
+    put_file_or_refuse(place, content)
     return place
 
 

@@ -12,7 +12,7 @@ from matplotlib.gridspec import GridSpec
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.robot.space_kinematics import joint_positions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
@@ -30,30 +30,24 @@ _SIMULATED_POSES = (0.25, 0.5, 0.75)
 
 
 def simulation_png(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    joints: JointStates,
-    simulated: SimulatedMotion,
-    settings: PictureSettings = PICTURES,
+    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> bytes:
-    """The picture of a simulated motion.
+    """The picture of a simulated motion: the content of a PNG file.
 
     Args:
-        problem: arm and workspace.
+        problem: arm and room.
         trajectory: the plan.
         joints: the plan for all revolutes.
         simulated: what the arm did.
-        settings: resolution, and the poses that are drawn.
-
-    Returns:
-        The content of a PNG file.
     """
+    if isinstance(problem, SpaceProblem):
+        return figure_png(lambda: _figure_in_space(problem, trajectory, joints, simulated))
 
     def draw() -> Figure:
-        figure = Figure(figsize=(9.0, 4.6), dpi=settings.dots_per_inch, layout="constrained")
+        figure = Figure(figsize=(9.0, 4.6), dpi=PICTURES.dots_per_inch, layout="constrained")
         scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
         _draw_scene(scene, problem, trajectory, simulated, _SIMULATED_POSES)
-        draw_errors(errors, trajectory, joints, simulated, settings.least_error)
+        draw_errors(errors, trajectory, joints, simulated, PICTURES.least_error)
         figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
         return figure
 
@@ -119,43 +113,29 @@ _VIEWS = SIDES[:2]
 """From above and from the front: between them they show every coordinate."""
 
 
-def space_simulation_png(
+def _figure_in_space(
     problem: SpaceProblem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
-) -> bytes:
-    """The picture of a simulated motion in space.
-
-    Args:
-        problem: arm and scene.
-        trajectory: the plan.
-        joints: the plan for all revolutes.
-        simulated: what the arm did.
-
-    Returns:
-        The content of a PNG file.
-    """
+) -> Figure:
     reached = simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
     points = joint_positions_3d(problem.arm, simulated.angles[:reached], carried)
     planned = joint_positions(problem.arm, trajectory.positions)
     between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
     window = window_of(problem, np.concatenate((planned, points)))
-
-    def draw() -> Figure:
-        figure, grid = _sheet(np.ptp(window, axis=0))
-        scene = SeenScene(problem)
-        for row, side in enumerate(_VIEWS):
-            axes = figure.add_subplot(grid[row, 0])
-            _simulated_in_space_draw_scene(axes, scene, side, window)
-            # The width of a band is known once its axes have their place.
-            figure.draw_without_rendering()
-            _draw_poses(axes, side, problem.arm.radius, planned[-1], points[-1], between)
-        draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
-        figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower left", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
-        return figure
-
-    return figure_png(draw)
+    figure, grid = _sheet(np.ptp(window, axis=0))
+    scene = SeenScene(problem)
+    for row, side in enumerate(_VIEWS):
+        axes = figure.add_subplot(grid[row, 0])
+        scene.begin_view(axes, side, window)
+        dress_view(axes, side, problem)
+        # The width of a band is known once its axes have their place.
+        figure.draw_without_rendering()
+        _draw_poses(axes, side, problem.arm.radius, planned[-1], points[-1], between)
+    draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
+    figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
+    return figure
 
 
 def _sheet(spans: FloatArray) -> tuple[Figure, GridSpec]:
@@ -166,17 +146,6 @@ def _sheet(spans: FloatArray) -> tuple[Figure, GridSpec]:
     size = (width + 5.2, sum(heights) + 1.8)
     figure = Figure(figsize=size, dpi=SPACE_PICTURES.dots_per_inch, layout="constrained")
     return figure, figure.add_gridspec(2, 2, width_ratios=(width, 4.4), height_ratios=heights)
-
-
-def _simulated_in_space_draw_scene(axes: Axes, scene: SeenScene, side: Side, window: FloatArray) -> None:
-    """The scene from a side, within its limits."""
-    low, high = side(window)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    scene.draw_room(axes, side)
-    scene.draw(axes, side)
-    axes.set_aspect("equal", adjustable="box", anchor="NW")
-    dress_view(axes, side, scene.problem)
 
 
 def _draw_poses(
@@ -216,12 +185,7 @@ def space_tolerance_png(
         sheet = sheet_of_sides(window, settings)
         scene = SeenScene(problem, settings)
         for side, axes in zip(SIDES, sheet.views, strict=True):
-            low, high = side(window)
-            axes.set_xlim(low[0], high[0])
-            axes.set_ylim(low[1], high[1])
-            scene.draw_room(axes, side)
-            scene.draw(axes, side)
-            axes.set_aspect("equal", adjustable="box", anchor="NW")
+            scene.begin_view(axes, side, window)
             _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
             draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
             _draw_place(axes, side, error)

@@ -298,12 +298,7 @@ def _draw_view(
     axes: Axes, scene: SeenScene, side: Side, plan: SpacePlan, points: FloatArray, window: FloatArray
 ) -> None:
     problem = scene.problem
-    low, high = side(window)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    scene.draw_room(axes, side)
-    scene.draw(axes, side)
-    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    scene.begin_view(axes, side, window)
     draw_arm(axes, side(points[0]), problem.arm.radius, style.START_EDGE, 0.45, "start")
     between = points[even_steps(points, scene.settings.poses)]
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(between)))

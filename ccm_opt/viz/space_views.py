@@ -91,6 +91,14 @@ class SeenScene:
         sharp = self.settings.sharp
         return [vertices[sharp_edges(vertices, faces, sharp)] for vertices, faces in self.bodies]
 
+    def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
+        """Draw room and bodies from a side, within a box, whose corners have the shape (2, 3) [m]."""
+        low, high = side(window)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        self.draw_room(axes, side)
+        self.draw(axes, side)
+        axes.set_aspect("equal", adjustable="box", anchor="NW")
+
     def draw(self, axes: Axes, side: Side) -> None:
         """Draw every body as one sheet of glass with its edges; the limits of the axes must be set."""
         low = np.array([axes.get_xlim()[0], axes.get_ylim()[0]])
