@@ -16,15 +16,15 @@ import shapely
 import ccm_opt
 
 ROOT = Path(ccm_opt.__file__).parent
-PACKAGES = ("verification", "collision")
+PACKAGES = ("verification", "scene.bad_pose", "scene.certificate", "scene.contact_finder")
 OWN = tuple(f"ccm_opt.{name}" for name in (*PACKAGES, "solution", "errors"))
 """Where the types come from whose fields count; others, such as arms and rooms, are what goes in."""
 DEEPEST = 4
 TOLERANCE = 1e-8
 """By which share of its size a sum may differ: processors round sums in other orders."""
 
-UNSTEADY = ("CompiledPairs._address", "CompiledProofs._called")
-"""What returns addresses, and memory that C has not filled up."""
+UNSTEADY = ("_called",)
+"""What returns memory that C has not filled up."""
 
 Figure = tuple[int, int, float, float]
 """Calls of a function, numbers that it returned, their weighted sum, and the same of their sizes."""
@@ -100,12 +100,14 @@ def _alike(old: Figure, new: Figure) -> bool:
 
 def _name_of(code: CodeType) -> str | None:
     path = Path(code.co_filename)
-    if not path.is_relative_to(ROOT) or path.relative_to(ROOT).parts[0] not in PACKAGES:
+    if not path.is_relative_to(ROOT):
+        return None
+    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    if not module.startswith(PACKAGES):
         return None
     # Anonymous pieces of code are named by where they stand, which moves; their function's value has theirs in it.
     if "<" in code.co_name or code.co_qualname in UNSTEADY:
         return None
-    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     return f"{module}:{code.co_qualname.replace('.<locals>', '')}"
 
 
