@@ -135,6 +135,9 @@ def test_a_base_inside_an_outline_of_a_drawing_is_told_of_the_key(tmp_path: Path
     path.write_text(path.read_text().replace("bounds = [-1.0", "bounds = [-0.5"))
     with pytest.raises(ProblemFileError, match=r"workspace\.closed.*leave bounds out"):
         load_problem(path)
+    path.write_text(re.sub(r"(bounds|closed) = .*\n", "", path.read_text()))
+    with pytest.raises(ProblemFileError, match=r'workspace: expected exactly one of .*, or closed = "room"'):
+        load_problem(path)
 
 
 def test_obstacles_outside_the_room_are_warned_of(tmp_path: Path) -> None:

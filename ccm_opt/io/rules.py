@@ -77,7 +77,8 @@ def exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str],
     if len(given) > 1:
         issues.add((*path, given[1]), f"{expected}; got {' and '.join(given)}")
     elif not given and not _misspelt(data, path, kinds):
-        issues.add(path, f"{expected}; got none of them")
+        drawn = ', or closed = "room" with a drawing of the room' if kinds is ROOM_KINDS else ""
+        issues.add(path, f"{expected}{drawn}; got none of them")
 
 
 def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
