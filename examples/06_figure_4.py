@@ -12,8 +12,8 @@ from pathlib import Path
 
 import ccm_opt
 from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.follower import Follower
 from ccm_opt.baseline.hill_climb import run
+from ccm_opt.baseline.plans import Follower
 from ccm_opt.baseline.schemas import scm_0, scm_1, scm_2
 from ccm_opt.viz.paper_figures import SchemaPanel, schemas_png
 

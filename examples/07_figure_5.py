@@ -14,9 +14,8 @@ from pathlib import Path
 
 import ccm_opt
 from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.fold_plan import fold_plan, subgoals
-from ccm_opt.baseline.follower import Follower
 from ccm_opt.baseline.hill_climbing_planner import obstacle_ahead
+from ccm_opt.baseline.plans import Follower, fold_plan, subgoals
 from ccm_opt.problem import TipGoal
 from ccm_opt.viz.paper_figures import SchemaPanel, schemas_png
 

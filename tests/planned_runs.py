@@ -11,7 +11,7 @@ import numpy as np
 
 from ccm_opt import retiming
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import Problem

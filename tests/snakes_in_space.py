@@ -10,10 +10,9 @@ from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask, tip_box
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
-from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 

@@ -9,8 +9,7 @@ from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.curve_space import CurveSpace
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
 from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace

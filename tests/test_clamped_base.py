@@ -9,8 +9,8 @@ import ccm_opt
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import clamped_joints, with_clamped_base
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.scene.bodies import RigidPlacement
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.rigid_placement import RigidPlacement
 
 
 def standing(

@@ -8,8 +8,15 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment import CurvatureSegment
-from ccm_opt.robot.segment_types import SegmentType, classify, end_angle, natural_segment, select_segment_type, wrap
+from ccm_opt.robot.segment import (
+    CurvatureSegment,
+    SegmentType,
+    classify,
+    end_angle,
+    natural_segment,
+    select_segment_type,
+    wrap,
+)
 
 BENT = [SegmentType.LEFT, SegmentType.RIGHT, SegmentType.LEFT_RIGHT, SegmentType.RIGHT_LEFT]
 angles = st.floats(-3.1, 3.1)

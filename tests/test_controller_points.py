@@ -19,8 +19,7 @@ from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps
-from ccm_opt.verification.newton_euler import efforts_in_plane
-from ccm_opt.verification.space_newton_euler import efforts_in_space
+from ccm_opt.verification.newton_euler import efforts_in_plane, efforts_in_space
 
 from .arms import plain_arm
 from .corruption.plans import Folder, write_plans

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.robot.curve_space import CurveSpace, bend_matrix, chain_at
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.oracles.chains import ChainByNumpy
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 

@@ -19,15 +19,13 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import explained
+from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.in_plane import IN_PLANE, tight_places
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.reach import least_chord, out_of_reach
-from ccm_opt.diagnosis.recording_planner import RecordingPlanner
-from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
-from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
+from ccm_opt.diagnosis.relaxation import RecordingPlanner, Trials, least_change, relaxations
 from ccm_opt.errors import (
     Diagnosis,
     Finding,

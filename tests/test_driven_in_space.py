@@ -17,8 +17,7 @@ from ccm_opt.retiming import retime
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
 from ccm_opt.robot.points import point_of
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from ccm_opt.solution import JointPath
 
 from .retiming_paths import make_path

@@ -13,8 +13,8 @@ from scipy import ndimage
 from ccm_opt.compare.suites import Scene, clutter, random_polygon
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.diagnosis.passages import without
-from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances

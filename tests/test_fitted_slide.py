@@ -9,8 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_slide import STILL, feeds_to_end, fitted_slide, slid_along
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from tests.test_slid_along import bent_way, fed_arm
 
 slides = st.tuples(st.sampled_from([6, 8, 12, 24]), st.floats(0.1, 0.2), st.floats(0.2, 1.4), st.floats(-np.pi, np.pi))

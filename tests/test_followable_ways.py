@@ -22,7 +22,7 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.oracles.followable_search import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid

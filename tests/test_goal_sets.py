@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.diagnosis.wide_space import shortest_way
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner

@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.baseline.candidate_moves import Shapes
 from ccm_opt.baseline.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.baseline.hill_climb import Climb, Ending, Strategy, climb, end_of
-from ccm_opt.baseline.operators import ALL, Moves, Operator, StepSizes
+from ccm_opt.baseline.operators import ALL, Moves, Operator, Shapes, StepSizes
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.robot.configuration import Configuration

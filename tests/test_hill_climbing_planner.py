@@ -7,11 +7,11 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.baseline.candidate_moves import Shapes
 from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.follower import Follower
 from ccm_opt.baseline.hill_climb import SchemaStopped, run
 from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
+from ccm_opt.baseline.operators import Shapes
+from ccm_opt.baseline.plans import Follower
 from ccm_opt.baseline.schemas import scm_0
 from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.arrays import FloatArray, IntArray

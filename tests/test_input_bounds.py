@@ -191,7 +191,7 @@ def test_the_working_directory_does_not_stand_in_for_the_standard_library(tmp_pa
     )
     code = (
         "import sys; sys.path = [p for p in sys.path if p not in ('', sys.argv[1])]\n"
-        "from ccm_opt.ik.references import _module\n"
+        "from ccm_opt.ik.terms import _module\n"
         "assert _module('mine:high', 'mine').high.name == 'high'\n"
         "import csv; assert 'DictReader' in dir(csv)\n"
     )

@@ -10,7 +10,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.curve_routes import find_routes, route_room

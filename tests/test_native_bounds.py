@@ -27,7 +27,7 @@ from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_pose import Chains
 from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.robot.curve_space import CurveSpace, chain_at
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder

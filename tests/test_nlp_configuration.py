@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import ConfigurationNotFound, ProblemError
-from ccm_opt.ik import solver as solver_module
+from ccm_opt.ik import multiple_shooting as solver_module
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import (
     attempts,
@@ -21,8 +21,13 @@ from ccm_opt.ik.find_configuration import (
     winding_profiles,
 )
 from ccm_opt.ik.infeasibility import FailedAttempt, broken_rows, shortfalls
-from ccm_opt.ik.multiple_shooting import build_configuration_nlp, pack_variables, unpack_variables
-from ccm_opt.ik.solver import built_solver, solve_nlp
+from ccm_opt.ik.multiple_shooting import (
+    build_configuration_nlp,
+    built_solver,
+    pack_variables,
+    solve_nlp,
+    unpack_variables,
+)
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.corridor import Corridor
 from tests.conftest import PROBLEMS

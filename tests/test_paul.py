@@ -19,8 +19,8 @@ from ccm_opt.errors import RetimingError
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.planning.legs import Leg
 from ccm_opt.problem import JointPose, Limits, Problem
-from ccm_opt.retiming.path_limits import PathLimits
 from ccm_opt.retiming.paul import DEFAULT_PAUL, Legs, fastest_legs, retime_paul
+from ccm_opt.retiming.timed_path import PathLimits
 from ccm_opt.robot.coordinates import planar_coordinates
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointPath

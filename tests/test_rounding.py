@@ -14,13 +14,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.scene.certificate import Certificate, proof_rounding
 from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.verification.consistency import distance_rounding, heading_rounding, point_rounding
 from ccm_opt.verification.left_unchecked import relative_travel
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.rounding import distance_rounding, heading_rounding, point_rounding
 from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
-from ccm_opt.verification.wall_clearance import check_walls
-from ccm_opt.verification.wall_edges import WallEdges, edge_runs
+from ccm_opt.verification.wall_clearance import WallEdges, check_walls, edge_runs
 
 from .arms import plain_arm
 

@@ -14,10 +14,9 @@ from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.verification.effort_share import holding_efforts
-from ccm_opt.verification.interpolation import interpolation_deviation
+from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.newton_euler import joint_torques
-from ccm_opt.verification.sample_efforts import SampleMeans, check_sample_efforts
+from ccm_opt.verification.sample_efforts import SampleMeans, check_sample_efforts, holding_efforts
 from tests.pinned.scenes import plan_of
 
 from .arms import plain_arm

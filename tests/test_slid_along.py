@@ -13,8 +13,7 @@ from ccm_opt.planning.space_slide import feeds_to_end, slid_along
 from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from tests.space_arms import space_arm
 
 LENGTH = 0.9

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, SphereBody
-from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 
 ANGLES = st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3).map(np.array)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_settings import SpaceCertificateSettings
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
-from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
+from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.oracles.space_certificate import SpaceCertificateByNumpy, bows_by_numpy, near_pairs_by_numpy

@@ -8,7 +8,7 @@ from ccm_opt.io.folder import write_solution
 from ccm_opt.io.reading_back import load_any_problem
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import dh_table, frame_transforms, revolute_angles
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 
 from .command_runs import CommandLine, brightness
 from .space_files import binary_stl, written

@@ -11,7 +11,7 @@ from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.space_pose import Chains
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends, straight_at_exit
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy
 from tests.snakes_in_space import snake

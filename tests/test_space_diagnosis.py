@@ -16,18 +16,17 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.axis_ways import AxisWays, way_length
 from ccm_opt.diagnosis.cell_tree import CellTree
+from ccm_opt.diagnosis.contact_in_space import strong_enough_in_space
+from ccm_opt.diagnosis.explain import refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.in_space import IN_SPACE, failed_in_space, moved_space_goals, tight_in_space
-from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, WholeSpacePose
+from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, WholeSpacePose
 from ccm_opt.diagnosis.reach_in_space import TurnCaps, least_limit, most_turn
-from ccm_opt.diagnosis.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
-from ccm_opt.diagnosis.space_checks import strong_enough_in_space
 from ccm_opt.errors import UnreachableGoal, sentences
 from ccm_opt.problem import Tolerances
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace

@@ -22,10 +22,9 @@ from ccm_opt.io.glb import quaternions
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_kinematics import link_rotations
+from ccm_opt.robot.space_arm import link_rotations
 from ccm_opt.scene.bodies import BoxBody, SphereBody
-from ccm_opt.scene.round_bodies import seen_triangles
-from ccm_opt.scene.surfaces import all_within, sharp_edges, thinned
+from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges, thinned
 from ccm_opt.solution.space_solution import roll_against
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.saved_plans import SavedSpacePlan, load

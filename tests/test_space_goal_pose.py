@@ -17,7 +17,7 @@ from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
 from ccm_opt.ik.space_pose_task import SpacePoseSettings
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceTipGoal
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)

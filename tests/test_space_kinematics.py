@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.coordinates import space_coordinates
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
 from tests.oracles.chains import positions_of_links, rotations_by_numpy
 from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
 

@@ -13,7 +13,7 @@ from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.snakes_in_space import balls, snake, task_of
 
 NOTHING_NEAR = balls(np.array([[0.0, 0.0, 9.0]]), 0.01)

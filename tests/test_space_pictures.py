@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ccm_opt.problem import Limits, Tolerances
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.viz.space_plan import ArmSection, draw_goals_in_space, section_along

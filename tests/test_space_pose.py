@@ -10,7 +10,7 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution.space_solution import SpaceStaticPose
 from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
 

@@ -15,7 +15,7 @@ from ccm_opt.ik.space_pose_solver import CurveNumbers, SpacePoseQuestion, link_q
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask
 from ccm_opt.problem.space_problem import SpaceTipGoal
 from ccm_opt.robot.curve_space import CurveSpace
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.space_arms import FEED_OF_TESTS, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -10,17 +10,14 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
-from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, SphereBody, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.rigid_placement import RigidPlacement
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.verification.body_sides import separations
+from ccm_opt.verification.newton_euler import efforts_in_space
 from ccm_opt.verification.space_chain_motion import LinkFrames, SpaceChainMotion, TimeStretches, chain_of
-from ccm_opt.verification.space_clearance import check_side, check_surfaces
-from ccm_opt.verification.space_contact import axis_distances, check_contact, first_apart
-from ccm_opt.verification.space_newton_euler import efforts_in_space
+from ccm_opt.verification.space_clearance import axis_distances, check_contact, check_side, check_surfaces, first_apart
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 from .space_arms import FEED_OF_TESTS, space_arm, turned_arm

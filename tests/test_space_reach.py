@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import ccm_opt
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, look_at_cell
 from ccm_opt.problem.space_problem import SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, even_directions
 from ccm_opt.viz.space_views import SIDES, SeenScene
 

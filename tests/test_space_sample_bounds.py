@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.verification.newton_euler import efforts_in_space
 from ccm_opt.verification.space_chain_motion import SpaceChainMotion
-from ccm_opt.verification.space_newton_euler import efforts_in_space
 from ccm_opt.verification.space_sample_efforts import SpaceSampleMeans
 
 from .promises.in_space import fixed

@@ -15,7 +15,7 @@ from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.contradictions import GoalRegion, contradictions_in_space
 from ccm_opt.ik.quantities import SpaceQuantities
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 from tests.space_clutter import clutter
 

@@ -20,9 +20,8 @@ from ccm_opt.cli.view.scene import SpaceScene
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
-from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.robot.space_arm import joint_positions
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.verification.space_verifier import verify_in_space
 

@@ -7,7 +7,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_goal_poses import unbent_from
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 POST = boxes([([0.33, -0.02, -0.5], [0.37, 0.02, 0.5])])

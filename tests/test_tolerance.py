@@ -26,11 +26,15 @@ from ccm_opt.verification.tolerance.error_model import (
 )
 from ccm_opt.verification.tolerance.largest_error import LargestError
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.tolerance.survived_errors import hidden_corners, survived_error, survived_errors, worst_motion
-from ccm_opt.verification.tolerance.tube import tube_of
-from ccm_opt.verification.tolerance.wall_cases import WallCases
-from ccm_opt.verification.wall_clearance import check_walls
-from ccm_opt.verification.wall_edges import wall_edges
+from ccm_opt.verification.tolerance.survived_errors import (
+    WallCases,
+    hidden_corners,
+    survived_error,
+    survived_errors,
+    tube_of,
+    worst_motion,
+)
+from ccm_opt.verification.wall_clearance import check_walls, wall_edges
 
 from .arms import plain_arm
 from .scenes import random_headings, random_polygon, self_gap, sweep_gaps

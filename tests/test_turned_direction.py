@@ -10,7 +10,7 @@ from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.scene import SpaceWorkspace
 from tests.scenes import later
 from tests.space_arms import space_arm

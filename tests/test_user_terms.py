@@ -22,8 +22,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.ik import compiled_terms as building
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.quantities import Quantities
-from ccm_opt.ik.references import load_terms
-from ccm_opt.ik.terms import Constraint, Cost, Expression, Interval
+from ccm_opt.ik.terms import Constraint, Cost, Expression, Interval, load_terms
 from ccm_opt.problem import Problem, TipGoal
 
 from .conftest import PROBLEMS

@@ -16,7 +16,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.solution.space_solution import SpaceSolution
 
 POST = """

@@ -27,8 +27,7 @@ from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links, segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
-from ccm_opt.verification.wall_clearance import check_free_side, check_walls
-from ccm_opt.verification.wall_edges import Boxes, wall_edges
+from ccm_opt.verification.wall_clearance import Boxes, check_free_side, check_walls, wall_edges
 
 from .arms import plain_arm
 

@@ -13,7 +13,7 @@ from ccm_opt.planning.passed_places import first_missed, passings
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 seeds = st.integers(0, 2**32 - 1)

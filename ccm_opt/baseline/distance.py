@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.baseline.candidate_moves import Shapes
+from ccm_opt.baseline.operators import Shapes
 from ccm_opt.core.arrays import FloatArray
 
 

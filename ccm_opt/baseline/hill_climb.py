@@ -7,8 +7,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from ccm_opt.baseline.candidate_moves import Shapes
-from ccm_opt.baseline.operators import Moves
+from ccm_opt.baseline.operators import Moves, Shapes
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import Diagnosis, MotionNotFound

@@ -13,12 +13,11 @@ import numpy as np
 import shapely
 from scipy.interpolate import BSpline
 
-from ccm_opt.baseline.candidate_moves import Shapes
 from ccm_opt.baseline.curve_track import SegmentTrack, track_through, without_near
 from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.fold_plan import REACH, Folds, fold_plan, staged, subgoals, trace
-from ccm_opt.baseline.follower import Follower
 from ccm_opt.baseline.hill_climb import Schema, SchemaStep, SchemaStopped, run
+from ccm_opt.baseline.operators import Shapes
+from ccm_opt.baseline.plans import REACH, Folds, Follower, fold_plan, staged, subgoals, trace
 from ccm_opt.baseline.schema import scm_0, scm_2
 from ccm_opt.baseline.schemas import ranked_selections, scm_6, scm_7
 from ccm_opt.baseline.settings import DEFAULT_BASELINE, BaselineSettings

@@ -1,12 +1,195 @@
-"""The curvature operators (section 2.1): move an interpolation point up or down, left or right; rotate the base."""
+"""The curvature operators (section 2.1) and the candidate moves of a hill climb."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.baseline.candidate_moves import Shapes
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+"""Gauss points of a piece."""
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Configurations of one number of segments and one base.
+
+    Attributes:
+        base: shape (2,) [m].
+        heading: at the base, shape (m,) [rad].
+        lengths: of the segments, shape (m, segments) [m].
+        curvature: C_a..C_e, shape (m, segments, 5) [1/m].
+        knots: S_b..S_d, shape (m, segments, 3).
+        moments: second derivatives of C at the ends of the segments, shape (m, segments, 2) [1/m³].
+    """
+
+    base: FloatArray
+    heading: FloatArray
+    lengths: FloatArray
+    curvature: FloatArray
+    knots: FloatArray
+    moments: FloatArray
+
+    @classmethod
+    def from_configurations(cls, configurations: Sequence[Configuration]) -> "Shapes":
+        """Configurations of equally many segments as one batch."""
+        chains = [c.segments for c in configurations]
+        return cls(
+            configurations[0].base,
+            np.array([c.base_heading for c in configurations]),
+            np.array([[s.length for s in chain] for chain in chains]),
+            np.array([[s.curvature for s in chain] for chain in chains], dtype=np.float64),
+            np.array([[s.knots for s in chain] for chain in chains]),
+            np.array([[s.moments for s in chain] for chain in chains]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.heading)
+
+    def configuration(self, k: int) -> Configuration:
+        """One of them."""
+        segments: list[CurvatureSegment] = []
+        heading = float(self.heading[k])
+        for j in range(self.lengths.shape[1]):
+            b, c, d = (float(knot) for knot in self.knots[k, j])
+            first, last = (float(moment) for moment in self.moments[k, j])
+            segment = CurvatureSegment(
+                float(self.lengths[k, j]), heading, self.curvature[k, j].copy(), (b, c, d), (first, last)
+            )
+            segments.append(segment)
+            heading = segment.end_heading
+        return Configuration(self.base, tuple(segments))
+
+    def take(self, which: IntArray) -> "Shapes":
+        """Some of them."""
+        return Shapes(
+            self.base,
+            self.heading[which],
+            self.lengths[which],
+            self.curvature[which],
+            self.knots[which],
+            self.moments[which],
+        )
+
+    def first_segments(self, count: int) -> "Shapes":
+        """The same configurations cut off after some segments."""
+        return Shapes(
+            self.base,
+            self.heading,
+            self.lengths[:, :count],
+            self.curvature[:, :count],
+            self.knots[:, :count],
+            self.moments[:, :count],
+        )
+
+    @cached_property
+    def length(self) -> FloatArray:
+        """Total lengths, shape (m,) [m]."""
+        total: FloatArray = self.lengths.sum(axis=1)
+        return total
+
+    @cached_property
+    def tips(self) -> tuple[FloatArray, FloatArray]:
+        """Positions (m, 2) [m] and headings (m,) [rad] of the tips."""
+        t = self._widths[..., None] * (0.5 * (_NODES + 1.0))
+        c = self._coefficients[:, :, None] / POWERS
+        inside = t * (c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3])))
+        headings = inside + (self.heading[:, None] + self._turned[:, :-1])[..., None]
+        # Headings are closed forms; only the positions need a quadrature.
+        weights = 0.5 * self._widths[..., None] * _WEIGHTS
+        steps = np.stack(((np.cos(headings) * weights).sum((1, 2)), (np.sin(headings) * weights).sum((1, 2))), axis=1)
+        return self.base + steps, self.heading + self._turned[:, -1]
+
+    def points(self, count: int) -> FloatArray:
+        """Points at equal arc lengths, the base first, by chords: close, but not exact; shape (m, count + 1, 2) [m]."""
+        step = (self.length / count)[:, None, None]
+        chords = step * unit_vector(self.mean_headings(count))
+        start = np.zeros((len(self), 1, 2))
+        points: FloatArray = self.base + np.concatenate((start, np.cumsum(chords, axis=1)), axis=1)
+        return points
+
+    def mean_headings(self, links: int) -> FloatArray:
+        """Mean heading of every configuration over each of ``links`` equal lengths, shape (m, links) [rad]; exact."""
+        arc = np.linspace(0.0, 1.0, links + 1) * self.length[:, None]
+        integral = self._heading_integral(arc)
+        means: FloatArray = np.diff(integral, axis=1) * (links / self.length[:, None])
+        return means
+
+    @cached_property
+    def _widths(self) -> FloatArray:
+        """Lengths of the spline's pieces, shape (m, segments * 4) [m]."""
+        edge = np.zeros((*self.lengths.shape, 1))
+        shares = np.diff(np.concatenate((edge, self.knots, edge + 1.0), axis=2), axis=2)
+        return (shares * self.lengths[..., None]).reshape(len(self), -1)
+
+    @cached_property
+    def _breaks(self) -> FloatArray:
+        """Arc lengths where the pieces begin, shape (m, segments * 4) [m]."""
+        return np.cumsum(self._widths, axis=1) - self._widths
+
+    @cached_property
+    def _coefficients(self) -> FloatArray:
+        """Power coefficients of curvature on every piece, shape (m, segments * 4, 4)."""
+        a = self._widths.reshape(*self.lengths.shape, PIECES)
+        moments = self._second_derivatives(a)
+        left = moments[..., :-1]
+        right = moments[..., 1:]
+        values = self.curvature
+        linear = np.diff(values, axis=2) / a - a * (2.0 * left + right) / 6.0
+        pieces = np.stack((values[..., :-1], linear, 0.5 * left, (right - left) / (6.0 * a)), axis=-1)
+        return pieces.reshape(len(self), -1, 4)
+
+    def _second_derivatives(self, a: FloatArray) -> FloatArray:
+        """M_0..M_4 of every segment, shape (m, segments, 5): a 3 × 3 system each, solved by elimination."""
+        slopes = np.diff(self.curvature, axis=2) / a
+        rows = 6.0 * np.diff(slopes, axis=2)
+        ends = self.moments
+        middle = 2.0 * (a[..., :-1] + a[..., 1:])
+        r0 = rows[..., 0] - a[..., 0] * ends[..., 0]
+        r1 = rows[..., 1]
+        r2 = rows[..., 2] - a[..., 3] * ends[..., 1]
+        # The outer unknowns are eliminated from the middle row, then found from the middle one.
+        f0 = a[..., 1] / middle[..., 0]
+        f2 = a[..., 2] / middle[..., 2]
+        m1 = (r1 - f0 * r0 - f2 * r2) / (middle[..., 1] - f0 * a[..., 1] - f2 * a[..., 2])
+        m0 = (r0 - a[..., 1] * m1) / middle[..., 0]
+        m2 = (r2 - a[..., 2] * m1) / middle[..., 2]
+        return np.stack((ends[..., 0], m0, m1, m2, ends[..., 1]), axis=-1)
+
+    @cached_property
+    def _turned(self) -> FloatArray:
+        """Turn from the base to the start of each piece and to the tip, shape (m, segments * 4 + 1) [rad]."""
+        turns = (self._coefficients * self._widths[..., None] ** POWERS / POWERS).sum(axis=2)
+        return np.concatenate((np.zeros((len(self), 1)), np.cumsum(turns, axis=1)), axis=1)
+
+    def _heading_integral(self, arc: FloatArray) -> FloatArray:
+        """Integral of the heading from the base to arc lengths (m, k), of that shape [rad m]."""
+        piece = np.zeros(arc.shape, dtype=np.intp)
+        for k in range(1, self._breaks.shape[1]):
+            # Counting the breaks passed is a search for all rows at once.
+            piece += arc > self._breaks[:, k, None]
+        row = np.arange(len(self))[:, None]
+        t = arc - self._breaks[row, piece]
+        c0, c1, c2, c3 = (c[row, piece] for c in np.moveaxis(self._coefficients / (POWERS * (POWERS + 1)), 2, 0))
+        start = self._turned[row, piece] + self.heading[:, None]
+        bends = t * (c0 + t * (c1 + t * (c2 + t * c3)))
+        integral: FloatArray = self._integrals[row, piece] + t * (start + bends)
+        return integral
+
+    @cached_property
+    def _integrals(self) -> FloatArray:
+        """Integral of the heading from the base to the start of each piece, shape (m, segments * 4) [rad m]."""
+        a = self._widths
+        bends = (self._coefficients * a[..., None] ** (POWERS + 1) / (POWERS * (POWERS + 1))).sum(axis=2)
+        pieces = (self._turned[:, :-1] + self.heading[:, None]) * a + bends
+        integrals: FloatArray = np.cumsum(pieces, axis=1) - pieces
+        return integrals
 
 
 class Operator(StrEnum):

@@ -5,10 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.baseline.candidate_moves import Shapes
 from ccm_opt.baseline.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, Strategy, climb, end_of, run
-from ccm_opt.baseline.operators import Moves, Operator
+from ccm_opt.baseline.operators import Moves, Operator, Shapes
 from ccm_opt.baseline.settings import SchemaSettings
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import BoolArray, FloatArray
@@ -16,8 +15,7 @@ from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import heading_of, whole_turns, wrap
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import interpolate
-from ccm_opt.robot.segment import EVEN_KNOTS
-from ccm_opt.robot.segment_types import natural_segment, select_segment_type
+from ccm_opt.robot.segment import EVEN_KNOTS, natural_segment, select_segment_type
 
 _SUBGOAL_SPACING = 0.03
 """Distance of the subgoals of SCM-7, as a share of the arm's length. Taste."""

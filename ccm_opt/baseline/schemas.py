@@ -7,11 +7,10 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import j0
 
-from ccm_opt.baseline.candidate_moves import Shapes
 from ccm_opt.baseline.curve_track import SegmentTrack
 from ccm_opt.baseline.distance import Distance, TipPose
 from ccm_opt.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, end_of
-from ccm_opt.baseline.operators import Moves, Operator
+from ccm_opt.baseline.operators import Moves, Operator, Shapes
 from ccm_opt.baseline.schema import hold, scm_0, scm_2, scm_6, scm_7, scm_8
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import FloatArray
@@ -20,8 +19,7 @@ from ccm_opt.core.polyline import heading_of, whole_turns, wrap
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import add_segment, delete_segment, start_of
-from ccm_opt.robot.segment import CurvatureSegment
-from ccm_opt.robot.segment_types import SINE, SegmentType, end_angle, natural_segment, select_segment_type
+from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
 _SELECTION_PUSH = 0.05
 """Weight of the walls while a curve is selected. Taste."""

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.baseline.candidate_moves import Shapes
+from ccm_opt.baseline.operators import Shapes
 from ccm_opt.baseline.settings import DEFAULT_CLIMBING, ClimbingSettings
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN

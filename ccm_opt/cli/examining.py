@@ -24,8 +24,8 @@ from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.io.solution_json import tolerance_data, tolerance_json
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import dh_table, joint_names
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import SimulatedMotion, SurvivedError
 from ccm_opt.viz.room_section import survived_in_words
 
@@ -196,7 +196,7 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     problem = overrides.applied(recorded)
     motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
-    from ccm_opt.dynamics.simulation.simulation_checks import check_options  # noqa: PLC0415 - likewise
+    from ccm_opt.dynamics.simulation.simulation_record import check_options  # noqa: PLC0415 - likewise
 
     # What was recorded was checked before the plan was made; what the command line says is checked here.
     check_options(problem.arm, problem.simulation)
@@ -302,7 +302,7 @@ def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) ->
 
         return space_tolerance_png(problem, motion.trajectory, joints)
     from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
-    from ccm_opt.verification.tolerance.tube import tube_of  # noqa: PLC0415 - with it
+    from ccm_opt.verification.tolerance.survived_errors import tube_of  # noqa: PLC0415 - with it
     from ccm_opt.viz.simulated_motion import tolerance_png  # noqa: PLC0415 - loads matplotlib
 
     tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)

@@ -11,8 +11,7 @@ from ccm_opt.cli.notes import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import outside_allowed
 from ccm_opt.errors import ProblemError
-from ccm_opt.ik.references import load_terms
-from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.ik.terms import Constraint, Cost, load_terms
 from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 

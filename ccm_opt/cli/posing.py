@@ -22,12 +22,7 @@ from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
-from ccm_opt.io.result_folders import (
-    reach_json,
-    write_pose,
-    write_pose_failure,
-    write_reach,
-)
+from ccm_opt.io.result_folders import reach_json, write_pose, write_pose_failure, write_reach
 from ccm_opt.io.solution_json import pose_json, segment_words
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.space_configuration import SpaceSegment

@@ -13,8 +13,7 @@ from typing import Any, cast
 
 from ccm_opt.core.progress import Stages
 from ccm_opt.errors import ProblemError
-from ccm_opt.ik.references import TIME_TO_LOAD
-from ccm_opt.ik.terms import answer_of
+from ccm_opt.ik.terms import TIME_TO_LOAD, answer_of
 from ccm_opt.planning.legs import Planner
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointPath

@@ -18,12 +18,10 @@ from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTip
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.link_bodies import cylinder_inertia
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
-from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
-from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
+from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.rigid_placement import RigidPlacement
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.surfaces import SurfaceSoup
 

@@ -16,7 +16,7 @@ from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.contact_in_space import ObstacleGaps, stands_out
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
-from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, space_tip_places
+from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, space_tip_places
 from ccm_opt.diagnosis.possible_gap import bound_at_ends
 from ccm_opt.diagnosis.way_search import Answer, WayEnds, WaySearch
 from ccm_opt.planning.grid_ways import shortened

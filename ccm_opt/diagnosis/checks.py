@@ -18,9 +18,8 @@ from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import words_for_unit
-from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, contact_missed
+from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, contact_missed, strong_enough
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, FirstLinksSettings
-from ccm_opt.diagnosis.holding_torque import strong_enough
 from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
 from ccm_opt.diagnosis.passages import closed_in_plane, wide_and_short_enough, without
 from ccm_opt.diagnosis.ranking import degrees, listed, point

@@ -1,15 +1,18 @@
-"""What the driver asks where there is no plan: why, and what change would help."""
+"""What is refused before anything is planned, why there is no plan, and what change would help."""
 
 from dataclasses import replace
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
+from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, any_way_closed, failed
+from ccm_opt.diagnosis.contact import joint_words, overloaded
+from ccm_opt.diagnosis.contact_in_space import AT_ONCE_IN_SPACE, found_in_space
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
-from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.diagnosis.ranking import closed_off, ranked, refuse
 from ccm_opt.diagnosis.relaxation import Knowledge, Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 
 _ADVISED_STEPS = (0.0, 0.25, 0.6, 1.0)
 """How far beyond its bound a change is looked at by the necessary checks alone, where every try failed, as a share of
@@ -106,3 +109,62 @@ def _least_with_hope(
         if not knowledge.hopeless(candidate.write(problem, value)):
             return value
     return None
+
+
+FEW_OBSTACLES = 30
+"""Among so many what closes the ways is found in half a second. Measured: 0.02 s a look, and some thirty looks."""
+
+
+def refuse_impossible(problem: Problem) -> None:
+    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
+    refuse(ranked(failed(problem, AT_ONCE)))
+
+
+def refuse_hopeless(problem: Problem) -> None:
+    """Refuse a problem of which any of the necessary checks proves that it has no plan, as soon as that is known.
+
+    What closes the ways among many obstacles is for those to say who explain the failure.
+
+    Raises:
+        UnreachableGoal: with the findings; without where none of the ways among many obstacles will do.
+    """
+    few = len(problem.workspace.obstacles) <= FEW_OBSTACLES
+    refuse(ranked(failed(problem, NECESSARY if few else BUT_WAYS)))
+    if not few and any_way_closed(problem):
+        raise closed_off(problem)
+
+
+def refuse_closed(problem: Problem) -> None:
+    """Refuse a problem of which any of the necessary checks proves that it has no plan.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
+    refuse(ranked(failed(problem)))
+
+
+def refuse_impossible_in_space(problem: SpaceProblem) -> None:
+    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
+    refuse(ranked(found_in_space(problem, AT_ONCE_IN_SPACE)))
+
+
+def refuse_closed_in_space(problem: SpaceProblem) -> None:
+    """Refuse a problem of which it is proved that no way to its goal is wide and short enough.
+
+    What closes the ways is for those to say who explain the failure.
+
+    Raises:
+        UnreachableGoal: without findings.
+    """
+    from ccm_opt.diagnosis.ways_in_space import closed_in_space  # noqa: PLC0415 - most searches never ask
+
+    if closed_in_space(problem):
+        raise closed_off(problem)

@@ -10,22 +10,21 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import in_unit, long_length, short_length
 from ccm_opt.core.length_words import place as at
 from ccm_opt.diagnosis.axis_ways import AxisWays, free_depth, way_length
-from ccm_opt.diagnosis.contact_in_space import contact_at_space_tips
+from ccm_opt.diagnosis.contact_in_space import AT_ONCE_IN_SPACE, SpaceCheck, contact_at_space_tips, found_in_space
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedSpaceGoalSettings, TightnessSettings
 from ccm_opt.diagnosis.in_plane import unit_hints_in_space
-from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, space_tip_places, whole_space_poses
+from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, space_tip_places, whole_space_poses
 from ccm_opt.diagnosis.moved_goal import about_the_goal, moved_position
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import point
 from ccm_opt.diagnosis.reach import tight_turn
 from ccm_opt.diagnosis.reach_in_space import angle_between, most_turn, supple_enough_in_space, within_space_reach
 from ccm_opt.diagnosis.relaxation import Knowledge, heading_may_mend
-from ccm_opt.diagnosis.space_checks import AT_ONCE_IN_SPACE, SpaceCheck, found_in_space
 from ccm_opt.diagnosis.ways_in_space import between, closed_in_space, wide_and_short_enough_in_space
 from ccm_opt.errors import Finding
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME
 

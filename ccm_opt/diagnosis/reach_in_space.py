@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.length_words import long_length
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, SpaceReachSettings
-from ccm_opt.diagnosis.keyed_space_poses import SpaceTipPlace, space_tip_places, whole_space_poses
+from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, space_tip_places, whole_space_poses
 from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.diagnosis.reach import cannot_curl_up, cannot_turn_enough, least_chord, out_of_reach
 from ccm_opt.errors import Finding

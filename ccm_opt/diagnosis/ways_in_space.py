@@ -11,7 +11,7 @@ from ccm_opt.core.length_words import place as at
 from ccm_opt.diagnosis.axis_ways import AxisWays, WidestWay, way_length
 from ccm_opt.diagnosis.contact_in_space import contact_at_space_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
-from ccm_opt.diagnosis.keyed_space_poses import space_tip_places
+from ccm_opt.diagnosis.keyed_poses import space_tip_places
 from ccm_opt.diagnosis.ranking import diameter_words, listed, point
 from ccm_opt.diagnosis.reach_in_space import within_space_reach
 from ccm_opt.errors import Finding

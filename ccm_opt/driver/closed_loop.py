@@ -15,9 +15,9 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
-from ccm_opt.verification.bisection import Verdict
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import nearest_links
+from ccm_opt.verification.stretch_proof import Verdict
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import nearest_wall
 

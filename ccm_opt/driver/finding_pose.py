@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
+from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings

@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect, expect_that, refusal
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.diagnosis.refusals_in_plane import refuse_closed, refuse_impossible
+from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings

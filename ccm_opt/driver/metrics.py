@@ -12,7 +12,7 @@ from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.solution.space_solution import goal_errors
-from ccm_opt.verification.interpolation import interpolation_deviation
+from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 
 def metrics(

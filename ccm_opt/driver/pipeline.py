@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, overload
 
 from ccm_opt.core.progress import Progress, Stages
-from ccm_opt.diagnosis.refusals_in_plane import refuse_hopeless
+from ccm_opt.diagnosis.explain import refuse_hopeless
 from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError

@@ -8,11 +8,9 @@ from functools import partial
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.diagnosis.explain import explained, with_proof
+from ccm_opt.diagnosis.explain import explained, refuse_impossible, with_proof
 from ccm_opt.diagnosis.in_plane import IN_PLANE
-from ccm_opt.diagnosis.recording_planner import RecordingPlanner
-from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
-from ccm_opt.diagnosis.relaxation import Trials
+from ccm_opt.diagnosis.relaxation import RecordingPlanner, Trials
 from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.pipeline import default_planner
@@ -23,7 +21,7 @@ from ccm_opt.driver.tries import best_of_tries
 from ccm_opt.driver.user_terms import compiled_terms, named_terms, planned_with_costs, refuse_contradictions
 from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
-from ccm_opt.dynamics.simulation.simulation_checks import check_options
+from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost

@@ -28,7 +28,7 @@ from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.legs import Planner, end_to_end
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.verification.space_verifier import verify_in_space

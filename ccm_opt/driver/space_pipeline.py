@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.diagnosis.refusals_in_space import refuse_impossible_in_space
+from ccm_opt.diagnosis.explain import refuse_impossible_in_space
 from ccm_opt.driver.calls import in_words_of_its_file
 from ccm_opt.driver.kept_plan import versions
 from ccm_opt.driver.metrics import space_figures_of_motion
@@ -18,7 +18,7 @@ from ccm_opt.driver.tries import best_of_tries
 from ccm_opt.driver.user_terms import compiled_terms, planned_with_costs
 from ccm_opt.driver.verified_motion import VerifiedPlan
 from ccm_opt.driver.verified_plan import kept, not_waited_for, simulated_motion
-from ccm_opt.dynamics.simulation.simulation_checks import check_options
+from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem.space_problem import SpaceProblem

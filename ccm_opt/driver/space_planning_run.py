@@ -11,8 +11,8 @@ from ccm_opt import retiming
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.recording_planner import RecordingPlanner
-from ccm_opt.diagnosis.refusals_in_space import refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.diagnosis.explain import refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.diagnosis.relaxation import RecordingPlanner
 from ccm_opt.driver.settings import DEFAULT_IN_SPACE, DEFAULT_SPACE_LOOKS, SpaceLookSettings, SpaceSettings
 from ccm_opt.driver.user_terms import compiled_terms, named_terms
 from ccm_opt.driver.verified_motion import (
@@ -32,7 +32,7 @@ from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem.space_problem import SpaceGoal, SpaceJointPose, SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution import JointPath, JointTrajectory, NearPlace, RoomRecord
 from ccm_opt.verification.space_verifier import verify_in_space
 

@@ -15,8 +15,8 @@ from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, con
 from ccm_opt.ik.terms import COST_SHARES, TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.points import DrivenArm
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:

@@ -370,13 +370,9 @@ def contradictions_in_space(
     with np.errstate(all="ignore"):  # what is not a number proves nothing
         for item in terms.hard_at_goal:
             function = _of_tip_in_space(item)
-            least = 0.0 if function is None else _contradictions_in_space_proved_miss(item, function, goal)
+            least = 0.0 if function is None else _proved_miss_in_space(item, function, goal)
             if function is not None and least > settings.tolerance:
-                found.append(
-                    Contradiction(
-                        item.constraint.name, _contradictions_in_space_proved_miss(item, function, exact), least
-                    )
-                )
+                found.append(Contradiction(item.constraint.name, _proved_miss_in_space(item, function, exact), least))
     return tuple(found)
 
 
@@ -402,7 +398,7 @@ def _of_tip_in_space(item: CompiledConstraint) -> ca.Function | None:
     return ca.Function("of_tip", [ca.vertcat(place, points)], [ca.densify(expression)])
 
 
-def _contradictions_in_space_proved_miss(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
+def _proved_miss_in_space(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
     """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
     try:
         return max(0.0, float(least_misses(item, interval_values(function, goal.box())).min()))

@@ -11,8 +11,7 @@ from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import Diagnosis
 from ccm_opt.ik.configuration_task import ConfigurationTask
-from ccm_opt.ik.multiple_shooting import ConfigurationNLP, unpack_variables
-from ccm_opt.ik.solver import NLPResult
+from ccm_opt.ik.multiple_shooting import ConfigurationNLP, NLPResult, unpack_variables
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES
 

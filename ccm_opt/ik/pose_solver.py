@@ -12,7 +12,7 @@ from ccm_opt.core.ipopt_call import ipopt_answer
 from ccm_opt.ik.built_solver import IPOPT_SWITCHES, built_solver
 from ccm_opt.ik.pose_program import PoseProgram
 from ccm_opt.ik.pose_settings import PoseSettings
-from ccm_opt.ik.row_answer import RowAnswer, RowReading
+from ccm_opt.ik.row_program import RowAnswer, RowReading
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, second_derivatives

@@ -16,9 +16,8 @@ from ccm_opt.ik.space_pose_program import SpacePoseProgram, SpacePoseSize, space
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, SpacePoseQuestion
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask, free_shares
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
-from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _STRAY_WEIGHT = 1.0

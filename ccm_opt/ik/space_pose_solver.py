@@ -12,16 +12,15 @@ from ccm_opt.core.ipopt_call import ipopt_answer
 from ccm_opt.ik.bishop_shooting import chained_quaternions, quaternions_of
 from ccm_opt.ik.built_solver import IPOPT_SWITCHES, built_solver
 from ccm_opt.ik.holding import holding_loads
-from ccm_opt.ik.row_answer import RowAnswer, RowReading
+from ccm_opt.ik.row_program import RowAnswer, RowReading
 from ccm_opt.ik.space_pose_program import SpacePoseProgram
 from ccm_opt.ik.space_pose_task import SpacePoseSettings, SpacePoseTask
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import PIECES, second_derivatives
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
 from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
 
 
 @dataclass(frozen=True)

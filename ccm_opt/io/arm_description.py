@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Axes
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import joint_names
+from ccm_opt.robot.points import DrivenArm
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""

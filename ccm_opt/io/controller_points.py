@@ -22,12 +22,10 @@ from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.limits import check_points
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.newton_euler import efforts_in_plane, efforts_in_space
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.space_chain_motion import SpaceChainMotion
-from ccm_opt.verification.space_clearance import check_surfaces
-from ccm_opt.verification.space_contact import check_contact
-from ccm_opt.verification.space_newton_euler import efforts_in_space
+from ccm_opt.verification.space_clearance import check_contact, check_surfaces
 from ccm_opt.verification.space_verifier import check_space_points
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls

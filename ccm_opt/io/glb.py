@@ -26,8 +26,8 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
-from ccm_opt.scene.round_bodies import capsule_surface, seen_triangles
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
+from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 from ccm_opt.solution import JointTrajectory
 

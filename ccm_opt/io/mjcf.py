@@ -17,10 +17,9 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, SolidScene, prism_mesh
 from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.io.space_scene import NamedBody
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
-from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 
 _COLOUR = "0.55 0.57 0.6 1"
 

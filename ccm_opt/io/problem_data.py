@@ -33,10 +33,9 @@ from ccm_opt.problem import (
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, SphereBody
-from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 Table = dict[str, object]

@@ -15,10 +15,9 @@ from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.record_file import read_record
 from ccm_opt.io.solution_json import SCHEMA
 from ccm_opt.problem.space_problem import AnyProblem
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from ccm_opt.solution import JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9

@@ -15,16 +15,9 @@ from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.space_scene import mesh_data
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment_types import segment_words
+from ccm_opt.robot.segment import segment_words
 from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.solution import (
-    Check,
-    GoalPoseRecord,
-    NearPlace,
-    RoomRecord,
-    SpaceGoalPoseRecord,
-    SurvivedError,
-)
+from ccm_opt.solution import Check, GoalPoseRecord, NearPlace, RoomRecord, SpaceGoalPoseRecord, SurvivedError
 from ccm_opt.solution.space_solution import AnySolution, AnyStaticPose, GoalErrors, SpaceSolution, SpaceStaticPose
 
 __all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]

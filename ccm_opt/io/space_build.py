@@ -34,8 +34,7 @@ from ccm_opt.problem import Tolerances, VerificationOptions
 from ccm_opt.problem.space_problem import SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
 from ccm_opt.robot.link_bodies import SPACE_ROD_RADIUS
 from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
-from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 
 

@@ -19,7 +19,7 @@ from ccm_opt.io.arm_description import (
 )
 from ccm_opt.io.scene_solids import Drum, Prism, SolidObstacle, SolidScene, prism_mesh
 from ccm_opt.problem import Limits
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.robot.space_arm import SpaceArm
 
 MESHES = ".meshes"

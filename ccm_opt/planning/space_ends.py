@@ -12,7 +12,7 @@ from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_kinematics import exposed_links, joint_positions
+from ccm_opt.robot.space_arm import exposed_links, joint_positions
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME

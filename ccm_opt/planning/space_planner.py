@@ -30,7 +30,7 @@ from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, 
 from ccm_opt.planning.space_tracking import tracked
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
 

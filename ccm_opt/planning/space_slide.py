@@ -17,8 +17,7 @@ from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.robot.biarc import free_shares_of_bends
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 
 _FINE = 0.02
 """Spacing of places at which the track is looked at for the next joint, in links."""

@@ -20,8 +20,7 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 
 _USER_SAMPLES = 32
 """Of a span at which users' constraints are looked at, which are not proved between; taste."""

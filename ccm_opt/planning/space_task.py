@@ -18,8 +18,7 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import exposed_links, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, exposed_links, joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 

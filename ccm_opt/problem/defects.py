@@ -20,7 +20,7 @@ from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.problem.poses import JointPose, TipGoal
 from ccm_opt.robot.arm import Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 
 if TYPE_CHECKING:
     from ccm_opt.problem.definition import Problem

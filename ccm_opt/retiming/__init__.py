@@ -9,7 +9,7 @@ from ccm_opt.retiming.paul import DEFAULT_PAUL, PaulSettings
 from ccm_opt.retiming.timing import joined, retime, reversed_trajectory
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 __all__ = ["joined", "retime", "reversed_trajectory", "timings"]

@@ -31,11 +31,10 @@ from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.path_limits import PathLimits, likely_coordinates
-from ccm_opt.retiming.timed_path import TimedPath
+from ccm_opt.retiming.timed_path import PathLimits, TimedPath, likely_coordinates
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.retiming.motion_samples import share_allowed, slowing, slowings
 from ccm_opt.retiming.path_rows import PathRows
-from ccm_opt.retiming.slowing import share_allowed, slowing, slowings
 
 
 @dataclass(frozen=True)

@@ -50,9 +50,9 @@ from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.retiming.grid import refine
 from ccm_opt.retiming.motion_limits.coordinate_limits import sides_of_third
 from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.path_limits import PathLimits
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile
+from ccm_opt.retiming.timed_path import PathLimits
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings, SamplingSettings, SmoothingSettings
 
 _GRID_SHARE = 0.99

@@ -23,14 +23,13 @@ from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.grid import path_grid, refine, span_lengths
 from ccm_opt.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.path_limits import likely_coordinates
 from ccm_opt.retiming.path_rows import PathRows, path_rows
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.speed_optimizer import SmoothProfile, fastest_within, halved_where_unseen, jerk_limited
-from ccm_opt.retiming.timed_path import TimedPath
+from ccm_opt.retiming.timed_path import TimedPath, likely_coordinates
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings, TimingSettings
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 _BESIDE_JUMP = 0.02

@@ -17,7 +17,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Axes
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 
 REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}
 _QUARTER = 0.5 * np.pi

@@ -6,8 +6,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import bend_rotations
+from ccm_opt.robot.space_arm import SpaceArm, bend_rotations
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Points of an arm by their arc length: where they are and how they move.
+"""Points of an arm by their arc length, of whatever arm can be driven.
 
 Joint i turns by a about the z axis of the link before and by b about its own y axis, so that with the axes z and y of
 those links, x along a link and a dash for a derivative in time or along a path (Craig, Introduction to Robotics,
@@ -15,9 +15,10 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.driven_arm import DrivenArm
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import link_rotations
+from ccm_opt.robot.space_arm import SpaceArm, link_rotations
+
+DrivenArm: TypeAlias = Arm | SpaceArm
+"""An arm as its drives see it; what bends it and how is in its coordinates, where it begins in its base frame."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import frame_transforms, joint_names
+from ccm_opt.robot.points import DrivenArm
 
 _LEAST_DETERMINANT = 0.05
 """Determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is singular. Taste."""

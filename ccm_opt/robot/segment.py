@@ -1,12 +1,17 @@
-"""Curvature segments: length, start heading and a five-point cubic spline of the curvature."""
+"""Curvature segments, and the five types with at most one inflection (section 2.1, Figure 2)."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import j0
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.polyline import heading_of, wrap
+from ccm_opt.errors import ProblemError
 
 
 def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
@@ -119,3 +124,155 @@ class CurvatureSegment:
         c = self.coefficients
         turns = a * (c[:, 0] + a * (c[:, 1] / 2 + a * (c[:, 2] / 3 + a * c[:, 3] / 4)))
         return self.heading + np.concatenate(([0.0], np.cumsum(turns)))
+
+
+_SIGN_SAMPLES = 32
+"""Headings at which the signs of a segment's curvature are looked for, on each of its cubic pieces. Taste."""
+
+_FIRST_ZERO_OF_J0 = 2.404825557695773
+"""Where the chord of a modal curve vanishes [rad]."""
+SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
+"""A whole wave of the sine at a segment's five knots."""
+
+
+class SegmentType(StrEnum):
+    """The signs of a segment's curvature, base first; left is counter-clockwise, positive."""
+
+    STRAIGHT = "straight"
+    LEFT = "left"
+    RIGHT = "right"
+    LEFT_RIGHT = "left-right"
+    RIGHT_LEFT = "right-left"
+
+    @property
+    def mirrored(self) -> "SegmentType":
+        """The type of the mirror image, left and right exchanged."""
+        return SegmentType("-".join(_OTHER_SIDE[word] for word in self.value.split("-")))
+
+
+_OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
+
+
+def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
+    """The type of a segment by the signs of its curvature.
+
+    Args:
+        segment: the segment.
+        least_turn: a stretch of one sign counts when it turns the heading by more than this [rad].
+
+    Raises:
+        ProblemError: the curvature changes sign more than once; the segment must be divided first.
+    """
+    arc = np.unique(np.linspace(segment.breakpoints[:-1], segment.breakpoints[1:], _SIGN_SAMPLES + 1))
+    heading = segment.heading_at(arc)
+    turning = heading[np.concatenate(([0], _extrema(heading), [len(arc) - 1]))]
+    turns = np.diff(turning)
+    signs = np.sign(turns[np.abs(turns) > least_turn]).astype(int)
+    stretches = [int(sign) for k, sign in enumerate(signs) if k == 0 or sign != signs[k - 1]]
+    name = "-".join("left" if sign > 0 else "right" for sign in stretches) or "straight"
+    if len(stretches) > 2:
+        raise ProblemError(
+            f"a segment type has at most one inflection, this curvature has {len(stretches) - 1} ({name}); "
+            "divide the segment at an inflection first"
+        )
+    return SegmentType(name)
+
+
+def segment_words(segment: CurvatureSegment) -> str:
+    """The type of a segment, or that its curvature changes sign more than once, for which the paper has no type."""
+    try:
+        return str(classify(segment))
+    except ProblemError:
+        return "several inflections"
+
+
+def select_segment_type(
+    base: FloatArray,
+    base_heading: float | None,
+    tip: FloatArray,
+    tip_heading: float | None,
+    tolerance: float = 1e-6,
+) -> SegmentType:
+    """The simplest type that joins two poses, without simulating any curve (section 2.1).
+
+    With the chord from base to tip let α be the turn from the base's tangent to the chord and β the turn from the
+    chord to the tip's tangent, both in [-π, π). By the mean value theorem the chord's direction is a weighted mean of
+    the curve's headings, so while the headings span less than π a curve of one sign has α and β of that sign, and
+    opposite signs of α and β prove an inflection: α > 0 > β is left-right. Where one of the two vanishes but not the
+    other the curve must leave the chord and come back, so it too has an inflection. A free end heading takes the
+    value of a circular arc, α = β.
+
+    A pose with α and β of one sign can also be reached with an inflection; the simpler type is returned.
+
+    Args:
+        base: shape (2,) [m].
+        base_heading: [rad], or None when the base may turn.
+        tip: shape (2,) [m]; different from the base.
+        tip_heading: [rad], or None when any heading will do.
+        tolerance: angles below it count as zero [rad].
+    """
+    chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
+    direction = heading_of(chord)
+    alpha = None if base_heading is None else wrap(direction - base_heading)
+    beta = None if tip_heading is None else wrap(tip_heading - direction)
+    # A free end takes the turn of the other one, as on a circular arc; with both ends free the line is straight.
+    if alpha is None:
+        alpha = beta or 0.0
+    if beta is None:
+        beta = alpha
+    first = _sign(alpha, tolerance)
+    last = _sign(beta, tolerance)
+    if first == last:
+        return {0: SegmentType.STRAIGHT, 1: SegmentType.LEFT, -1: SegmentType.RIGHT}[first]
+    return SegmentType.LEFT_RIGHT if first > last else SegmentType.RIGHT_LEFT
+
+
+def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length: float) -> CurvatureSegment:
+    """A first curve of a given type and length from base towards tip; the base turns to aim it.
+
+    One-signed types are the circular arc: end angles a with sin(a)/a = chord/L and curvature ±2a/L. Types with an
+    inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes the angle a with its
+    ends (Chirikjian and Burdick): curvature ±(2πa/L) sin 2πs. Neither knows the end headings: hill climbing or the
+    NLP bring them in. The straight type keeps zero curvature, whatever the length.
+
+    Args:
+        kind: the type.
+        base: shape (2,) [m].
+        tip: shape (2,) [m]; no farther than ``length``.
+        length: L [m].
+
+    Returns:
+        A segment whose chord points at the tip, exactly for straight and arc, to spline accuracy otherwise.
+
+    Raises:
+        ProblemError: the tip is farther than the length.
+    """
+    chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
+    direction = heading_of(chord)
+    ratio = float(np.hypot(*chord)) / length
+    if ratio > 1.0 + 1e-9:
+        raise ProblemError(f"a segment of {length:g} m cannot span {ratio * length:g} m; give it more length")
+    # A chord longer than the arm by rounding counts as straight.
+    amplitude = end_angle(kind, min(ratio, 1.0))
+    sign = 1.0 if kind in {SegmentType.LEFT, SegmentType.LEFT_RIGHT} else -1.0
+    shape = np.full(5, 2.0) if kind in {SegmentType.LEFT, SegmentType.RIGHT} else 2.0 * np.pi * SINE
+    return CurvatureSegment(length, direction - sign * amplitude, sign * amplitude / length * shape)
+
+
+def end_angle(kind: SegmentType, ratio: float) -> float:
+    """Angle between the ends and the chord of a natural segment [rad], from chord / length in [0, 1]."""
+    if kind is SegmentType.STRAIGHT or ratio >= 1.0:
+        return 0.0
+    if kind in {SegmentType.LEFT, SegmentType.RIGHT}:
+        return float(brentq(lambda a: np.sinc(a / np.pi) - ratio, 0.0, np.pi))
+    return float(brentq(lambda a: j0(a) - ratio, 0.0, _FIRST_ZERO_OF_J0))
+
+
+def _sign(angle: float, tolerance: float) -> int:
+    return 0 if abs(angle) <= tolerance else (1 if angle > 0 else -1)
+
+
+def _extrema(heading: FloatArray) -> IntArray:
+    """Indices of the local extrema of a sampled heading: where its curvature changes sign."""
+    slope = np.sign(np.diff(heading))
+    return np.flatnonzero(slope[1:] * slope[:-1] < 0) + 1

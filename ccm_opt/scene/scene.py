@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.scene.bodies import BOX_FACES, Body, BoxBody, MeshBody, SphereBody, box_corners
-from ccm_opt.scene.rigid_placement import RigidPlacement
+from ccm_opt.scene.bodies import BOX_FACES, Body, BoxBody, MeshBody, RigidPlacement, SphereBody, box_corners
 from ccm_opt.scene.surfaces import SurfaceSoup, box_about
 
 

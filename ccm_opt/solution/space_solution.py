@@ -8,8 +8,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
 from ccm_opt.solution import (
     JointTrajectory,
     PoseOutcome,

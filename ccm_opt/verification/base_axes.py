@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import CheckedProblem, Efforts, bends_a_ball
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

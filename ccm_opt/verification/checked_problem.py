@@ -12,8 +12,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.robot.coordinates import Coordinates, Limits
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import joint_names
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]

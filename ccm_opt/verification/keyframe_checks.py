@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import CurvePose
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

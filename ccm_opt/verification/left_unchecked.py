@@ -11,10 +11,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.link_chain import LinkChain
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.verification.bisection import Nearest, Pairs, prove_apart
+from ccm_opt.verification.consistency import distance_rounding
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.selfcollision import first_distant, relative_travel, segment_distances
+from ccm_opt.verification.stretch_proof import Nearest, Pairs, prove_apart
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import exposed_starts
 

@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import as_revolutes, bends_a_ball, joint_of_bend
 from ccm_opt.verification.link_motion import advance, link_headings

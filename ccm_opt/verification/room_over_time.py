@@ -15,9 +15,9 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
 from ccm_opt.solution.records import ShortCause
-from ccm_opt.verification.bisection import Pairs
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, pairs_within, self_distances
+from ccm_opt.verification.stretch_proof import Pairs
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import WallGaps, check_walls
 

@@ -6,9 +6,9 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_chain import LinkChain
 from ccm_opt.solution import Check, NearPlace
-from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
+from ccm_opt.verification.consistency import UNIT, distance_rounding
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.rounding import UNIT, distance_rounding
+from ccm_opt.verification.stretch_proof import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _PAIR_PROBES = 24

@@ -16,12 +16,17 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification.bisection import HatMeans
 from ccm_opt.verification.checked_problem import joint_of_bend, revolutes_of_bends
-from ccm_opt.verification.effort_share import HoldingEfforts
-from ccm_opt.verification.sample_efforts import allowed_beside, bounds_of_bodies, force_check, torque_check
+from ccm_opt.verification.newton_euler import of_bends
+from ccm_opt.verification.sample_efforts import (
+    HoldingEfforts,
+    allowed_beside,
+    bounds_of_bodies,
+    force_check,
+    torque_check,
+)
 from ccm_opt.verification.space_chain_motion import LinkFrames, SpaceChainMotion
-from ccm_opt.verification.space_newton_euler import of_bends
+from ccm_opt.verification.stretch_proof import HatMeans
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 _REFINEMENTS = 2

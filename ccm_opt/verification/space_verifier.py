@@ -16,12 +16,11 @@ from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.checked_problem import check_names, joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.consistency import check_consistency, check_form
-from ccm_opt.verification.effort_share import HoldingEfforts, check_shares
 from ccm_opt.verification.limits import check_limits
+from ccm_opt.verification.newton_euler import LinkRates, efforts_in_space
+from ccm_opt.verification.sample_efforts import HoldingEfforts, check_shares
 from ccm_opt.verification.space_chain_motion import LinkFrames, SpaceChainMotion, carried
-from ccm_opt.verification.space_clearance import check_side, check_surfaces
-from ccm_opt.verification.space_contact import check_contact
-from ccm_opt.verification.space_newton_euler import LinkRates, efforts_in_space
+from ccm_opt.verification.space_clearance import check_contact, check_side, check_surfaces
 from ccm_opt.verification.space_sample_efforts import check_space_sample_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.survived_in_space import survived_error_in_space

@@ -19,13 +19,25 @@ from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
-from ccm_opt.verification.bisection import Nearest, Verdict
 from ccm_opt.verification.body_sides import separations
-from ccm_opt.verification.rounding import distance_rounding
+from ccm_opt.verification.consistency import distance_rounding
 from ccm_opt.verification.space_chain_motion import SpaceChainMotion, TimeStretches, carried, chain_of
-from ccm_opt.verification.space_clearance import SurfaceProof, exposed_shares
-from ccm_opt.verification.space_contact import CheckedSurfaces, axis_distances, first_apart, relative_travels
-from ccm_opt.verification.stretch_proof import DEFAULT_SPACE_PROOF, Measured, StretchPairs, prove_stretches
+from ccm_opt.verification.space_clearance import (
+    CheckedSurfaces,
+    SurfaceProof,
+    axis_distances,
+    exposed_shares,
+    first_apart,
+    relative_travels,
+)
+from ccm_opt.verification.stretch_proof import (
+    DEFAULT_SPACE_PROOF,
+    Measured,
+    Nearest,
+    StretchPairs,
+    Verdict,
+    prove_stretches,
+)
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
     ErrorModel,

@@ -10,11 +10,10 @@ from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.checked_problem import Efforts, check_names
 from ccm_opt.verification.consistency import check_consistency, check_form
-from ccm_opt.verification.effort_share import check_shares, holding_efforts
 from ccm_opt.verification.limits import check_limits, check_points
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane
-from ccm_opt.verification.sample_efforts import check_sample_efforts
+from ccm_opt.verification.sample_efforts import check_sample_efforts, check_shares, holding_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.viz.document import (
     COMMON,
     COMMON_IN_SPACE,

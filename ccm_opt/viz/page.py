@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.segment_types import segment_words
+from ccm_opt.robot.segment import segment_words
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution

@@ -14,7 +14,7 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import joint_positions_3d
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.verification.survived_in_space import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style

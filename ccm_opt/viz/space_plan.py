@@ -18,8 +18,8 @@ from ccm_opt.core.length_words import METRES, short_length
 from ccm_opt.problem.space_problem import SpaceGoal, SpaceProblem, SpaceTipGoal
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.round_bodies import seen_triangles
 from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.surfaces import seen_triangles
 from ccm_opt.solution.space_solution import SpacePlan
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.figure_files import FigureFormat, figure_file

@@ -7,10 +7,9 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.bodies import Body
-from ccm_opt.scene.round_bodies import seen_triangles
-from ccm_opt.scene.surfaces import sharp_edges, within
+from ccm_opt.scene.surfaces import seen_triangles, sharp_edges, within
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
 _STEPS = 65535

@@ -11,8 +11,7 @@ from PIL import Image, ImageDraw
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.scene.round_bodies import seen_triangles
-from ccm_opt.scene.surfaces import all_within, sharp_edges
+from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import SPACE_PICTURES, SpacePictureSettings
 

@@ -15,8 +15,7 @@ from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
-from ccm_opt.ik.multiple_shooting import build_configuration_nlp
-from ccm_opt.ik.solver import built_solver
+from ccm_opt.ik.multiple_shooting import build_configuration_nlp, built_solver
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from tests.freespace_scenes import clutter

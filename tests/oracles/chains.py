@@ -5,8 +5,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.space_pose import SpaceChain
 from ccm_opt.robot.curve_space import ChainState
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import bend_rotations
+from ccm_opt.robot.space_arm import SpaceArm, bend_rotations
 
 
 def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> FloatArray:

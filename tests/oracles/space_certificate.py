@@ -7,9 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.space_certificate import LinkPairs
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions, link_rotations
-from ccm_opt.scene.distances.segment_pairs import segment_distances
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 

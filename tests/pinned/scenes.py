@@ -36,7 +36,7 @@ from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallPr
 from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQuestion, PairSearch
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.verification.interpolation import interpolation_deviation
+from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.link_motion import ChainMotion
@@ -44,8 +44,7 @@ from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, base_heading_error, joint_errors
-from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error, worst_motion
-from ccm_opt.verification.tolerance.tube import tube_of
+from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error, tube_of, worst_motion
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_walls

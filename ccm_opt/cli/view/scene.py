@@ -28,9 +28,8 @@ from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.scene.round_bodies import seen_triangles
 from ccm_opt.scene.scene import SpaceObstacle
-from ccm_opt.scene.surfaces import within
+from ccm_opt.scene.surfaces import seen_triangles, within
 from ccm_opt.viz.scene_data import route_layers
 
 LAYERS = {"swept region": "/tube", "start": "/start", "route": "/route", "regions": "/regions", "names": "/names"}

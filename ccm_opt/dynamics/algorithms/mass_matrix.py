@@ -27,7 +27,7 @@ from ccm_opt.dynamics.algorithms.link_algebra import (
     sines_and_cosines,
 )
 from ccm_opt.robot.arm import Axes
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 
 
 class MassMatrix:

@@ -9,8 +9,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall, native_constant
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model
 from ccm_opt.errors import ProblemError
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import joint_names, revolute_angles
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]

@@ -18,9 +18,8 @@ from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_BRAKING, Braki
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import DriveLimits, Limits
 from ccm_opt.robot.coordinates import planned_share
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.points import MovingPoint, point_of
+from ccm_opt.robot.points import DrivenArm, MovingPoint, point_of
 from ccm_opt.solution import JointTrajectory
 
 _CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)

@@ -14,23 +14,21 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, with_rotor_code
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
 from ccm_opt.dynamics.simulation.controller import Noise, StepReference, disturbed_arm, loop_parameters, step_reference
-from ccm_opt.dynamics.simulation.simulation_checks import (
+from ccm_opt.dynamics.simulation.simulation_record import (
+    DEFAULT_SIMULATION,
     PlanNeeds,
+    SimulatedSteps,
+    SimulationRecord,
+    SimulationSettings,
     check_axes,
     check_finite,
     falls_in_plane,
     needs_of_plan,
 )
-from ccm_opt.dynamics.simulation.simulation_record import (
-    DEFAULT_SIMULATION,
-    SimulatedSteps,
-    SimulationRecord,
-    SimulationSettings,
-)
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
 _CHUNK_STEPS = 200

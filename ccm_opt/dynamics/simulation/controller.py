@@ -41,7 +41,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.compiled_loop import LoopParameters
 from ccm_opt.problem import Disturbances, Limits, SimulationOptions
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 
 
 @dataclass(frozen=True)

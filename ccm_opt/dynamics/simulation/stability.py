@@ -21,7 +21,7 @@ from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.simulation.controller import feed_gains, gains
 from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.problem import SimulationOptions
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 
 _CHECKED_POSES = 9
 """Number of poses along the motion at which gains and friction are held against the mass matrix. Taste: λmax varies

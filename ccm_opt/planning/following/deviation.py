@@ -12,8 +12,7 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import arc_lengths, leg_headings
 from ccm_opt.planning.planner_settings import DEFAULT_DEVIATION, DeviationSettings
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
-from ccm_opt.robot.space_kinematics import joint_positions
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 

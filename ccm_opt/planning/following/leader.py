@@ -17,8 +17,8 @@ from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, who
 from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING, ChordSettings, FollowingSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.driven_arm import DrivenArm
 from ccm_opt.robot.link_chain import HELD_TOLERANCE
+from ccm_opt.robot.points import DrivenArm
 
 _LEAST_SLOPE = 0.2
 """Slope of distance over arc length that it assumes at least. Taste; a path that bends less than a U-turn has more."""

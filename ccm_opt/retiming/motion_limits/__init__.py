@@ -5,9 +5,9 @@ from ccm_opt.retiming.motion_limits.coordinate_limits import (
     CoordinateJerk,
     CoordinateVelocity,
     DriveEffort,
+    PointSpeed,
 )
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit
-from ccm_opt.retiming.motion_limits.point_speed import PointSpeed
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.driven_arm import DrivenArm
+from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, SurvivedError
 
 ErrorName = Literal["joints", "base heading", "link lengths", "base position", "walls"]

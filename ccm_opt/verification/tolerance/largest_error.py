@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.verification.bisection import Pairs
 from ccm_opt.verification.selfcollision import first_distant, segment_distances
+from ccm_opt.verification.stretch_proof import Pairs
 from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings
 from ccm_opt.verification.tolerance.moving_chain import Columns, MovingChain
