@@ -8,7 +8,7 @@ undecided when the travel is below ``settings.resolution`` or the work is used u
 The same halving finds the least gap over all times to within ``settings.report_resolution``, for the report (more
 coarsely when the arm never comes within a link's length of anything).
 
-As in ``verification.bisection`` a pair is *proved* apart in a stretch of time when its gap at the middle, less what it
+As over intervals, a pair is *proved* apart in a stretch of time when its gap at the middle, less what it
 can lose in the stretch, is enough, *refuted* when a pose of the motion itself is too near, and else halved.
 Stretches begin as many samples long. What is still undecided when no more can be lost than the resolution, or when the
 work is used up, is refused, so the proof is sound.
