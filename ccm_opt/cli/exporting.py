@@ -12,7 +12,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays
 from ccm_opt.io.controller_points import controller_points
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
-from ccm_opt.io.glb import motion_glb, space_motion_glb
+from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.reading_back import load_any_problem, load_motion, read_arrays
 from ccm_opt.io.record_file import recorded_results
 from ccm_opt.io.trajectory_text import trajectory_texts
@@ -75,8 +75,6 @@ def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
         arrays = read_arrays(folder / ARRAYS)
         return {"": arrays_npz(bends_of_arrays(arrays) if bends_only else arrays)}
     if options.kind == "glb":
-        if isinstance(problem, SpaceProblem):
-            return {"": space_motion_glb(problem, motion.trajectory)}
         return {"": motion_glb(problem, motion.trajectory)}
     points = controller_points(problem, motion.trajectory, motion.joints, recorded_results(folder).checks)
     csv, yaml = trajectory_texts(points, bends_only=bends_only, effort=options.effort)

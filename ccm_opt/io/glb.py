@@ -24,9 +24,9 @@ from ccm_opt.io.arm_description import visual_radius
 from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
-from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 from ccm_opt.solution import JointTrajectory
@@ -146,8 +146,8 @@ ARM = (0.9, 0.45, 0.1)
 TIP = (0.75, 0.1, 0.1)
 
 
-def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
-    """A plan as a film; the walls around the room are left out, or they would hide it.
+def motion_glb(problem: AnyProblem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
+    """A plan as a film; the sides of the room are left out, or they would hide it.
 
     Args:
         problem: arm and obstacles.
@@ -156,23 +156,40 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
     """
     arm = problem.arm
     writer = GlbWriter()
-    grey = writer.add_material("obstacle", GREY)
-    scene = solid_scene(problem.workspace, arm, settings)
-    nodes = []
-    for obstacle in scene.obstacles:
-        if obstacle.solids and not obstacle.name.startswith(BOUNDARY_NAME):
-            mesh = _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
-            nodes.append(MovingNode(obstacle.name, writer.add_mesh(*mesh, grey)))
-
+    in_space = isinstance(problem, SpaceProblem)
+    grey = writer.add_material("obstacle", GREY, *((settings.glass,) if in_space else ()))
+    nodes = [MovingNode(name, writer.add_mesh(*mesh, grey)) for name, mesh in _obstacles(problem, settings)]
     times, samples = film_times(trajectory.time)
-    positions = arm.joint_positions_at(trajectory.positions[samples])
+    q = trajectory.positions[samples]
     capsule = capsule_surface(arm.link_length, visual_radius(arm), settings.round_sides)
     link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", ARM))
     tip_mesh = writer.add_mesh(*capsule, writer.add_material("last link", TIP))
-    for k in range(arm.links):
+    for k, motion in enumerate(_motions(arm, q)):
         mesh_number = tip_mesh if k == arm.links - 1 else link_mesh
-        nodes.append(MovingNode(f"link{k + 1:02d}", mesh_number, *_motion_of(positions[:, k : k + 2])))
+        nodes.append(MovingNode(f"link{k + 1:02d}", mesh_number, *motion))
     return writer.written(nodes, times)
+
+
+def _obstacles(problem: AnyProblem, settings: ExportSettings) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
+    """Names and surfaces of what stands still."""
+    if isinstance(problem, SpaceProblem):
+        for each in problem.workspace.obstacles:
+            yield each.name, seen_triangles(each.body, settings.round_sides)
+        return
+    scene = solid_scene(problem.workspace, problem.arm, settings)
+    for obstacle in scene.obstacles:
+        if obstacle.solids and not obstacle.name.startswith(BOUNDARY_NAME):
+            yield obstacle.name, _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
+
+
+def _motions(arm: Arm | SpaceArm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Places and turns of every link over time."""
+    if isinstance(arm, Arm):
+        positions = arm.joint_positions_at(q)
+        yield from (_motion_of(positions[:, k : k + 2]) for k in range(arm.links))
+    else:
+        positions, rotations = joint_positions(arm, q), link_rotations(arm, q)
+        yield from ((positions[:, k], quaternions(rotations[:, k])) for k in range(arm.links))
 
 
 def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -205,35 +222,6 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
     faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=True)]
     return np.vstack([vertices for vertices, _ in meshes]), np.vstack(faces)
-
-
-def space_motion_glb(problem: SpaceProblem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
-    """A plan as a film; the sides of the room are left out, or they would hide it.
-
-    Args:
-        problem: arm and obstacles.
-        trajectory: the motion; keyframes are taken from it at ``film_rate``, its ends included.
-        settings: sizes.
-    """
-    arm = problem.arm
-    writer = GlbWriter()
-    glass = writer.add_material("obstacle", GREY, settings.glass)
-    nodes = [
-        MovingNode(each.name, writer.add_mesh(*seen_triangles(each.body, settings.round_sides), glass))
-        for each in problem.workspace.obstacles
-    ]
-    times, samples = film_times(trajectory.time)
-    q = trajectory.positions[samples]
-    positions = joint_positions(arm, q)
-    rotations = link_rotations(arm, q)
-    capsule = capsule_surface(arm.link_length, visual_radius(arm), settings.round_sides)
-    link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", ARM))
-    tip_mesh = writer.add_mesh(*capsule, writer.add_material("last link", TIP))
-    for k in range(arm.links):
-        mesh_number = tip_mesh if k == arm.links - 1 else link_mesh
-        turns = quaternions(rotations[:, k])
-        nodes.append(MovingNode(f"link{k + 1:02d}", mesh_number, positions[:, k], turns))
-    return writer.written(nodes, times)
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
