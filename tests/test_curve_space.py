@@ -125,3 +125,14 @@ def test_a_space_can_be_sent_to_another_process(tmp_path: Path) -> None:
     file.write_bytes(pickle.dumps(space))
     again = pickle.loads(file.read_bytes())  # noqa: S301  # written above
     np.testing.assert_array_equal(chain_at(again, v).jacobian, before.jacobian)
+
+
+def test_coordinates_of_one_curve_carry_over_to_another_number_of_links() -> None:
+    """The same curve on 24 and on 96 links has nearly the same tip; two bends at a joint do not quite commute."""
+    random = np.random.default_rng(3)
+    coarse = CurveSpace.of(space_arm(24, 0.04))
+    fine = CurveSpace.of(space_arm(96, 0.01))
+    v = random.normal(0.0, 0.15, coarse.dimension)
+    lifted = fine.coordinates_like(coarse, v)
+    np.testing.assert_allclose(fine.curvature_rows @ lifted, coarse.curvature_rows @ v, atol=1e-12)
+    assert np.linalg.norm(chain_at(fine, lifted).positions[-1] - chain_at(coarse, v).positions[-1]) < 0.02

@@ -207,6 +207,15 @@ class CurveSpace:
         plain = cls.of(arm, knots)
         return plain.moved(q - plain.configurations(plain.nearest(q)))
 
+    @classmethod
+    def of_every_bend(cls, arm: SpaceArm) -> "CurveSpace":
+        """The space of all configurations: every coordinate of the arm is one of its own, and there is no curve.
+
+        No curve of few coordinates is straight up to a hole and bends behind it, wherever the hole is along the arm.
+        """
+        size = len(arm.coordinates)
+        return cls(arm, 0, np.eye(size), np.zeros(size), np.ones(size))
+
     def moved(self, offset: FloatArray) -> "CurveSpace":
         """The same coordinates with another offset, shape (c,) [rad, m]."""
         return CurveSpace(self.arm, self.knots, self.matrix, offset, self.scales)
@@ -245,6 +254,15 @@ class CurveSpace:
     def chain(self) -> ChainEvaluator:
         """What evaluates the arm; not for use by two threads at once."""
         return ChainEvaluator(self.arm, self.matrix, self.offset)
+
+    def coordinates_like(self, other: "CurveSpace", v: FloatArray) -> FloatArray:
+        """Coordinates here of the same curve that v is in another space with as many knots, such as of fewer links.
+
+        Args:
+            other: a space with the same number of knots, with a feed if this one has it.
+            v: coordinates there, shape (..., p).
+        """
+        return np.asarray(v * other.scales / self.scales)
 
     def __getstate__(self) -> dict[str, object]:
         """The fields alone: what else is kept may hold compiled code."""
