@@ -1,1 +1,70 @@
-"""The page ``report.html``: one self-contained file for a plan, to be opened in any browser."""
+"""Pictures of plans, simulations and comparisons, films, and the page; nothing else in the package draws.
+
+To users it is ``ccm_opt.plotting``. The names below are what it promises; each loads matplotlib when it is first used::
+
+    from ccm_opt import plotting
+
+    figure = plotting.plan_figure(plotting.DrawnPlan.from_solution(solution))
+    plotting.draw_poses(figure.axes[0], solution.problem.arm.joint_positions_at(solution.trajectory.positions[::50]))
+    figure.savefig("plan.pdf")
+
+What draws into ``axes`` draws in metres; figures are matplotlib's own, so that everything can be changed afterwards.
+``solution.plot()`` is short for the first of these lines.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_poses, draw_tip_path, draw_workspace
+    from ccm_opt.viz.figure_files import label_axes
+    from ccm_opt.viz.films import motion_gif, motion_mp4
+    from ccm_opt.viz.paper_figures import curves_picture, links_picture, pareto_figure, space_picture, steps_picture
+    from ccm_opt.viz.plan import draw_goals, plan_figure
+    from ccm_opt.viz.pose_picture import pose_figure, reach_figure
+    from ccm_opt.viz.settings import FilmSettings, PictureSettings
+
+__all__ = [
+    "DrawnPlan",
+    "FilmSettings",
+    "PictureSettings",
+    "curves_picture",
+    "draw_body",
+    "draw_goals",
+    "draw_poses",
+    "draw_tip_path",
+    "draw_workspace",
+    "label_axes",
+    "links_picture",
+    "motion_gif",
+    "motion_mp4",
+    "pareto_figure",
+    "plan_figure",
+    "pose_figure",
+    "reach_figure",
+    "space_picture",
+    "steps_picture",
+]
+
+_NAMES = {
+    "arm_drawing": ("DrawnPlan", "draw_body", "draw_poses", "draw_tip_path", "draw_workspace"),
+    "figure_files": ("label_axes",),
+    "films": ("motion_gif", "motion_mp4"),
+    "paper_figures": ("curves_picture", "links_picture", "pareto_figure", "space_picture", "steps_picture"),
+    "plan": ("draw_goals", "plan_figure"),
+    "pose_picture": ("pose_figure", "reach_figure"),
+    "settings": ("FilmSettings", "PictureSettings"),
+}
+"""Public names by the module that has them."""
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name when it is first used."""
+    for module, names in _NAMES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module 'ccm_opt.plotting' has no attribute {name!r}; it has {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
