@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccm_opt.cli.checking import check_folders
+from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
 from ccm_opt.io import folder as folder_module
 from ccm_opt.io.folder import check_target, solution_files, write_folder, write_solution

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.cli.exporting import ExportOptions, exported_files
+from ccm_opt.cli.written_plans import ExportOptions, exported_files
 from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays, solution_arrays
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import motion_glb

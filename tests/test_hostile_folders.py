@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import BAD_INPUT, NO_PLAN
+from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.core.files import read_plain
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.arrays_npz import read_archive

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ccm_opt.cli.exporting import ExportOptions, exported_files
+from ccm_opt.cli.written_plans import ExportOptions, exported_files
 from ccm_opt.io.folder import write_solution
 from ccm_opt.solution import Solution
 

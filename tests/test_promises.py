@@ -7,7 +7,7 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel
 
-from ccm_opt.cli import checking
+from ccm_opt.cli import written_plans as checking
 from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.io import schema
 from ccm_opt.io.reading_back import FEED_SHAPES, ROOM_SHAPES, SHAPES

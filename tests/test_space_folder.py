@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.drawing import drawn_files, plan_pictures
-from ccm_opt.cli.exporting import ExportOptions, exported_files
+from ccm_opt.cli.written_plans import ExportOptions, check_folders, exported_files
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import quaternions

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED
+from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.io.controller_points import controller_points
 from ccm_opt.io.folder import model_texts
 from ccm_opt.io.text_agreement import checks_of_texts

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.solving import SolveOptions, solve_files
+from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik import compiled_terms as building

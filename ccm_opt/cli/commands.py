@@ -312,7 +312,7 @@ def check_command(
     constraint: Constraints = None,
 ) -> int:
     """Verify written plans again, from their files alone."""
-    from ccm_opt.cli.checking import check_folders  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.written_plans import check_folders  # noqa: PLC0415 - loads numpy
 
     return check_folders(folders, tuple(constraint or ()))
 
@@ -487,7 +487,7 @@ def export_command(
     ] = False,
 ) -> int:
     """Write the arm, its surroundings or the motion of a written plan for other programs."""
-    from ccm_opt.cli.exporting import ExportOptions, export_folder  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.written_plans import ExportOptions, export_folder  # noqa: PLC0415 - loads numpy
 
     return export_folder(folder, ExportOptions(kind, out, bends_only, not no_scene, effort))
 

@@ -15,13 +15,12 @@ from ccm_opt.io.drawing import place_beside
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath
-from ccm_opt.io.ply import read_ply
 from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.io.schema import SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
 from ccm_opt.io.settings import MESHES, MeshSettings
 from ccm_opt.io.space_build import build_placement
-from ccm_opt.io.stl import read_obj, read_stl
+from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.shells import find_shells, repeated

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import ccm_opt
-from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import SOLVED
+from ccm_opt.cli.written_plans import check_folders
 
 from . import of_arrays, of_files, of_motions, still_true
 from .plans import KINDS, Folder, Kind

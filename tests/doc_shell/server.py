@@ -23,11 +23,9 @@ from typing import Any
 
 LOADED = (
     "ccm_opt.cli.solving",
-    "ccm_opt.cli.checking",
+    "ccm_opt.cli.written_plans",
     "ccm_opt.cli.comparing",
     "ccm_opt.cli.drawing",
-    "ccm_opt.cli.exporting",
-    "ccm_opt.cli.examining",
     "ccm_opt.cli.examining",
     "ccm_opt.diagnosis.explain",
     "ccm_opt.viz.plan",
