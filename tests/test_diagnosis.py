@@ -25,7 +25,8 @@ from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, 
 from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.reach import least_chord, out_of_reach
-from ccm_opt.diagnosis.relaxation import RecordingPlanner, Trials, least_change, relaxations
+from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
+from ccm_opt.driver.pipeline import recorded_path
 from ccm_opt.errors import (
     Diagnosis,
     Finding,
@@ -443,26 +444,12 @@ def test_what_is_proved_comes_first() -> None:
 
 def test_a_path_is_recalled_when_only_loads_change() -> None:
     """Limits and masses leave the path; another radius asks the planner again."""
-
-    class Counting:
-        """Counts how often it is asked."""
-
-        asked = 0
-
-        def plan(self, problem: Problem) -> JointPath:
-            """A path that nobody looks at."""
-            del problem
-            self.asked += 1
-            return None  # type: ignore[return-value]
-
-    planner = Counting()
-    recalling = RecordingPlanner(planner)
+    path: JointPath = object()  # type: ignore[assignment] - nobody looks at it
     problem = make_limited(screened())
+    known = [(problem, path)]
     for changed in (problem, TORQUE.write(problem, 2.0), MASS.write(problem, 0.5)):
-        recalling.plan(changed)
-    assert planner.asked == 1
-    recalling.plan(RADIUS.write(problem, 0.01))
-    assert planner.asked == 2
+        assert recorded_path(known, changed) is path
+    assert recorded_path(known, RADIUS.write(problem, 0.01)) is None
 
 
 def test_defects_of_the_input_are_not_explained() -> None:

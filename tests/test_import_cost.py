@@ -12,7 +12,7 @@ from .conftest import PROBLEMS
 HEAVY = ("casadi", "toppra", "matplotlib")
 PLANAR_ALONE = (
     "ccm_opt.diagnosis.passages",
-    "ccm_opt.driver.plane_pipeline",
+    "ccm_opt.driver.planning_run",
     "ccm_opt.driver.settings",
     "ccm_opt.viz.scene_data",
     "ccm_opt.io.drawing",

@@ -14,14 +14,15 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.progress import Stages
+from ccm_opt.driver.attempts import best_of_tries, least_gap
 from ccm_opt.driver.kept_plan import as_it_stands
-from ccm_opt.driver.tries import best_of_tries, least_gap
 from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
 from ccm_opt.planning.search_run import drawn_order
 from ccm_opt.problem import Problem
+from tests.answered import answered
 from tests.conftest import SMALL_PROBLEM
 from tests.scenes import clutter, open_scene
 
@@ -84,23 +85,23 @@ def nothing(reason: str) -> MotionNotFound:
 def test_the_shortest_roomy_try_is_taken(plans: dict[str, VerifiedPlan]) -> None:
     """A shorter motion with less room than the others is not taken; with as much it is, and all tries are told."""
     roomy = {0: with_gap(plans["slow"], 0.03), 1: nothing("none"), 2: with_gap(plans["fast"], 0.019)}
-    best = best_of_tries(asked(3), answering(roomy), standing)
+    best = answered(best_of_tries(asked(3), standing), answering(roomy))
     assert best.trajectory is plans["fast"].trajectory
     assert [each.seed for each in best.tries] == [0, 1, 2]
     assert [each.taken for each in best.tries] == [False, False, True]
     assert best.tries[1].reason == "none"
     assert best.tries[2].gap == pytest.approx(0.019)
     tight = {**roomy, 2: with_gap(plans["fast"], 0.001)}
-    assert best_of_tries(asked(3), answering(tight), standing).trajectory is plans["slow"].trajectory
+    assert answered(best_of_tries(asked(3), standing), answering(tight)).trajectory is plans["slow"].trajectory
 
 
 def test_tries_in_vain_say_what_the_first_said() -> None:
     """Without any plan the failure is that of the first try; a goal out of reach ends the tries at once."""
     failing = answering({7: nothing("first"), 8: nothing("second")})
     with pytest.raises(MotionNotFound, match="first"):
-        best_of_tries(asked(2, seed=7), failing, standing)
+        answered(best_of_tries(asked(2, seed=7), standing), failing)
     with pytest.raises(UnreachableGoal):
-        best_of_tries(asked(2), answering({0: UnreachableGoal(Diagnosis("far", "reach"))}), standing)
+        answered(best_of_tries(asked(2), standing), answering({0: UnreachableGoal(Diagnosis("far", "reach"))}))
 
 
 def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
@@ -112,20 +113,20 @@ def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
         return plans["fast"]
 
     problem = asked(4)
-    best_of_tries(problem, attempt, standing)
+    answered(best_of_tries(problem, standing), attempt)
     assert limits[0] == pytest.approx(problem.planner.time_limit / 4, rel=0.1)
     assert sum(limits) >= 0.9 * problem.planner.time_limit
     hurried = replace(problem, planner=replace(problem.planner, time_limit=1e-9))
-    assert len(best_of_tries(hurried, attempt, standing).tries) == 1
+    assert len(answered(best_of_tries(hurried, standing), attempt).tries) == 1
 
 
 def test_a_cancelled_try_loses_no_plan(plans: dict[str, VerifiedPlan]) -> None:
     """On Ctrl-C the best plan so far is kept; before the first there is none to keep."""
     with pytest.raises(CancelledWithPlan) as kept:
-        best_of_tries(asked(2), answering({0: plans["slow"], 1: KeyboardInterrupt()}), standing)
+        answered(best_of_tries(asked(2), standing), answering({0: plans["slow"], 1: KeyboardInterrupt()}))
     assert kept.value.solution.trajectory is plans["slow"].trajectory
     with pytest.raises(KeyboardInterrupt) as lost:
-        best_of_tries(asked(2), answering({0: KeyboardInterrupt()}), standing)
+        answered(best_of_tries(asked(2), standing), answering({0: KeyboardInterrupt()}))
     assert not isinstance(lost.value, CancelledWithPlan)
 
 

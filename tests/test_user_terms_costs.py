@@ -7,12 +7,13 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.driver.user_terms import planned_with_costs
+from ccm_opt.driver.attempts import with_lowered_costs
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms, compile_terms
 from ccm_opt.ik.terms import Expression
 from ccm_opt.problem import Problem
 
+from .answered import answered
 from .camera_room import camera_room, high_tip, valve_in_view, weighted
 
 
@@ -66,7 +67,8 @@ def test_costs_are_lowered_until_a_plan_is_found() -> None:
     """Shares are tried from all to none; the first with a plan decides, and hard constraints stay as they are."""
     seen: list[tuple[list[float], int]] = []
 
-    def attempt(problem: Problem, terms: UserTerms | None) -> str:
+    def attempt(asked: tuple[Problem, UserTerms | None]) -> str:
+        problem, terms = asked
         assert terms is not None
         assert problem.planner.time_limit <= camera_room().planner.time_limit
         seen.append(([item.cost.weight for item in terms.all_costs], len(terms.hard)))
@@ -74,7 +76,7 @@ def test_costs_are_lowered_until_a_plan_is_found() -> None:
             raise VerificationError(["wall clearance"])
         return "plan"
 
-    assert planned_with_costs(camera_room(), terms_with_cost(), attempt) == ("plan", 0.0)
+    assert answered(with_lowered_costs(camera_room(), terms_with_cost()), attempt) == ("plan", 0.0)
     assert seen == [([20.0, 4.0], 1), ([pytest.approx(2.0), pytest.approx(0.4)], 1), ([], 1)]
 
 
@@ -83,15 +85,15 @@ def test_without_costs_or_with_a_goal_out_of_reach_nothing_is_tried_again(error:
     """There is one attempt where no cost can be to blame."""
     calls = 0
 
-    def attempt(problem: Problem, terms: UserTerms | None) -> str:
+    def attempt(asked: object) -> str:
         nonlocal calls
-        del problem, terms
+        del asked
         calls += 1
         raise error(Diagnosis("no", "motion"))
 
     terms = terms_with_cost() if error is UnreachableGoal else compile_terms(camera_room().arm, [valve_in_view], [])
     with pytest.raises(error):
-        planned_with_costs(camera_room(), terms, attempt)
+        answered(with_lowered_costs(camera_room(), terms), attempt)
     assert calls == 1
 
 

@@ -26,6 +26,7 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import arc_lengths, heading_of, unit_vector
 from ccm_opt.core.progress import Stages
 from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
@@ -210,11 +211,13 @@ class HillClimbingPlanner:
         """
         if problem.arm.feed is not None:
             raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
-        with self.stages("mapping"):
-            follower = Follower.from_problem(problem, self.settings)
-        with self.stages("motion"):
-            name, steps = first_plan(follower)
-            return followed_joint_path(follower, name, steps)
+        with in_own_units(problem) as units:
+            with self.stages("mapping"):
+                follower = Follower.from_problem(units.scaled(problem), self.settings)
+            with self.stages("motion"):
+                name, steps = first_plan(follower)
+                path = followed_joint_path(follower, name, steps)
+        return units.path_in_metres(path, problem.arm)
 
 
 @dataclass(frozen=True)

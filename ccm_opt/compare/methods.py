@@ -52,7 +52,7 @@ class Method:
             return self.make()
         if isinstance(prepared, SpaceProblem):
             return self._planner_in_space(prepared)
-        from ccm_opt.driver.pipeline import default_planner  # noqa: PLC0415 - loads casadi
+        from ccm_opt.driver.planning_run import default_planner  # noqa: PLC0415 - loads casadi
 
         return default_planner(prepared, Stages())
 
@@ -71,9 +71,8 @@ class OmplOfEitherKind:
     def __init__(self) -> None:
         """Refuse where OMPL is not installed."""
         from ccm_opt.compare.ompl_peer import OmplPlanner  # noqa: PLC0415 - nobody else needs it
-        from ccm_opt.planning.own_units import OwnUnitsPlanner  # noqa: PLC0415 - likewise
 
-        self._in_the_plane = OwnUnitsPlanner(OmplPlanner())
+        self._in_the_plane = OmplPlanner()
 
     def plan(self, problem: AnyProblem) -> JointPath:
         """Plan a certified motion.

@@ -19,6 +19,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, resolve_ends
+from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose import nearest_curve
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings, SmoothPathSettings
@@ -202,6 +203,12 @@ class OmplPlanner:
         """
         if problem.arm.base_axes:
             raise ProblemError("the method ompl moves no feed axis; use planner.method nlp, or leave arm.feed out")
+        with in_own_units(problem) as units:
+            path = self._path(units.scaled(problem))
+        return units.path_in_metres(path, problem.arm)
+
+    def _path(self, problem: Problem) -> JointPath:
+        """Plan in units of the arm."""
         deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
         ends = resolve_ends(problem)
         certificate = _certificate(problem, ends, self.settings.searched_gap)

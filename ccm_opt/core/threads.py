@@ -4,22 +4,14 @@ BLAS adds up in an order that depends on how many threads share a sum, and a mot
 file. The matrices here are small, and faster on one thread besides.
 """
 
-from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from threadpoolctl import threadpool_limits
 
-_Parameters = ParamSpec("_Parameters")
-_Result = TypeVar("_Result")
 
-
-def on_one_thread(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-    """The same function, with BLAS on one thread while it runs; afterwards as before."""
-
-    @wraps(function)
-    def limited(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> _Result:
-        with threadpool_limits(1, user_api="blas"):
-            return function(*args, **kwargs)
-
-    return limited
+@contextmanager
+def on_one_thread() -> Iterator[None]:
+    """Keep BLAS on one thread until the block, or the function that this decorates, ends; then as before."""
+    with threadpool_limits(1, user_api="blas"):
+        yield

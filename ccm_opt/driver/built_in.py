@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ccm_opt.core.expected import expect
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.calls import expect_arguments
-from ccm_opt.driver.pipeline import default_planner
+from ccm_opt.driver.planning_run import default_planner
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_plan import timed_leg

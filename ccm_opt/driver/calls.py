@@ -1,11 +1,9 @@
-"""Checks of calls, and the words of the file in what they raise."""
+"""Checks of calls."""
 
 from collections.abc import Callable
-from functools import wraps
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ccm_opt.core.expected import expect, expect_callable, expect_method
-from ccm_opt.core.length_words import words_in
 from ccm_opt.planning.legs import Planner, Retimer
 
 if TYPE_CHECKING:
@@ -43,27 +41,3 @@ def expect_arguments(
         expect(settings, Settings, "ccm_opt.Settings for settings=")
     for name, value in flags.items():
         expect(value, bool, f"True or False for {name}=")
-
-
-_Subject = TypeVar("_Subject")
-_Parameters = ParamSpec("_Parameters")
-_Result = TypeVar("_Result")
-
-
-def in_words_of_its_file(
-    function: Callable[Concatenate[_Subject, _Parameters], _Result],
-) -> Callable[Concatenate[_Subject, _Parameters], _Result]:
-    """The same function; lengths in words are in the unit of its problem's file while it runs.
-
-    The problem is the first argument, or that argument's attribute ``problem``. Who gives something else is told so by
-    the function itself.
-    """
-
-    @wraps(function)
-    def said(*args: object, **kwargs: object) -> _Result:
-        subject = args[0] if args else next(iter(kwargs.values()), None)
-        problem = getattr(subject, "problem", subject)
-        with words_in(getattr(problem, "length_unit", "m")):
-            return function(*args, **kwargs)  # type: ignore[arg-type]
-
-    return said

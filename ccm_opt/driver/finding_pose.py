@@ -6,11 +6,11 @@ from dataclasses import replace
 from typing import overload
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import words_for_unit
+from ccm_opt.core.length_words import words_for_unit, words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
@@ -142,13 +142,13 @@ def find_pose(
     if isinstance(problem, SpaceProblem):
         from ccm_opt.driver.finding_pose_in_space import find_pose_in_space  # noqa: PLC0415 - most are in the plane
 
-        return find_pose_in_space(problem, constraints=constraints, costs=costs, progress=progress)
+        with on_one_thread(), words_in(problem.length_unit):
+            return find_pose_in_space(problem, constraints=constraints, costs=costs, progress=progress)
     Problem.expected(problem)
-    return _find_pose_in_plane(problem, constraints, costs, progress, settings or DEFAULT_SETTINGS)
+    with on_one_thread(), words_in(problem.length_unit):
+        return _find_pose_in_plane(problem, constraints, costs, progress, settings or DEFAULT_SETTINGS)
 
 
-@on_one_thread
-@in_words_of_its_file
 def _find_pose_in_plane(
     problem: Problem,
     constraints: Sequence[Constraint],

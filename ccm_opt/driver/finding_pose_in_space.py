@@ -8,8 +8,6 @@ import numpy as np
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import Progress, Stages
-from ccm_opt.core.threads import on_one_thread
-from ccm_opt.driver.calls import in_words_of_its_file
 from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
@@ -60,8 +58,6 @@ class _PoseTry:
         return PoseOutcome(self.beginning.name, self.pose.answer.cost, self.pose.gap)
 
 
-@on_one_thread
-@in_words_of_its_file
 def find_pose_in_space(
     problem: SpaceProblem,
     *,

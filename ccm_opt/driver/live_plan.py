@@ -7,20 +7,22 @@ from dataclasses import dataclass, field, replace
 from ccm_opt.core.arguments import finite_array, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect, expect_that, refusal
+from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.kept_plan import as_it_stands, described
+from ccm_opt.driver.pipeline import plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
 from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_motion import VerifiedPlan
-from ccm_opt.driver.verified_plan import verified_plan
+from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.motion_task import Motion
-from ccm_opt.planning.own_units import OwnUnitsPlanner
+from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath, Solution
 
@@ -43,8 +45,9 @@ class ResumingPlanner:
         Raises:
             NoPlanFound: with the reason and what would help; the last motion stays known.
         """
-        path, self.known = self.planner.planned(problem, self.known)
-        return path
+        with in_own_units(problem) as units:
+            path, self.known = self.planner.planned(units.scaled(problem), self.known)
+        return units.path_in_metres(path, problem.arm)
 
 
 @dataclass(frozen=True)
@@ -217,12 +220,12 @@ class LivePlan:
         """The problem as it is, with another limit of CPU time [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
-    @in_words_of_its_file
     def _attempt(self, problem: Problem) -> None:
         """Plan a problem, or note why there is no plan."""
         try:
-            refuse_impossible(problem)
-            self._make(problem)
+            with on_one_thread(), words_in(problem.length_unit):
+                refuse_impossible(problem)
+                self._make(problem)
         except NoPlanFound as failure:
             self.current = False
             self.reason = failure.diagnosis.reason
@@ -230,7 +233,6 @@ class LivePlan:
             self.current = False
             self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
-    @on_one_thread
     def _make(self, problem: Problem) -> None:
         """Plan, time and verify a problem; the plan is kept.
 
@@ -239,8 +241,8 @@ class LivePlan:
             VerificationError: the verifier refuses it.
         """
         stages = Stages()
-        planner = OwnUnitsPlanner(self._planner)
-        self._verified = verified_plan(problem, planner, stages, None, self._terms, self.settings)
+        legs = plan_legs(problem, self._planner)
+        self._verified = timed_and_verified(problem, legs, stages, None, self._terms, self.settings)
         self.plan = as_it_stands(self.problem, self._verified, stages)
         self.current = True
         self.reason = ""

@@ -9,8 +9,8 @@ from ccm_opt.core.arguments import finite_array
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.expected import expect, refusal
+from ccm_opt.core.length_words import words_in
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.driver.calls import in_words_of_its_file
 from ccm_opt.driver.live_plan import LiveAnswer
 from ccm_opt.driver.settings import LIVE_IN_SPACE, LiveInSpaceSettings
 from ccm_opt.driver.space_planning_run import timed_in_space
@@ -158,13 +158,13 @@ class LivePlanInSpace:
             self.plan = plan
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
-    @on_one_thread
-    @in_words_of_its_file
+    @on_one_thread()
     def _attempt(self, problem: SpaceProblem, *, thorough: bool = False) -> None:
         """Plan a problem, or note why there is no plan."""
         try:
-            path = SpacePlanner().plan(problem) if thorough else self._found(problem)
-            self.plan = self._verified(problem, path)
+            with words_in(problem.length_unit):
+                path = SpacePlanner().plan(problem) if thorough else self._found(problem)
+                self.plan = self._verified(problem, path)
             self.current = True
             self.reason = ""
         except NoPlanFound as failure:
@@ -178,7 +178,7 @@ class LivePlanInSpace:
             self.current = False
             self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
-    @on_one_thread
+    @on_one_thread()
     def _kept(self) -> bool:
         """Whether the present motion solves the problem as it is now, with as much room; it is its plan then."""
         if not self.current or self.plan.problem.goal is not self.problem.goal:

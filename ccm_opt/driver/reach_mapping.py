@@ -11,13 +11,13 @@ from ccm_opt.core.arguments import is_number, is_whole
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
 from ccm_opt.core.executors import Workers
 from ccm_opt.core.expected import expect_that
-from ccm_opt.core.length_words import file_length
+from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_reach
-from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
@@ -98,12 +98,13 @@ def reach_map(
     if isinstance(problem, SpaceProblem):
         from ccm_opt.driver.reach_mapping_in_space import reach_map_in_space  # noqa: PLC0415 - most are in the plane
 
-        return reach_map_in_space(problem, step=step, directions=headings, workers=workers, progress=progress)
+        with words_in(problem.length_unit):
+            return reach_map_in_space(problem, step=step, directions=headings, workers=workers, progress=progress)
     Problem.expected(problem)
-    return _reach_map_in_plane(problem, step, headings, workers, progress, settings or DEFAULT_SETTINGS)
+    with words_in(problem.length_unit):
+        return _reach_map_in_plane(problem, step, headings, workers, progress, settings or DEFAULT_SETTINGS)
 
 
-@in_words_of_its_file
 def _reach_map_in_plane(
     problem: Problem,
     step: float | None,

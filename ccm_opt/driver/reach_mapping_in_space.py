@@ -10,7 +10,6 @@ from ccm_opt.core.executors import Workers
 from ccm_opt.core.length_words import file_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.driver.calls import in_words_of_its_file
 from ccm_opt.driver.reach_flood import flooded
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.planning.curve_map import CurveMap
@@ -27,7 +26,6 @@ _MOTION_TIME = 5.0
 """CPU time in which a motion to the goal is sought, whose poses are beginnings [s]. Taste."""
 
 
-@in_words_of_its_file
 def reach_map_in_space(
     problem: SpaceProblem,
     *,
@@ -73,7 +71,7 @@ def reach_map_in_space(
     return SpaceReachMap(problem, width, *axes, tried, reachable, flood.taken, flood.gap, closed, seen, timings)
 
 
-@on_one_thread
+@on_one_thread()
 def _proved(
     problem: SpaceProblem, question: SpaceReachQuestion, axes: Sequence[FloatArray]
 ) -> tuple[TipLooker, BoolArray]:
@@ -89,7 +87,7 @@ def _proved(
     return looker, _out_of_reach(problem, looker.task.tree, axes)
 
 
-@on_one_thread
+@on_one_thread()
 def _begin(flood: TipFlood, problem: SpaceProblem, looker: TipLooker) -> None:
     """Begin where the arm is, and where it can be."""
     flood.begin(looker, _unknowns_of_motion(problem, looker.task))

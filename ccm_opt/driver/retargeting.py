@@ -11,13 +11,14 @@ from ccm_opt import retiming
 from ccm_opt.core.arguments import is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect, expect_that
+from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.driver.calls import expect_arguments, in_words_of_its_file
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings, settings_in_space
-from ccm_opt.driver.space_pipeline import described_in_space
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.space_planning_run import described_in_space
 from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_motion import VerifiedPlan, failed_checks, results_of_terms
 from ccm_opt.driver.verified_plan import verified
@@ -110,11 +111,10 @@ def retarget(
     _check(solution, time)
     _expect_goal(solution, goal)
     near = tolerances or solution.problem.tolerances
-    return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))
+    with on_one_thread(), words_in(solution.problem.length_unit):
+        return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))
 
 
-@on_one_thread
-@in_words_of_its_file
 def _retargeted(solution: AnySolution, time: float, changed: "_ChangedGoal") -> AnySolution:
     """The whole motion with a new goal."""
     if not isinstance(solution, SpaceSolution):
@@ -277,7 +277,7 @@ def _onward_in_space(problem: SpaceProblem, under_way: _UnderWay, changed: _Chan
         of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, changed.numbers.user_terms)
     plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
     under_way.count(leg.timings)
-    return described_in_space(whole, plan, under_way.stages, settings_in_space(changed.numbers))
+    return described_in_space(whole, plan, under_way.stages, changed.numbers)
 
 
 def _expect_goal(solution: AnySolution, goal: object) -> None:

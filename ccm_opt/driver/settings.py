@@ -1,24 +1,19 @@
 """Numbers of the stages, as users exchange them."""
 
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING
 
 from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.expected import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
-from ccm_opt.driver.tries import TriesSettings
 from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
-from ccm_opt.ik.terms import COST_SHARES, TermCheckSettings
-from ccm_opt.planning.planner_settings import CurvePlannerSettings, FeedPlannerSettings, FollowingSettings
+from ccm_opt.ik.terms import TermCheckSettings
+from ccm_opt.planning.planner_settings import CurvePlannerSettings, FeedPlannerSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.retiming.paul import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.verification.room_over_time import RoomSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
-
-if TYPE_CHECKING:
-    from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
 
 
 @dataclass(frozen=True)
@@ -36,7 +31,6 @@ class Settings:
         timing: of timing along a path.
         transitions: of timing by Paul's transitions.
         verification: tolerances of the verifier.
-        tries: which of several tries is the best.
         room: how closely the room that a motion keeps is looked at.
         tolerance: how closely the errors that a motion survives are sought.
         user_terms: how users' constraints are checked on the finished motion.
@@ -52,7 +46,6 @@ class Settings:
     timing: TimingSettings = field(default_factory=TimingSettings)
     transitions: PaulSettings = field(default_factory=PaulSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    tries: TriesSettings = field(default_factory=TriesSettings)
     room: RoomSettings = field(default_factory=RoomSettings)
     tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
     user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
@@ -69,54 +62,6 @@ class Settings:
 
 DEFAULT_SETTINGS = Settings()
 """What every solve uses unless it is given others."""
-
-
-@dataclass(frozen=True)
-class SpaceSettings:
-    """Settings of the stages of a solve in space.
-
-    Attributes:
-        following: of the limits of a feed axis.
-        timing: of timing along a path.
-        transitions: of timing by Paul's transitions.
-        tries: which of several tries is the best.
-        tolerance: how closely the errors that a motion survives are sought.
-        user_terms: how users' constraints are checked on the finished motion.
-        cost_shares: shares of the weights of the user's costs with which a plan is sought.
-        simulation: of the simulation and the checks before it.
-        trials: of changes that might help where there is no plan; the defaults when None.
-    """
-
-    following: FollowingSettings = field(default_factory=FollowingSettings)
-    timing: TimingSettings = field(default_factory=TimingSettings)
-    transitions: PaulSettings = field(default_factory=PaulSettings)
-    tries: TriesSettings = field(default_factory=TriesSettings)
-    tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
-    user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
-    cost_shares: tuple[float, ...] = COST_SHARES
-    simulation: SimulationSettings = field(default_factory=SimulationSettings)
-    trials: "TrialSettings | None" = None
-
-
-DEFAULT_IN_SPACE = SpaceSettings()
-"""What every solve in space uses unless it is given others."""
-
-
-def settings_in_space(settings: "Settings | None") -> SpaceSettings:
-    """Those of a solve's settings that count in space; the defaults when None."""
-    if settings is None:
-        return DEFAULT_IN_SPACE
-    return SpaceSettings(
-        following=settings.feed.following,
-        timing=settings.timing,
-        transitions=settings.transitions,
-        tries=settings.tries,
-        tolerance=settings.tolerance,
-        user_terms=settings.user_terms,
-        cost_shares=settings.curve.cost_shares,
-        simulation=settings.simulation,
-        trials=settings.diagnosis.space_trials,
-    )
 
 
 @dataclass(frozen=True)

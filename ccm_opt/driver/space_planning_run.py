@@ -1,9 +1,9 @@
-"""The planning of a problem in space, leg by leg."""
+"""The planning of a problem in space, as often as it is asked for, and what is said of its plan."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.explain import refuse_closed_in_space, refuse_impossible_in_space
-from ccm_opt.diagnosis.relaxation import RecordingPlanner
-from ccm_opt.driver.settings import DEFAULT_IN_SPACE, DEFAULT_SPACE_LOOKS, SpaceLookSettings, SpaceSettings
+from ccm_opt.driver.attempts import surviving_errors_in_space
+from ccm_opt.driver.kept_plan import versions
+from ccm_opt.driver.metrics import space_figures_of_motion
+from ccm_opt.driver.pipeline import plan_legs
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, DEFAULT_SPACE_LOOKS, Settings, SpaceLookSettings
 from ccm_opt.driver.user_terms import compiled_terms, named_terms
 from ccm_opt.driver.verified_motion import (
     TermResults,
@@ -23,17 +26,28 @@ from ccm_opt.driver.verified_motion import (
     with_hair,
     worst_of_legs,
 )
+from ccm_opt.driver.verified_plan import kept, not_waited_for, simulated_motion
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, RetimingError, VerificationError
+from ccm_opt.errors import (
+    CancelledWithPlan,
+    Diagnosis,
+    MotionNotFound,
+    NoPlanFound,
+    ProblemError,
+    RetimingError,
+    VerificationError,
+)
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.following.leader import feed_limits
-from ccm_opt.planning.legs import end_to_end
+from ccm_opt.planning.legs import Leg, PlannerOf, RetimerOf, whole_path
 from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.planning.space_planner import SpacePlanner
-from ccm_opt.problem.space_problem import SpaceGoal, SpaceJointPose, SpaceProblem
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.space_arm import joint_positions
-from ccm_opt.solution import JointPath, JointTrajectory, NearPlace, RoomRecord
+from ccm_opt.solution import JointPath, JointTrajectory, NearPlace, RoomRecord, SimulatedMotion
+from ccm_opt.solution.space_solution import SpaceSolution
+from ccm_opt.verification.left_unchecked import left_unchecked_of_arm
 from ccm_opt.verification.space_verifier import verify_in_space
 
 if TYPE_CHECKING:
@@ -41,54 +55,6 @@ if TYPE_CHECKING:
 
 _BEYOND_WANTED = 1.5
 """How far the room is looked at, in wanted gaps; a link at least. Taste: the chart's height."""
-
-_SAME = 1e-9
-"""Difference of coordinates up to which two configurations are the same [rad, m]: rounding of the file's numbers."""
-
-
-def way_back(legs: Sequence[tuple[SpaceProblem, JointPath]], goal: SpaceGoal) -> JointPath | None:
-    """The paths of the last legs backwards, to where the latest of them that fits began.
-
-    Args:
-        legs: that are planned, each with its problem.
-        goal: what comes next.
-
-    Returns:
-        None where the goal is not a pose in which a leg began.
-    """
-    if not isinstance(goal, SpaceJointPose):
-        return None
-    back: list[JointPath] = []
-    for leg, path in reversed(legs):
-        back.append(path.reversed())
-        end = leg.start.configuration(leg.arm)
-        if np.max(np.abs(end - goal.configuration(leg.arm))) < _SAME:
-            return end_to_end(back)
-    return None
-
-
-class RetimerInSpace(Protocol):
-    """Lays time along a joint path of an arm in space."""
-
-    def retime(self, problem: SpaceProblem, path: JointPath) -> JointTrajectory:
-        """Time a path from rest to rest within ``problem.limits``; what it returns is verified.
-
-        Raises:
-            RetimingError: with a diagnosis, when there is no timing within the limits.
-        """
-        ...
-
-
-class PlannerInSpace(Protocol):
-    """Finds a certified joint path for a problem in space."""
-
-    def plan(self, problem: SpaceProblem) -> JointPath:
-        """Plan a motion to the problem's only goal.
-
-        Raises:
-            NoPlanFound: with a diagnosis, when there is none within the limits.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -101,39 +67,57 @@ class SpacePlanningRun:
         retimer: likewise, or None for the timing that the problem names.
         constraints: of the user.
         costs: of the user.
+        terms: both of them, compiled; None when there are none.
         stages: names and times the stages.
         settings: of all stages.
         recorded: the paths that were found last, for those who ask what change would help.
     """
 
     problem: SpaceProblem
-    planner: PlannerInSpace | None
-    retimer: RetimerInSpace | None
+    planner: PlannerOf[SpaceProblem] | None
+    retimer: RetimerOf[SpaceProblem] | None
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
+    terms: "UserTerms | None"
     stages: Stages
-    settings: SpaceSettings
+    settings: Settings
     recorded: list[tuple[SpaceProblem, JointPath]] = field(default_factory=list)
 
-    def planned(self, problem: SpaceProblem, lowered: "UserTerms | None") -> VerifiedPlan:
-        """Legs, one to each goal, then their timing, and the verification of all as one motion.
+    def __post_init__(self) -> None:
+        if self.problem.planner.method != "nlp":
+            raise ProblemError(
+                f'planner.method = "{self.problem.planner.method}" works in the plane alone, and '
+                f"'{self.problem.name}' is in space"
+            )
 
-        Args:
-            problem: the problem with the time that is left.
-            lowered: the user's terms with the share of the costs that is tried.
+    def refuse_impossible(self, problem: SpaceProblem) -> None:
+        """Refuse a problem that is proved to have no plan.
 
         Raises:
-            NoPlanFound: there is none within the limits.
-            VerificationError: the verifier refuses it.
+            NoPlanFound: with the proof.
         """
-        own = SpacePlanner(self.stages, terms=lowered, refuse=refuse_closed_in_space)
-        chosen = RecordingPlanner(self.planner or own)
-        terms = compiled_terms(problem.arm, self.constraints, self.costs)
-        try:
-            legs = plan_legs_in_space(problem, chosen, retrace=terms is None)
-            return self._of_legs(problem, legs, terms, self.stages)
-        finally:
-            self.recorded[:] = chosen.paths
+        refuse_impossible_in_space(problem)
+
+    def surviving(self, tried: SpaceProblem) -> Generator[SpaceProblem, VerifiedPlan, VerifiedPlan]:
+        """Ask for motions with more room, until one survives the errors that a problem names."""
+        return surviving_errors_in_space(tried, self.settings.tolerance)
+
+    def planner_of(self, roomy: SpaceProblem, lowered: "UserTerms | None") -> PlannerOf[SpaceProblem]:
+        """The planner for a problem, under the user's terms with the share of the costs that is tried."""
+        del roomy
+        return self.planner or SpacePlanner(self.stages, terms=lowered, refuse=refuse_closed_in_space)
+
+    def timed_and_verified(self, roomy: SpaceProblem, legs: Sequence[Leg[SpaceProblem]]) -> VerifiedPlan:
+        """Time legs, and verify them as one motion."""
+        return self._of_legs(roomy, legs, self.terms, self.stages)
+
+    def as_it_stands(self, problem: SpaceProblem, plan: VerifiedPlan) -> SpaceSolution:
+        """The solution that a plan is, with no word of its room and its simulation; for one that is cancelled."""
+        return assembled_in_space(problem, plan, not_waited_for(problem, plan), {}, self.stages, None)
+
+    def described(self, plan: VerifiedPlan, figures: Mapping[str, float]) -> SpaceSolution:
+        """The solution that a plan is, with its room and its simulation."""
+        return described_in_space(self.problem, plan, self.stages, self.settings, figures)
 
     def explained(self, failure: NoPlanFound, deadline: Deadline, *, changes: bool) -> NoPlanFound:
         """Return a failure of the same kind, with its causes and the changes that would help.
@@ -144,7 +128,6 @@ class SpacePlanningRun:
             changes: whether they are tried at all; without them nothing is told that is not proved.
         """
         self.stages.tell_known(failure.diagnosis)
-        from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS  # noqa: PLC0415 - as below
         from ccm_opt.diagnosis.explain import explained, with_proof  # noqa: PLC0415 - most problems have a plan
         from ccm_opt.diagnosis.in_space import IN_SPACE  # noqa: PLC0415
         from ccm_opt.diagnosis.relaxation import Trials  # noqa: PLC0415
@@ -152,7 +135,7 @@ class SpacePlanningRun:
         if not changes:
             return with_proof(self.problem, failure, IN_SPACE)
         droppable = named_terms(str(failure), self.constraints, self.costs)
-        settings = self.settings.trials or DEFAULT_DIAGNOSIS.space_trials
+        settings = self.settings.diagnosis.space_trials
         trials = Trials(
             self._solve_changed,
             deadline.within(settings.longest_search),
@@ -171,9 +154,8 @@ class SpacePlanningRun:
         quiet = Stages()
         kept = [each for each in self.constraints if each.name != dropped]
         its_terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
-        own = SpacePlanner(quiet, terms=its_terms, refuse=refuse_closed_in_space)
-        recording = RecordingPlanner(self.planner or own, self.recorded)
-        legs = plan_legs_in_space(changed, recording, retrace=its_terms is None)
+        its_planner = self.planner or SpacePlanner(quiet, terms=its_terms, refuse=refuse_closed_in_space)
+        legs = plan_legs(changed, its_planner, self.recorded, retrace=its_terms is None)
         return self._of_legs(changed, legs, its_terms, quiet)
 
     def _held_again(self, changed: SpaceProblem, plan: object) -> VerifiedPlan:
@@ -188,13 +170,13 @@ class SpacePlanningRun:
             raise ProblemError("only the path of a plan with one leg can be held against another problem")
         its_terms = compiled_terms(changed.arm, self.constraints, self.costs)
         # What it was certified to keep for the other problem says nothing here.
-        leg = (changed, replace(plan.path, spare=0.0))
+        leg = Leg(changed, replace(plan.path, spare=0.0))
         return self._of_legs(changed, (leg,), its_terms, Stages())
 
     def _of_legs(
         self,
         problem: SpaceProblem,
-        legs: Sequence[tuple[SpaceProblem, JointPath]],
+        legs: Sequence[Leg[SpaceProblem]],
         terms: "UserTerms | None",
         stages: Stages,
     ) -> VerifiedPlan:
@@ -202,7 +184,7 @@ class SpacePlanningRun:
         with stages("dynamics model"):
             dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
         with stages("retiming"):
-            timed = [self._timed(leg, path, dynamics) for leg, path in legs]
+            timed = [self._timed(leg.problem, leg.path, dynamics) for leg in legs]
             trajectory = retiming.joined(timed, [stop.pause for stop in problem.stops]) if len(timed) > 1 else timed[0]
             joints = joint_states(problem.arm, trajectory, dynamics)
         with stages("verification"):
@@ -210,8 +192,7 @@ class SpacePlanningRun:
             if failures := failed_checks(checks):
                 raise VerificationError(failures)
             of_terms = self._results_of_terms(legs, timed, terms)
-        path = end_to_end([path for _, path in legs])
-        return VerifiedPlan(path, trajectory, joints, checks, of_terms)
+        return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
 
     def _timed(self, leg: SpaceProblem, path: JointPath, dynamics: InverseDynamics) -> JointTrajectory:
         """A leg's motion; where its path has corners, as one back over several legs has, it rests in them."""
@@ -226,7 +207,7 @@ class SpacePlanningRun:
 
     def _results_of_terms(
         self,
-        legs: Sequence[tuple[SpaceProblem, JointPath]],
+        legs: Sequence[Leg[SpaceProblem]],
         timed: Sequence[JointTrajectory],
         terms: "UserTerms | None",
     ) -> TermResults:
@@ -236,8 +217,8 @@ class SpacePlanningRun:
             MotionNotFound: a constraint is not kept.
         """
         found = [
-            results_of_terms(terms, leg.arm, path, trajectory, self.settings.user_terms)
-            for (leg, path), trajectory in zip(legs, timed, strict=True)
+            results_of_terms(terms, leg.problem.arm, leg.path, trajectory, self.settings.user_terms)
+            for leg, trajectory in zip(legs, timed, strict=True)
         ]
         whole = worst_of_legs(found) if len(found) > 1 else found[0]
         if broken := failed_checks(whole.checks):
@@ -254,40 +235,8 @@ def _ended(plan: object) -> FloatArray:
     return np.asarray(plan.trajectory.positions[-1])
 
 
-def plan_legs_in_space(
-    problem: SpaceProblem, planner: PlannerInSpace, *, retrace: bool = True
-) -> list[tuple[SpaceProblem, JointPath]]:
-    """The way to every goal in turn, each from where the one before ends.
-
-    Args:
-        problem: what to plan.
-        planner: of single legs.
-        retrace: whether an arm that goes back to a pose from which a leg began may take the same way.
-
-    Raises:
-        NoPlanFound: naming the goal that is not reached.
-    """
-    deadline = Deadline.after(problem.planner.time_limit)
-    start = problem.start
-    legs: list[tuple[SpaceProblem, JointPath]] = []
-    for number, stop in enumerate(problem.goals, start=1):
-        options = replace(problem.planner, time_limit=max(deadline.left, 0.5)) if legs else problem.planner
-        leg = replace(problem, start=start, goal=stop.goal, tolerances=stop.tolerances, stops=(), planner=options)
-        try:
-            path = (way_back(legs, stop.goal) if retrace else None) or planner.plan(leg)
-        except NoPlanFound as error:
-            if not problem.stops:
-                raise
-            found = error.diagnosis
-            reason = f"goal {number} of {len(problem.goals)}: {found.reason}"
-            raise type(error)(replace(found, reason=reason, evidence={**found.evidence, "goal": number})) from error
-        legs.append((leg, path))
-        start = SpaceJointPose.from_configuration(path.spline(1.0), problem.arm.links)
-    return legs
-
-
 def timed_in_space(
-    problem: SpaceProblem, path: JointPath, dynamics: InverseDynamics, settings: SpaceSettings = DEFAULT_IN_SPACE
+    problem: SpaceProblem, path: JointPath, dynamics: InverseDynamics, settings: Settings = DEFAULT_SETTINGS
 ) -> JointTrajectory:
     """The motion along a path by the problem's method of timing.
 
@@ -297,7 +246,7 @@ def timed_in_space(
     arm = problem.arm
     timings = retiming.timings(
         path,
-        feed_limits(arm, problem.limits, settings.following),
+        feed_limits(arm, problem.limits, settings.feed.following),
         dynamics,
         revolutes=partial(revolute_angles, arm),
         method=problem.planner.retiming,
@@ -356,3 +305,58 @@ def room_in_space(
     nearest = place(int(np.argmin(np.minimum(walls, itself))))
     time = trajectory.time[samples]
     return RoomRecord(time, problem.wanted_gap, problem.workspace.clearance, walls, itself, reach, nearest, ends)
+
+
+def described_in_space(
+    problem: SpaceProblem,
+    plan: VerifiedPlan,
+    stages: Stages,
+    settings: Settings,
+    of_costs: Mapping[str, float] | None = None,
+) -> SpaceSolution:
+    """The solution that a verified plan is, with its room and its simulation; whatever happens there, it is kept.
+
+    Raises:
+        CancelledWithPlan: on Ctrl-C, with the solution as far as it is known.
+    """
+    room: RoomRecord | None = None
+    simulated = not_waited_for(problem, plan)
+    figures: Mapping[str, float] = {}
+    try:
+        with stages("room"):
+            of_room = partial(room_in_space, problem, plan.trajectory)
+            room = kept(of_room, "the room of the motion was not measured", lambda _: None)
+        with stages("simulation"):
+            simulated, figures = simulated_motion(problem, plan, settings.simulation)
+    except KeyboardInterrupt as interrupt:
+        found = assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
+        raise CancelledWithPlan(found) from interrupt
+    return assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
+
+
+def assembled_in_space(
+    problem: SpaceProblem,
+    plan: VerifiedPlan,
+    simulated: SimulatedMotion,
+    of_simulation: Mapping[str, float],
+    stages: Stages,
+    room: RoomRecord | None,
+) -> SpaceSolution:
+    """The solution of a problem in space from what every stage made."""
+    figures = dict(space_figures_of_motion(problem, plan.trajectory, plan.joints, plan.checks))
+    figures["keyframes"] = float(len(plan.path.keyframes))
+    figures["tracking_error_rad"] = simulated.tracking_error
+    return SpaceSolution(
+        problem=problem,
+        path=plan.path,
+        trajectory=plan.trajectory,
+        joints=plan.joints,
+        simulation=simulated,
+        checks=(*plan.checks, *plan.of_terms.checks),
+        metrics={**figures, **of_simulation, **plan.of_terms.figures},
+        timings=dict(stages.timings),
+        versions=dict(versions()),
+        room=room,
+        tries=plan.tries,
+        not_checked=left_unchecked_of_arm(problem.arm),
+    )

@@ -1,18 +1,15 @@
 """Users' constraints and costs, as the driver treats them."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.expected import expect
-from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, UnreachableGoal, VerificationError
+from ccm_opt.errors import Diagnosis, Finding, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, contradictions, contradictions_in_space
-from ccm_opt.ik.terms import COST_SHARES, TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
+from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.mapping import map_curve
@@ -114,49 +111,3 @@ def _finding(each: Contradiction, where: str) -> Finding:
         f"{each.least:.4g} at least wherever it counts as there"
     )
     return Finding("constraint", reason, key="constraints", measured=each.miss, allowed=0.0, unit="")
-
-
-Plan = TypeVar("Plan")
-PlannedProblem = TypeVar("PlannedProblem", Problem, SpaceProblem)
-
-
-def planned_with_costs(
-    problem: PlannedProblem,
-    terms: "UserTerms | None",
-    attempt: Callable[[PlannedProblem, "UserTerms | None"], Plan],
-    shares: Sequence[float] = COST_SHARES,
-) -> tuple[Plan, float]:
-    """A plan with as much of the user's costs as one is found with; hard constraints hold in full.
-
-    Args:
-        problem: what to solve.
-        terms: the user's constraints and costs.
-        attempt: plans, times and verifies a problem under terms.
-        shares: of the costs' weights that are tried, one after the other.
-
-    Returns:
-        The plan, and the share of the costs' weights that it was made with.
-
-    Raises:
-        NoPlanFound: there is none without any costs either; or the goal cannot be reached.
-        VerificationError: the verifier refuses the last plan, which knows no costs.
-    """
-    deadline = Deadline.after(problem.planner.time_limit)
-    if terms is None or not terms.all_costs:
-        return attempt(problem, terms), shares[0]
-    hurried = problem
-    for share in shares[:-1]:
-        try:
-            return attempt(hurried, _lowered(terms, share)), share
-        except UnreachableGoal:
-            raise
-        except (NoPlanFound, VerificationError):
-            left = deadline.left
-            if left <= 0.0:
-                raise
-            hurried = replace(problem, planner=replace(problem.planner, time_limit=left))
-    return attempt(hurried, _lowered(terms, shares[-1])), shares[-1]
-
-
-def _lowered(terms: "UserTerms", share: float) -> "UserTerms":
-    return terms if share == 1.0 else terms.with_costs_lowered(share)

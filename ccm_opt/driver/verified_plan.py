@@ -19,7 +19,7 @@ from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CcmError, Diagnosis, MotionNotFound, RetimingError, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.following.leader import feed_limits
-from ccm_opt.planning.legs import Leg, Planner, Retimer, plan_legs, whole_path
+from ccm_opt.planning.legs import Leg, Retimer, whole_path
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem
@@ -29,40 +29,28 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 from ccm_opt.verification.verifier import verify
 
 
-def verified_plan(
+def timed_and_verified(
     problem: Problem,
-    planner: Planner,
+    legs: tuple[Leg[Problem], ...],
     stages: Stages,
     retimer: Retimer | None = None,
     terms: UserTerms | None = None,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
-    """A motion past all goals of a problem that passes every check.
+    """The paths of all legs as one motion in time that passes every check.
 
     Args:
-        problem: what to solve.
-        planner: plans a leg.
+        problem: what they solve.
+        legs: one to each goal.
         stages: names and times the stages.
         retimer: another way to time a leg; the one that the problem names when None.
         terms: the user's constraints and costs; they hold for every leg by itself.
         settings: of all stages.
 
     Raises:
-        NoPlanFound: there is no plan within the limits.
+        NoPlanFound: a path cannot be timed within the limits.
         VerificationError: the verifier refuses the plan.
     """
-    return timed_and_verified(problem, plan_legs(problem, planner), stages, retimer, terms, settings)
-
-
-def timed_and_verified(
-    problem: Problem,
-    legs: tuple[Leg, ...],
-    stages: Stages,
-    retimer: Retimer | None = None,
-    terms: UserTerms | None = None,
-    settings: Settings = DEFAULT_SETTINGS,
-) -> VerifiedPlan:
-    """The paths of all legs as one motion in time that passes every check; arguments as for ``verified_plan``."""
     # Made once for all legs: the first call may have to wait for the compiler.
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
@@ -74,7 +62,7 @@ def timed_and_verified(
 
 def _put_together(
     problem: Problem,
-    legs: tuple[Leg, ...],
+    legs: tuple[Leg[Problem], ...],
     timed: Sequence[VerifiedPlan],
     inverse_dynamics: InverseDynamics,
     stages: Stages,
@@ -92,7 +80,7 @@ def _put_together(
 
 
 def timed_leg(
-    leg: Leg,
+    leg: Leg[Problem],
     inverse_dynamics: InverseDynamics,
     stages: Stages,
     retimer: Retimer | None = None,
@@ -163,7 +151,7 @@ def verified(
 
 
 def timings_of(
-    leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | None, settings: Settings = DEFAULT_SETTINGS
+    leg: Leg[Problem], inverse_dynamics: InverseDynamics, retimer: Retimer | None, settings: Settings = DEFAULT_SETTINGS
 ) -> Iterator[JointTrajectory]:
     """Timings of a leg, best first: those of the problem's method, or the only one of the user's retimer."""
     if retimer is not None:
@@ -174,7 +162,9 @@ def timings_of(
         yield from _timings(leg, inverse_dynamics, settings)
 
 
-def _timings_in_units(leg: Leg, inverse_dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
+def _timings_in_units(
+    leg: Leg[Problem], inverse_dynamics: InverseDynamics, settings: Settings
+) -> Iterator[JointTrajectory]:
     """The same in units of the arm, for arms with coordinates that are lengths: timing weighs them against angles."""
     arm = leg.problem.arm
     units = OwnUnits(arm.length)
@@ -188,7 +178,7 @@ def _timings_in_units(leg: Leg, inverse_dynamics: InverseDynamics, settings: Set
         yield from _timings(leg, inverse_dynamics, settings)
 
 
-def _timings(leg: Leg, inverse_dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
+def _timings(leg: Leg[Problem], inverse_dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
     """Timings by the problem's method."""
     problem = leg.problem
     arm = problem.arm

@@ -30,6 +30,7 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import CachedItems, JointSlowness, Motion, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.optimise import path_parameters
+from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.passage_widths import nominal_links_asked
 from ccm_opt.planning.planner_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.pose import nearest_curves
@@ -156,13 +157,15 @@ class CurvePlanner:
         Raises:
             NoPlanFound: with the reason and what would help.
         """
-        return self.planned(problem)[0]
+        with in_own_units(problem) as units:
+            path, _ = self.planned(units.scaled(problem))
+        return units.path_in_metres(path, problem.arm)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
         """Plan a certified motion, and keep it as the search knows it.
 
         Args:
-            problem: what is asked.
+            problem: what is asked, in units of its arm.
             known: a motion for a problem that differs a little, from which to go on; sought from nothing when None, or
                 when nothing comes of it.
 

@@ -1,23 +1,25 @@
-"""Goals in sequence, leg by leg, and what a planner is."""
+"""What a planner is, and its legs, one to each goal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import Diagnosis, NoPlanFound
-from ccm_opt.problem import Goal, JointPose, Problem, Start, Tolerances
+from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import JointPath, JointTrajectory
 
+Asked = TypeVar("Asked", Problem, SpaceProblem, contravariant=True)  # noqa: PLC0105 - it is told beside it
+_Problem = TypeVar("_Problem", Problem, SpaceProblem)
 
-class Planner(Protocol):
-    """Finds a certified joint path for a problem."""
 
-    def plan(self, problem: Problem) -> JointPath:
-        """Plan a motion.
+class PlannerOf(Protocol[Asked]):
+    """Finds a certified joint path for a problem of one kind."""
+
+    def plan(self, problem: Asked) -> JointPath:
+        """Plan a motion to the problem's only goal.
 
         Raises:
             NoPlanFound: with a diagnosis, when there is none within the limits.
@@ -25,10 +27,10 @@ class Planner(Protocol):
         ...
 
 
-class Retimer(Protocol):
+class RetimerOf(Protocol[Asked]):
     """Lays time along a joint path."""
 
-    def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
+    def retime(self, problem: Asked, path: JointPath) -> JointTrajectory:
         """Time a path from rest to rest within ``problem.limits``; what it returns is verified.
 
         Of the limits of the drives a plan may use ``problem.planner.effort_share``, see ``robot.coordinates``.
@@ -39,8 +41,14 @@ class Retimer(Protocol):
         ...
 
 
+Planner: TypeAlias = PlannerOf[Problem]
+"""Plans in the plane."""
+Retimer: TypeAlias = RetimerOf[Problem]
+"""Times what is planned in the plane."""
+
+
 @dataclass(frozen=True)
-class Leg:
+class Leg(Generic[_Problem]):
     """The motion to one goal.
 
     Attributes:
@@ -48,54 +56,11 @@ class Leg:
         path: the motion to it.
     """
 
-    problem: Problem
+    problem: _Problem
     path: JointPath
 
 
-def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) -> tuple[Leg, ...]:
-    """Plan the motion to every goal in turn; without stops that is one leg.
-
-    Args:
-        problem: with any number of stops; its time limit is for all legs together.
-        planner: plans a leg.
-        least_time: that the planner is given for a leg, even when the legs before have used it up [s]; without any, a
-            late leg would fail on the clock where it might be easy.
-
-    Raises:
-        NoPlanFound: naming the goal that is not reached.
-    """
-    goals: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
-    goals.append((problem.goal, problem.tolerances))
-
-    start: Start = problem.start
-    deadline = Deadline.after(problem.planner.time_limit)
-    legs: list[Leg] = []
-    for number, (goal, tolerances) in enumerate(goals, start=1):
-        options = problem.planner
-        if number > 1:
-            options = replace(options, time_limit=max(deadline.left, least_time))
-        leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
-        try:
-            path = planner.plan(leg)
-        except NoPlanFound as error:
-            if len(goals) == 1:
-                raise
-            raise type(error)(_of_goal(error.diagnosis, number, len(goals))) from error
-        legs.append(Leg(leg, path))
-        start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
-    return tuple(legs)
-
-
-def _of_goal(found: Diagnosis, number: int, count: int) -> Diagnosis:
-    """A diagnosis that says which of several goals it is about."""
-    return replace(
-        found,
-        reason=f"goal {number} of {count}: {found.reason}",
-        evidence={**found.evidence, "goal": number},
-    )
-
-
-def whole_path(legs: tuple[Leg, ...]) -> JointPath:
+def whole_path(legs: Sequence[Leg[_Problem]]) -> JointPath:
     """The paths of all legs, end to end, each over an equal share of [0, 1]; the spline has a corner at every stop."""
     return end_to_end([leg.path for leg in legs])
 

@@ -6,7 +6,8 @@ that are alike, are one and the same problem, but for the rounding of the divisi
 finer than any tolerance takes that away too, so that the plans are alike to the last bit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound
-from ccm_opt.planning.legs import Planner
 from ccm_opt.problem import (
     CurvePose,
     Goal,
@@ -292,26 +292,16 @@ def _stretched(curve: Configuration, factor: float) -> Configuration:
     return replace(curve, base=factor * curve.base, segments=segments)
 
 
-@dataclass(frozen=True)
-class OwnUnitsPlanner:
-    """A planner that is given every problem in units of its arm; satisfies the ``Planner`` protocol.
+@contextmanager
+def in_own_units(problem: Problem) -> Iterator[OwnUnits]:
+    """Let what a block plans in units of a problem's arm be said in metres, also why it finds nothing.
 
-    Attributes:
-        planner: plans in these units.
+    Raises:
+        NoPlanFound: what the block raised, in metres.
     """
-
-    planner: Planner
-
-    def plan(self, problem: Problem) -> JointPath:
-        """Plan as the planner does.
-
-        Raises:
-            NoPlanFound: what the planner said, in metres.
-        """
-        units = OwnUnits(problem.arm.length)
-        try:
-            with words_for_unit(units.metres):
-                path = self.planner.plan(units.scaled(problem))
-        except NoPlanFound as failure:
-            raise type(failure)(units.diagnosis_in_metres(failure.diagnosis)) from failure
-        return units.path_in_metres(path, problem.arm)
+    units = OwnUnits(problem.arm.length)
+    try:
+        with words_for_unit(units.metres):
+            yield units
+    except NoPlanFound as failure:
+        raise type(failure)(units.diagnosis_in_metres(failure.diagnosis)) from failure

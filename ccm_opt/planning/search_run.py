@@ -342,7 +342,7 @@ class SearchRun:
         """Follow the candidate's guide, then those that resume where it ends or stalls, until one of them arrives."""
         guide = _made(candidate.make_guide, self.start)
         try:
-            poses = self._followed(guide, self.start)
+            poses = follow(self.stepper, self._into_set(guide), self.start, self.task.deadline)
         except Stalled as stalled:
             if not candidate.resume:
                 raise
@@ -352,17 +352,17 @@ class SearchRun:
             if self.goal.is_set and self.goal.met(poses[-1]):
                 return poses
             try:
-                return poses + self._followed(_made(partial(resume, guide, poses[-1]), poses[-1]), poses[-1])[1:]
+                onward = self._into_set(_made(partial(resume, guide, poses[-1]), poses[-1]))
+                return poses + follow(self.stepper, onward, poses[-1], self.task.deadline)[1:]
             except Stalled as stalled:
                 if resume is candidate.resume[-1]:
                     raise
                 poses = poses + stalled.poses[1:]
         return poses
 
-    def _followed(self, guide: Guide, pose: Pose) -> list[Pose]:
-        """Follow a guide to its end; where the goal is a set, no farther than into it."""
-        led = GuideIntoSet(guide, self.goal) if self.goal.is_set else guide
-        return follow(self.stepper, led, pose, self.task.deadline)
+    def _into_set(self, guide: Guide) -> Guide:
+        """A guide that leads, where the goal is a set, no farther than into it."""
+        return GuideIntoSet(guide, self.goal) if self.goal.is_set else guide
 
     def _arrive(self, pose: Pose) -> list[Pose]:
         """Poses from near the goal onto it: settled, or for a whole-arm goal led straight into its coordinates."""

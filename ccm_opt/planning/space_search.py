@@ -29,15 +29,28 @@ _FOLLOW = 0.1
 """Weight on the links' directions along the track of the tip."""
 
 
-def find_motion(task: SpaceTask) -> SpaceMotion:
-    """A certified motion from the start to the goal.
+def find_motion(task: SpaceTask, stage: "_Stage | None" = None) -> SpaceMotion:
+    """A certified motion from the start to the goal: the first that a tactic finds.
+
+    Args:
+        task: what is asked.
+        stage: where a longer motion has come to; None for one that begins at the task's start.
 
     Raises:
         MotionNotFound: no tactic reached the goal; with how far the best came, and what was in its way.
         UnreachableGoal: it is proved that none could.
         TimeLimitReached: the deadline passed first.
     """
-    return _Search(task).run()
+    search = _Search(task, stage)
+    for tactic in search.tactics():
+        motion = tactic()
+        if motion is not None:
+            return motion
+        if task.deadline.passed():
+            break
+        if tactic == search.by_withdrawing and task.refuse is not None:
+            task.refuse()
+    raise nothing_found(task, search.failures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,34 +70,23 @@ class _Stage:
 class _Search:
     """One search, with what has failed so far.
 
-    Args:
+    Attributes:
         task: what is asked.
         stage: where a longer motion has come to; None for one that begins at the task's start.
+        failures: of the tactics so far.
     """
 
     task: SpaceTask
     stage: "_Stage | None" = None
-    _failures: list[SpaceFailure] = field(default_factory=list)
+    failures: list[SpaceFailure] = field(default_factory=list)
     _tried: int = 0
     _other_ways: SpaceTipWays | None = None
     _goal_poses: list[SpacePose] = field(default_factory=list)  # those to which no straight way leads
     _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
 
-    def run(self) -> SpaceMotion:
-        """The first motion that a tactic finds; see ``find_motion``."""
-        for tactic in self._tactics():
-            motion = tactic()
-            if motion is not None:
-                return motion
-            if self.task.deadline.passed():
-                break
-            if tactic == self._by_withdrawing and self.task.refuse is not None:
-                self.task.refuse()
-        raise nothing_found(self.task, self._failures)
-
-    def _tactics(self) -> list[Callable[[], SpaceMotion | None]]:
+    def tactics(self) -> list[Callable[[], SpaceMotion | None]]:
         """What is tried, in this order."""
-        first = [self._by_first_ways, self._by_withdrawing]
+        first = [self._by_first_ways, self.by_withdrawing]
         others = [self._by_other_ways]
         if self.task.via:
             # What is not led by the tip passes no place on its way.
@@ -114,7 +116,7 @@ class _Search:
         ways = self._other_ways or self._ways(curve, start, end)
         return self._by_ways(ways.finest(), curve, start, end)
 
-    def _by_withdrawing(self) -> SpaceMotion | None:
+    def by_withdrawing(self) -> SpaceMotion | None:
         """Back along the arm's own shape into its guide tube, and in anew."""
         task = self.task
         curve, start, end = self._spaces()
@@ -329,7 +331,7 @@ class _Search:
         self._announce("a sampler", first)
         poses = Connect(stepper, first, goals, rng, settings).path(task.deadline)
         if poses is None:
-            self._failures.append(
+            self.failures.append(
                 SpaceFailure.at(task, "a sampler", "no tree met the other", stepper, first, goals[0].tip)
             )
             return None
@@ -347,9 +349,8 @@ class _Search:
         parts: list[SpaceMotion] = []
         for goal in (*places, task.goal):
             asked = replace(task, via=(), goal=goal, refuse=None)
-            stage = _Search(asked, _Stage(curve, now))
             try:
-                parts.append(stage.run())
+                parts.append(find_motion(asked, _Stage(curve, now)))
             except MotionNotFound:
                 return None
             now = parts[-1].unknowns[-1]
@@ -385,7 +386,7 @@ class _Search:
         except SpaceStalled as stalled:
             goal = self.task.goal
             target = None if goal is None else goal.position
-            self._failures.append(SpaceFailure.at(self.task, name, str(stalled), stepper, stalled.poses[-1], target))
+            self.failures.append(SpaceFailure.at(self.task, name, str(stalled), stepper, stalled.poses[-1], target))
             return None
 
     def _announce(self, name: str, pose: SpacePose) -> None:

@@ -119,7 +119,7 @@ class CellFound:
     cpu: float = 0.0
 
 
-@on_one_thread
+@on_one_thread()
 def look_at_cell(question: SpaceReachQuestion, task: ReachTask) -> CellFound:
     """Do one task of a map."""
     begun = time.process_time()

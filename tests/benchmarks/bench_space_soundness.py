@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 
 from ccm_opt.compare.suites import SPACE_SUITES, shared_folder, space_maker
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.driver.space_planning_run import PlannerInSpace, plan_legs_in_space, timed_in_space
+from ccm_opt.driver.pipeline import plan_legs
+from ccm_opt.driver.space_planning_run import timed_in_space
 from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.planning.legs import PlannerOf
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_search import find_motion
@@ -58,12 +60,12 @@ class FoundAlone:
         return joint_path(task, find_motion(task))
 
 
-def outcome(problem: SpaceProblem, planner: PlannerInSpace) -> str:
+def outcome(problem: SpaceProblem, planner: PlannerOf[SpaceProblem]) -> str:
     """What comes of a problem: "safe", "touches", "no plan", "refused" by the verifier, or "crash"."""
     dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     try:
-        ((leg, path),) = plan_legs_in_space(problem, planner)
-        trajectory = timed_in_space(leg, path, dynamics)
+        (leg,) = plan_legs(problem, planner)
+        trajectory = timed_in_space(leg.problem, leg.path, dynamics)
     except (NoPlanFound, ProblemError) as none:
         print(f"- {problem.name}: {none}".splitlines()[0], flush=True)
         return "no plan"

@@ -19,7 +19,8 @@ from ccm_opt.compare.space_clutter import JOBS, disturbed_job
 from ccm_opt.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.space_planning_run import plan_legs_in_space, timed_in_space
+from ccm_opt.driver.pipeline import plan_legs
+from ccm_opt.driver.space_planning_run import timed_in_space
 from ccm_opt.driver.verified_motion import failed_checks
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import NoPlanFound
@@ -54,12 +55,12 @@ def measure(job: str, seed: int, problem: SpaceProblem) -> None:
     stages = Stages()
     begun = user_time()
     try:
-        ((leg, path),) = plan_legs_in_space(problem, SpacePlanner(stages))
+        (leg,) = plan_legs(problem, SpacePlanner(stages))
     except NoPlanFound as none:
         print(f"{job} {seed}, {triangles}: {none}")
         return
     planned = user_time() - begun
-    trajectory = timed_in_space(leg, path, dynamics)
+    trajectory = timed_in_space(leg.problem, leg.path, dynamics)
     joints = joint_states(problem.arm, trajectory, dynamics)
     begun = user_time()
     checks = verify_in_space(problem, trajectory, joints)

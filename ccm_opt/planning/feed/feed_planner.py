@@ -31,6 +31,7 @@ from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, pose_on, slide
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planning.search import find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
@@ -279,20 +280,27 @@ class FeedPlanner:
         """
         if problem.arm.feed is None:
             raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
+        with in_own_units(problem) as units:
+            own = units.scaled(problem)
+            path = self._of_members(own, own.arm.feed or problem.arm.feed)
+        return units.path_in_metres(path, problem.arm)
+
+    def _of_members(self, problem: Problem, feed: Feed) -> JointPath:
+        """Plan in units of the arm, to whichever member of the goal is reached."""
         deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
-        members = member_problems(problem, problem.arm.feed, self.settings)
+        members = member_problems(problem, feed, self.settings)
         if len(members) == 1:
-            return self._planned(members[0], problem.arm.feed, deadline)
+            return self._planned(members[0], feed, deadline)
         # Members differ in how hard they are: all are tried in short before any may take long.
         for member in members:
             short = deadline.within(_MEMBER_SHARE * problem.planner.time_limit)
             with suppress(NoPlanFound):
-                return self._planned(member, problem.arm.feed, short)
+                return self._planned(member, feed, short)
         failures: list[NoPlanFound] = []
         for number, member in enumerate(members):
             share = deadline.left / (len(members) - number)
             try:
-                return self._planned(member, problem.arm.feed, deadline.within(share))
+                return self._planned(member, feed, deadline.within(share))
             except NoPlanFound as failure:
                 failures.append(failure)
         raise failures[0]
