@@ -69,6 +69,14 @@ def test_named_functions_exist() -> None:
     assert not {name for name in names if not resolves(name)}
 
 
+def test_python_interface_describes_everything_once() -> None:
+    """What the page of the Python interface describes exists, and is described once."""
+    named = re.findall(r"^\.\. auto\w+:: (\S+)", (DOCS / "api.md").read_text(), re.MULTILINE)
+    assert len(named) > 40
+    assert sorted(set(named)) == sorted(named)
+    assert not {name for name in named if not resolves(name)}
+
+
 def test_named_members_exist() -> None:
     """Every ``Class.member`` that a page names is a class of the package with such a field, property or method."""
     source = "\n".join(file.read_text() for file in (ROOT / "ccm_opt").rglob("*.py"))
