@@ -10,6 +10,7 @@ import ccm_opt
 from ccm_opt.errors import ProblemError
 
 from .conftest import PROBLEMS
+from .solved_problems import solved
 
 FILE = PROBLEMS / "open-space.toml"
 
@@ -47,8 +48,8 @@ def test_what_are_no_constraints_is_refused(terms: object, words: str) -> None:
 
 def test_other_functions_refuse_what_they_are_not_made_for() -> None:
     """The verifier, the reader of files, and those that go on from a solution."""
-    problem = ccm_opt.load_problem(FILE)
-    solution = ccm_opt.solve(problem)
+    solution = solved("open-space")
+    problem = solution.problem
     with pytest.raises(ProblemError, match=r"expected a ccm_opt\.Problem, got None"):
         ccm_opt.check(None, solution.trajectory, solution.joints)  # type: ignore[arg-type]
     with pytest.raises(ProblemError, match="expected the path of a problem file, got None"):
@@ -62,7 +63,7 @@ def test_other_functions_refuse_what_they_are_not_made_for() -> None:
 @pytest.fixture(scope="module")
 def solution() -> ccm_opt.Solution:
     """A plan, for functions that go on from one."""
-    return ccm_opt.solve(ccm_opt.load_problem(FILE))
+    return solved("open-space")
 
 
 SOLUTION = object()

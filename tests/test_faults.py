@@ -13,11 +13,11 @@ import pytest
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["solve", "--count", "8"],
-        ["check", "--count", "3"],
-        ["compare", "--count", "2"],
-        ["solve", "--space", "--count", "4"],
-        ["check", "--space", "--count", "2"],
+        ["solve", "--count", "4"],
+        ["check", "--count", "2"],
+        ["compare", "--count", "1"],
+        ["solve", "--space", "--count", "2"],
+        ["check", "--space", "--count", "1"],
     ],
     ids=["solve", "check", "compare", "solve in space", "check in space"],
 )

@@ -11,7 +11,7 @@ from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceTipGoal
 from ccm_opt.solution.space_solution import SpaceSolution
 
-from .conftest import PROBLEMS
+from .solved_problems import solved_in_space
 
 ELSEWHERE = SpaceTipGoal(np.array([0.4, -0.2, 0.15]), np.array([1.0, 0.0, 0.0]))
 
@@ -49,8 +49,7 @@ def test_a_new_goal_is_reached_from_wherever_the_arm_is(share: float) -> None:
 
 def test_a_fed_arm_is_given_another_goal_while_it_goes_in() -> None:
     """Among the blades the whole motion is verified, with joints in the guide tube straight at all times."""
-    plan = ccm_opt.solve(ccm_opt.load_problem(PROBLEMS / "space" / "blade-row.toml"))
-    assert isinstance(plan, SpaceSolution)
+    plan = solved_in_space("blade-row")
     goal = plan.problem.goal
     assert isinstance(goal, SpaceTipGoal)
     moved = SpaceTipGoal(goal.position + np.array([0.01, -0.02, 0.01]), goal.direction)

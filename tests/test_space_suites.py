@@ -35,7 +35,8 @@ LONG_MADE = {"space-other-hole", "space-other-branch", "space-blades", "space-re
 @pytest.mark.parametrize(
     "suite",
     [
-        *(f"{suite}-12-links" if suite in LONG_MADE else suite for suite in SPACE_SUITES),
+        *(suite for suite in SPACE_SUITES if suite not in LONG_MADE),
+        *(pytest.param(f"{suite}-12-links", marks=pytest.mark.planning) for suite in sorted(LONG_MADE)),
         *("space-clutter-3", "space-elbow-96-links", "space-clutter-20-8-links"),
     ],
 )

@@ -16,7 +16,7 @@ from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import JointPath, JointTrajectory
 from ccm_opt.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
-from tests.test_user_terms_in_space import POST, post
+from tests.test_user_terms_in_space import POST, free_motion, post
 
 
 def asking(degrees: float) -> SpaceProblem:
@@ -26,7 +26,7 @@ def asking(degrees: float) -> SpaceProblem:
 
 def test_more_is_survived_where_more_is_asked_for() -> None:
     """The free motion survives less than is asked for, and the planned one all of it, by a check of its own."""
-    free = ccm_opt.solve(post())
+    free = free_motion()
     without = survived_error_in_space(post(), free.trajectory, joint_errors(post().arm))
     wanted = 2.5 * np.rad2deg(without.size)
     solution = ccm_opt.solve(asking(wanted))
@@ -76,7 +76,7 @@ def test_a_retimer_of_the_users_times_the_path() -> None:
             dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
             return timed_in_space(replace(problem, limits=slow), path, dynamics)
 
-    usual = ccm_opt.solve(post())
+    usual = free_motion()
     slow = ccm_opt.solve(post(), retimer=Slow())  # type: ignore[call-overload]
     assert slow.trajectory.duration > 1.5 * usual.trajectory.duration
     assert all(check.passed for check in slow.checks)

@@ -14,7 +14,8 @@ import pytest
 import tomlkit
 
 from ccm_opt.cli import surroundings
-from ccm_opt.cli.outcome import NO_PLAN
+from ccm_opt.cli.checking import check_folders
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED
 from ccm_opt.cli.solving import failures_recorded
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.io.reading import load_problem
@@ -91,15 +92,14 @@ def foreign(tmp_path: Path) -> Path:
     return file
 
 
-@pytest.mark.parametrize("numbers", [(1,), (2,), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize("numbers", [(1,), (2,), (0, 1, 2)])
 def test_closed_streams_are_no_failure(tmp_path: Path, numbers: tuple[int, ...]) -> None:
     """Nobody reads it, and the folder is written all the same, none of its files with what was printed in it."""
     command = ("-m", "ccm_opt", "solve", str(OPEN_SPACE), "--no-pictures")
     run = ended(*command, cwd=tmp_path, first=closing(*numbers))
     assert run.returncode == 0
     assert "Traceback" not in run.stderr
-    checked = ended("-m", "ccm_opt", "check", "runs/open-space", cwd=tmp_path)
-    assert checked.returncode == 0, checked.stderr
+    assert check_folders([tmp_path / "runs" / "open-space"]) == SOLVED
 
 
 @pytest.mark.skipif(os.name != "posix", reason="numbers of streams are inherited by POSIX systems")

@@ -1,20 +1,18 @@
 """Among many walls the tip is led straight on and by random walks before anything else is tried."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import cache
 
 import numpy as np
 import pytest
 
 from ccm_opt.core.polyline import unit_vector
+from ccm_opt.planning.failures import Failure
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import SearchSettings, TipWalkSettings
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy, TipWays
 from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
-
-if TYPE_CHECKING:
-    from ccm_opt.planning.failures import Failure
 
 LINKS = 24.0
 """Nominal links to the arm's length."""
@@ -37,13 +35,19 @@ def assert_right(motion: Motion, scene: Scene) -> None:
     assert min(sweep_gaps(scene.arm, scene.workspace, np.vstack(frames))) > 0.0
 
 
+@cache
+def walked(seed: int, *, late: bool) -> tuple[Motion | None, list[Failure]]:
+    """What is found, and what failed, in a scene of many walls."""
+    failures: list[Failure] = []
+    return TipWalkStrategy(late=late).find(crowded(clutter(seed, 30)), failures, LINKS), failures
+
+
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("seed", range(3, 7))
 def test_what_is_found_is_certified_and_touches_nothing(seed: int, *, late: bool) -> None:
     """A motion is right; or every margin and all walks have failed, and say how near they came."""
     scene = clutter(seed, 30)
-    failures: list[Failure] = []
-    motion = TipWalkStrategy(late=late).find(crowded(scene), failures, LINKS)
+    motion, failures = walked(seed, late=late)
     if motion is not None:
         assert_right(motion, scene)
         return
@@ -54,11 +58,8 @@ def test_what_is_found_is_certified_and_touches_nothing(seed: int, *, late: bool
 
 def test_a_seed_repeats_its_walks() -> None:
     """Walks are drawn from the task's seed alone: the same one ends as near to the goal, with the same links."""
-    task = crowded(clutter(3, 30))
     ends = []
-    for _ in range(2):
-        failures: list[Failure] = []
-        motion = TipWalkStrategy(late=True).find(task, failures, LINKS)
+    for motion, failures in (walked(3, late=True), walked.__wrapped__(3, late=True)):
         ends.append(failures[-1].headings if motion is None else motion.headings[-1])
     assert np.array_equal(*ends)
 

@@ -10,13 +10,14 @@ import ccm_opt
 from ccm_opt.errors import ProblemError
 
 from .conftest import PROBLEMS
+from .solved_problems import solved
 
 
 def test_results_describe_themselves_in_a_line() -> None:
     """Problem, solution and its parts: name, size, duration, gap; never more than a line."""
     problem = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")
     assert repr(problem) == "<Problem 'swan-neck': 12 links, 0.600 m long, 4 obstacles>"
-    solution = ccm_opt.solve(problem)
+    solution = solved("swan-neck")
     duration = f"{solution.trajectory.duration:.2f} s"
     assert repr(solution).startswith(f"<Solution of 'swan-neck': 12 links, {duration}, walls no nearer than ")
     parts = (solution.path, solution.trajectory, solution.joints, solution.simulation)
@@ -28,7 +29,7 @@ def test_results_describe_themselves_in_a_line() -> None:
 
 def test_plans_are_saved_loaded_and_drawn(tmp_path: Path) -> None:
     """A loaded plan passes the verifier, and looks like the one that was saved; films are written by their ending."""
-    solution = ccm_opt.solve(ccm_opt.load_problem(PROBLEMS / "open-space.toml"))
+    solution = solved("open-space")
     folder = solution.save(tmp_path / "kept")
     plan = ccm_opt.load(folder)
     np.testing.assert_array_equal(plan.trajectory.positions, solution.trajectory.positions)

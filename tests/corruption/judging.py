@@ -44,12 +44,12 @@ class Judged:
 
 
 def judged(plans: dict[str, Folder], place: Path, seed: int, count: int) -> Iterator[Judged]:
-    """Corrupt plans drawn at random and judge them; every kind comes in turn."""
+    """Corrupt plans drawn at random and judge them; every kind comes in turn, beginning with that of the seed."""
     number = 0
     attempt = 0
     while number < count:
         rng = np.random.default_rng((seed, attempt))
-        chosen = KINDS[attempt % len(KINDS)]
+        chosen = KINDS[(seed + attempt) % len(KINDS)]
         attempt += 1
         plan = sorted(plans)[int(rng.integers(len(plans)))]
         folder = plans[plan].copy()

@@ -205,13 +205,17 @@ def kind(name: str, *, true: bool = False) -> Callable[[Callable[[Folder, Genera
 
 
 def write_plans(place: Path, names: Sequence[str] = (*PLANS, *PLANS_IN_SPACE)) -> dict[str, Folder]:
-    """Solve the plans that are corrupted, or some of them, and read their folders."""
-    found = {}
+    """Solve the plans that are corrupted, or some of them, once a process, and read their folders."""
     for name in names:
+        if name in _WRITTEN:
+            continue
         if name in PLANS_IN_SPACE:
             problem = ccm_opt.load_problem(write_problem(name, place / "problems"))
         else:
             problem = parse_problem(PLANS[name], f"{name}.toml")
         solution = ccm_opt.solve(problem)
-        found[name] = Folder.of(write_solution(solution, place), solution)
-    return found
+        _WRITTEN[name] = Folder.of(write_solution(solution, place), solution)
+    return {name: _WRITTEN[name].copy() for name in names}
+
+
+_WRITTEN: dict[str, Folder] = {}

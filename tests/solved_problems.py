@@ -1,0 +1,27 @@
+"""Problems of ``problems/`` as ``ccm_opt.solve`` solves them, each once a process, for whichever test asks."""
+
+from functools import cache
+
+import ccm_opt
+from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.solution import Solution
+from ccm_opt.solution.space_solution import SpaceSolution
+
+from .conftest import PROBLEMS
+
+
+@cache
+def solved(name: str) -> Solution:
+    """The plan of a problem in the plane."""
+    problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
+    assert isinstance(problem, Problem)
+    return ccm_opt.solve(problem)
+
+
+@cache
+def solved_in_space(name: str) -> SpaceSolution:
+    """The plan of a problem in space."""
+    problem = ccm_opt.load_problem(PROBLEMS / "space" / f"{name}.toml")
+    assert isinstance(problem, SpaceProblem)
+    return ccm_opt.solve(problem)
