@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 import tomlkit
+from ccm_opt.cli.checking import check_folders
 
 from ccm_opt.cli import surroundings
-from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED
 from ccm_opt.cli.solving import failures_recorded
 from ccm_opt.cli.stage_clock import StageClock
