@@ -58,6 +58,7 @@ nitpick_ignore_regex = [
     ("py:class", r"AnySolution"),
     # The kind of problem that a plan is for.
     ("py:class", r"ccm_opt\.solution\.solution\.ProblemT"),
+    ("py:class", r"ccm_opt\..*\._Problem"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]
