@@ -180,6 +180,7 @@ def test_split_cubes_touch_as_before(seed: int) -> None:
     assert len(cells.pairs) == np.count_nonzero(np.triu(touch, 1))
 
 
+@pytest.mark.planning
 def test_the_widest_way_in_space_is_the_window() -> None:
     """The bottleneck is found: its place, how wide it is, and the walls beside it; a thinner arm passes."""
     arm = space_arm(12, radius=0.05)
@@ -197,6 +198,7 @@ def test_the_widest_way_in_space_is_the_window() -> None:
         refuse_closed_in_space(problem)
 
 
+@pytest.mark.planning
 def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     """Behind a screen that ends above, the arm is too short, by as much as a string over its edge is long."""
     arm = space_arm(12, 0.8 / 12, radius=0.015)
@@ -214,6 +216,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     assert failed_in_space(longer) == ()
 
 
+@pytest.mark.planning
 def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
     """Every way is closed however thin the arm is; the smallest body that opens one is named first, and where."""
     shutter = box("shutter", [0.41, -0.11, -0.11], [0.44, 0.11, 0.11])

@@ -32,11 +32,12 @@ LONG_MADE = {"space-other-hole", "space-other-branch", "space-blades", "space-re
 """Suites whose starts are planned, which is quicker for few links."""
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize(
     "suite",
     [
         *(suite for suite in SPACE_SUITES if suite not in LONG_MADE),
-        *(pytest.param(f"{suite}-12-links", marks=pytest.mark.planning) for suite in sorted(LONG_MADE)),
+        *(f"{suite}-12-links" for suite in sorted(LONG_MADE)),
         *("space-clutter-3", "space-elbow-96-links", "space-clutter-20-8-links"),
     ],
 )
@@ -82,6 +83,7 @@ def test_what_is_no_suite_in_space_is_refused(suite: str) -> None:
         cases_of_suite(suite)
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("suite", ["space-clutter-20", "space-wing-box-48-links", "space-tank", "space-pipe-two-bends"])
 def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path, suite: str) -> None:
     """A written problem is read back with the same bodies, meshes, arm and ends, to rounding."""
