@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import tomlkit
-from ccm_opt.cli.checking import check_folders
 
 from ccm_opt.cli import surroundings
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED
 from ccm_opt.cli.solving import failures_recorded
 from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.io.reading import load_problem
 
 from .conftest import PROBLEMS
@@ -31,6 +31,7 @@ import time
 from pathlib import Path
 from ccm_opt.cli.solving import failure_recorder
 from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.cli.watchdog import WatchdogSettings, ended_when_silent
 from ccm_opt.io.reading import load_problem
 
