@@ -43,7 +43,9 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     if float(np.max(np.abs(curve.offset), initial=0.0)) > settings.offset:
         return None
     coarse = coarse_arm(arm)
-    of_coarse = replace(task, arm=coarse).stepper(CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0], 0.0)
+    straight = np.concatenate((np.zeros(2 * coarse.links), task.start[2 * arm.links :]))
+    through = CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0]
+    of_coarse = replace(task, arm=coarse, start=straight).stepper(through, 0.0)
     points = _Along.coarse_joints(arm.links).of(Chains(arm).places(task.start)[0])
     same_curve = start * curve.scale / of_coarse.curve.scale
     kept = settings.clearance * task.unit
