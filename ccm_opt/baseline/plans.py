@@ -46,6 +46,14 @@ from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
 
+_PLANNING_SHARE = 0.9
+"""Share of the time limit that planning may use; timing and verification need the rest. Taste."""
+_BISECTIONS = 3
+"""Halvings of a move before it counts as blocked. Most candidate moves are discarded, so that fewer than the
+certificate's own pay. Taste."""
+_ROUTE_INFLATION = 1e-3
+"""Inflation of the walls for routes beyond radius and clearance, as a share of the arm's length. Taste."""
+
 _LEAST_BASE_SEGMENT = 0.05
 """Length that the base segment keeps. Taste."""
 _BOUNDARY_AHEAD = 0.06
@@ -356,7 +364,7 @@ class Follower:
             UnreachableGoal: start or goal cannot be.
         """
         ends = resolve_ends(problem)
-        deadline = Deadline.after(settings.planning_share * problem.planner.time_limit)
+        deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
         return cls(problem, ends, _certificate(problem, ends, settings), deadline, settings)
 
     @cached_property
@@ -405,7 +413,7 @@ class Follower:
             # back from a candidate to the start, which nobody asks about.
             keyframes = np.repeat(headings[allowed], 2, axis=0)
             keyframes[::2] = self.headings(here)[0]
-            failing = self.certificate.failures(keyframes, self.settings.bisections)
+            failing = self.certificate.failures(keyframes, _BISECTIONS)
             blocked = failing[failing % 2 == 0] // 2
             allowed[np.flatnonzero(allowed)[blocked]] = False
         return allowed
@@ -422,7 +430,7 @@ class Follower:
         """Free space of the arm's axis."""
         arm = self.problem.arm
         need = arm.radius + self.problem.workspace.clearance
-        return FreeSpace(self.problem.workspace, need + self.settings.route_inflation * arm.length)
+        return FreeSpace(self.problem.workspace, need + _ROUTE_INFLATION * arm.length)
 
     @property
     def hurried_world(self) -> World:

@@ -14,11 +14,9 @@ class CrowdingSettings:
     """From where walls, the arm itself and its limits push, and at how many points.
 
     Attributes:
-        kept_off: points nearer to contact than this share of the arm's length are pushed away. Taste.
         points: chords of the configuration at whose ends walls push; even. Taste.
     """
 
-    kept_off: float = 0.03
     points: int = 48
 
     @property
@@ -90,22 +88,14 @@ class BaselineSettings:
     """What the planner around the schemas of hill climbing allows itself, and the numbers of these.
 
     Attributes:
-        planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
         plan_share: share of the time that is left that one plan may use, so that the others have their turn. Taste.
         certified_gap: gap beyond contact that moves keep, as a share of the arm's length, so that the smooth path has
             somewhere to go. Taste.
-        bisections: halvings of a move before it counts as blocked. Most candidate moves are discarded, so that
-            fewer than the certificate's own pay. Taste.
-        route_inflation: inflation of the walls for routes beyond radius and clearance, as a share of the arm's length.
-            Taste.
         climbing: of the climbs, the schemas, and the plans made of them.
     """
 
-    planning_share: float = 0.9
     plan_share: float = 0.6
     certified_gap: float = 1e-4
-    bisections: int = 3
-    route_inflation: float = 1e-3
     climbing: ClimbingSettings = field(default_factory=ClimbingSettings)
 
 

@@ -12,6 +12,9 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN
 from ccm_opt.robot.configuration import Configuration
 
+_KEPT_OFF = 0.03
+"""Points nearer to contact than this share of the arm's length are pushed away. Taste."""
+
 _STRAINED = 0.3
 """Share of the curvature's limit from which interpolation points are pushed back. Taste."""
 
@@ -83,7 +86,7 @@ class World:
             return crowding
         points = shapes.points(settings.points)
         if self.gap is not _far:
-            lack = np.maximum(0.0, 1.0 - self.gap(points) / (settings.kept_off * shapes.length[:, None]))
+            lack = np.maximum(0.0, 1.0 - self.gap(points) / (_KEPT_OFF * shapes.length[:, None]))
             crowding += np.square(lack).mean(axis=1)
         if self.thickness > 0.0:
             crowding += self._crowding_itself(shapes, points[:, :: settings.points // settings.self_points])
@@ -101,7 +104,7 @@ class World:
         x = points[..., 0]
         y = points[..., 1]
         squares = np.square(x[:, one] - x[:, other]) + np.square(y[:, one] - y[:, other])
-        kept = self.settings.crowding.kept_off * shapes.length
+        kept = _KEPT_OFF * shapes.length
         shape, pair = np.nonzero(squares < np.square(self.thickness + kept)[:, None])
         lack = 1.0 - (np.sqrt(squares[shape, pair]) - self.thickness) / kept[shape]
         crowding: FloatArray = np.bincount(shape, np.square(lack), minlength=len(shapes)) / count

@@ -27,6 +27,27 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.solution import PossibleGap, RoomRecord
 
+_CELLS = 20_000
+"""Cubes at first. Taste: a thirtieth of the room along a side."""
+_FINENESS = 0.03
+"""Relative accuracy of the widest way. Taste."""
+_LEAST = 0.3
+"""Of the room that is needed, the share below which ways are told to be closed altogether. Taste."""
+_DETOUR = 1.5
+"""Ways are looked for up to this multiple of the arm's length. Taste."""
+_HALVINGS = 3
+"""Of what is not known of the length that would do. Taste."""
+_REACH = 8.0
+"""Distances are looked at up to this multiple of the room that is needed. Taste."""
+_BESIDE = 1.3
+"""Obstacles up to this multiple of the distance of the nearest are beside a place. Taste."""
+_MOST_REMOVED = 8
+"""Obstacles that are taken away one at a time, nearest to the straight way first. Taste."""
+_PULLS = 6
+"""How often a short way is pulled tighter. Measured: six bring it to 2 % of the shortest round one edge."""
+_PLACES = 9
+"""Along each straight part of a way that are looked at. Taste."""
+
 _FLOOR_CELLS = 150_000
 """That are added for whether there is any way that deserves the name. Taste."""
 _DETOUR_CELLS = 15_000
@@ -110,10 +131,10 @@ class AxisWays:
 
     def _search_in(self, workspace: SpaceWorkspace, tree: SurfaceTree) -> WaySearch:
         arm = self.problem.arm
-        longer = replace(arm, link_length=self.settings.detour * arm.link_length)
+        longer = replace(arm, link_length=_DETOUR * arm.link_length)
         box = reach_box(longer, workspace.bounds)
         need = max(self.room, 1e-3 * arm.length)
-        cells = CellTree.over(tree, box, self.settings.cells, self.settings.reach * need)
+        cells = CellTree.over(tree, box, _CELLS, _REACH * need)
         return WaySearch(workspace, self.ends, box, cells, self.until, self.settings)
 
     @cached_property
@@ -124,7 +145,7 @@ class AxisWays:
     @cached_property
     def widest(self) -> WidestWay:
         """The widest way that is no longer than the arm, where the arm is too thick for every one."""
-        return self.widest_between(0.0, self.room, self.settings.least * self.room)
+        return self.widest_between(0.0, self.room, _LEAST * self.room)
 
     def widest_between(self, low: float, high: float, trial: float) -> WidestWay:
         """The widest way that is no longer than the arm, by bisection.
@@ -136,7 +157,7 @@ class AxisWays:
         """
         length = self.problem.arm.length
         high = min(self.search.widest(high, length), high)
-        while high - low > self.settings.fineness * self.room:
+        while high - low > _FINENESS * self.room:
             more = self.settings.more_cells if low else _FLOOR_CELLS
             answer = self.search.answer(trial, length, more)
             # Whatever it is, there is no wider way than the widest chain that may be open.
@@ -145,18 +166,18 @@ class AxisWays:
             if answer == "not known" or (answer == "closed" and low == 0.0):
                 break
             trial = 0.5 * (low + high)
-        closed = low == 0.0 and high <= self.settings.least * self.room
+        closed = low == 0.0 and high <= _LEAST * self.room
         narrow = self.search.narrowest(length)
         # What was found to be open still is: cubes are only ever split.
         way = shortest_in(self.search, self.gaps.whole, low) if low else None
-        exact = high - low <= self.settings.fineness * self.room
+        exact = high - low <= _FINENESS * self.room
         return WidestWay(low, high, exact, closed, way, narrow, self.walls_beside(narrow))
 
     def walls_beside(self, place: FloatArray) -> tuple[str, ...]:
         """The obstacles that are nearest to a place, and the others that are hardly farther; the nearest first."""
         point = np.stack((place, place))[None]
         near = float(self.gaps.whole.distances(point, 10.0 * self.problem.arm.length)[0])
-        reach = self.settings.beside * max(near, 0.0) + self.settings.finest * max(self.room, 0.0)
+        reach = _BESIDE * max(near, 0.0) + self.settings.finest * max(self.room, 0.0)
         found = sorted(self.gaps.of(point, reach), key=lambda each: float(each.gaps[0]))
         return tuple(each.name for each in found[:_MOST_BESIDE])
 
@@ -180,7 +201,7 @@ class AxisWays:
         ends = self.ends
         straight = np.stack((ends.end, ends.goal))[None]
         near = sorted(self.gaps.of(straight, self.problem.arm.length), key=lambda each: float(each.gaps[0]))
-        names = tuple(each.name for each in near[: self.settings.most_removed])
+        names = tuple(each.name for each in near[:_MOST_REMOVED])
         sizes = {each.name: float(np.ptp(each.body.triangles, axis=(0, 1)).max()) for each in self._obstacles}
         return tuple(sorted(self.opened_without(names), key=lambda name: sizes[name]))
 
@@ -195,7 +216,7 @@ class AxisWays:
         if way is None:
             return None
         body = next(each.body for each in self._obstacles if each.name == name)
-        share = np.linspace(0.0, 1.0, self.settings.places)[:, None, None]
+        share = np.linspace(0.0, 1.0, _PLACES)[:, None, None]
         along = (way[:-1] + share * (way[1:] - way[:-1])).reshape(-1, 3)
         return np.asarray(along[int(np.argmax([depth_inside(body, place) for place in along]))])
 
@@ -204,7 +225,7 @@ class AxisWays:
         """Corners of a short way that is wide enough, shape (m, 3) [m]; None where none was found."""
         if self.answer == "open":
             return shortest_in(self.search, self.gaps.whole, self.room)
-        longest = self.settings.detour * self.problem.arm.length
+        longest = _DETOUR * self.problem.arm.length
         if self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
             return None
         return shortest_in(self.search, self.gaps.whole, self.room)
@@ -217,7 +238,7 @@ class AxisWays:
         """
         low = self.problem.arm.length
         high = found
-        for _ in range(self.settings.halvings):
+        for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             if self.search.answer(self.room, middle, self.settings.more_cells) == "closed":
                 low = middle
@@ -253,7 +274,7 @@ def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray
     share = 0.0 if square == 0.0 else float(np.clip((first - ends.start) @ axis / square, 0.0, 1.0))
     corners = np.concatenate(((ends.start + share * axis)[None], middles[cubes[::-1]], ends.goal[None]))
     way = shortened(tree, corners, room, 0.5 * room)
-    for _ in range(search.settings.pulls):
+    for _ in range(_PULLS):
         way = _pulled(tree, way, room, _PULL_STEPS)
     return way
 

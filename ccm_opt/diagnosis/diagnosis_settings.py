@@ -9,17 +9,12 @@ class PassageProofSettings:
 
     Attributes:
         fineness: relative accuracy of the widest inflation. Taste.
-        most_removed: obstacles that are taken away one at a time, nearest to the narrow place first. Taste.
-        detour: a way longer than the straight line by less than this share of it is reported by the check of reach
-            alone. Taste.
         touching: overlap that counts as touching in a proof, and room that is granted to every passage, as a share of
             the arm's length. Derived: of the size of what the verifier lets pass, above all rounding.
         arc_sides: sides of a quarter of a circle; inscribed arcs lose 0.2 % of their radius. Taste.
     """
 
     fineness: float = 1e-3
-    most_removed: int = 16
-    detour: float = 1e-3
     touching: float = 1e-6
     arc_sides: int = 12
 
@@ -33,14 +28,12 @@ class TightnessSettings:
         short: an arm shorter than this multiple of the route is reported. Taste.
         stiff: a turn with less room than this multiple of what the tightest bend needs is reported. Taste.
         least_turn: turns of a route below this are not reported [rad]. Taste: 20°.
-        routes: routes whose tightness is reported. Taste.
     """
 
     narrow: float = 1.5
     short: float = 1.08
     stiff: float = 1.25
     least_turn: float = 0.3490658503988659
-    routes: int = 3
 
 
 @dataclass(frozen=True)
@@ -55,14 +48,12 @@ class MovedGoalSettings:
             need not be so for those before it.
         cell: distance between places that are looked at where the nearest is hopeless, as a share of the arm's length.
             Taste.
-        most_places: of them at most, spread over all. Taste: some 10 ms each.
     """
 
     stretch: float = 0.99
     turn_step: float = 0.03490658503988659
     steps: tuple[float, ...] = (0.045, 0.3, 1.0)
     cell: float = 0.02
-    most_places: int = 60
 
 
 @dataclass(frozen=True)
@@ -105,29 +96,19 @@ class TrialSettings:
     """How changed problems are tried, and for how long.
 
     Attributes:
-        steps: how far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste.
-        close: share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked.
-            Derived: just more than the first step is of the value after it, so that a try that succeeds there need not
-            be repeated.
-        least_time: no try begins with less time than this [s]. Taste.
         longest_try: CPU time that one try may use at most [s]. Taste.
         longest_further_try: the same when something that helps is known [s]. Taste.
         longest_search: CPU time for causes and tries together, from when there is a reason on [s]. Taste: who waits
             for changes has the reason already.
         patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
-        enough: relaxations that are reported. Taste.
         room_spare: room beyond radius and clearance in bounds that are made wide enough, as a share of the arm's
             length. Taste.
     """
 
-    steps: tuple[float, ...] = (0.045, 0.1, 0.2, 0.4)
-    close: float = 0.048
-    least_time: float = 0.05
     longest_try: float = 2.5
     longest_further_try: float = 0.6
     longest_search: float = 15.0
     patience: float = 2.0
-    enough: int = 4
     room_spare: float = 0.02
 
 
@@ -149,40 +130,16 @@ class WaySettings:
     """How finely the room about an arm in space is looked at for ways of its axis.
 
     Attributes:
-        cells: cubes at first. Taste: a thirtieth of the room along a side.
         finest: cubes are not split below this share of the room that is asked about. Taste: that is then known to a
             twentieth.
-        most_cells: cubes at which a search is given up. Taste: 0.1 GB and some seconds.
         more_cells: that are added for how wide the widest way is, at each width, likewise. Taste.
-        spread: how many cubes more than the least a chain may have whose cubes are split. Taste.
-        fineness: relative accuracy of the widest way. Taste.
-        least: of the room that is needed, the share below which ways are told to be closed altogether. Taste.
-        detour: ways are looked for up to this multiple of the arm's length. Taste.
-        halvings: of what is not known of the length that would do. Taste.
-        reach: distances are looked at up to this multiple of the room that is needed. Taste.
-        beside: obstacles up to this multiple of the distance of the nearest are beside a place. Taste.
-        most_removed: obstacles that are taken away one at a time, nearest to the straight way first. Taste.
-        pulls: how often a short way is pulled tighter. Measured: six bring it to 2 % of the shortest round one edge.
-        places: along each straight part of a way that are looked at. Taste.
         narrow: a way narrower than this multiple of what the arm needs is told. Taste.
         seconds: CPU time after which nothing more is looked at about one goal [s]. Taste: half of all the time for
             reasons and changes.
     """
 
-    cells: int = 20_000
     finest: float = 0.04
-    most_cells: int = 300_000
     more_cells: int = 40_000
-    spread: int = 1
-    fineness: float = 0.03
-    least: float = 0.3
-    detour: float = 1.5
-    halvings: int = 3
-    reach: float = 8.0
-    beside: float = 1.3
-    most_removed: int = 8
-    pulls: int = 6
-    places: int = 9
     narrow: float = 1.5
     seconds: float = 8.0
 
@@ -192,20 +149,14 @@ class MovedSpaceGoalSettings:
     """How the nearest goal in space that can be taken is looked for.
 
     Attributes:
-        cells: of each of two grids, one about the goal, one where the arm can be. Taste.
         near: half the side of the first, as a multiple of radius and clearance. Taste.
         stretch: share of its length to which the arm can be expected to stretch. Taste.
-        apart: places are told when they are this share of their distance from the goal off the ones before. Taste.
-        most_places: that are looked at. Taste: some 5 ms each.
         steps: how far beyond the place the goal is moved, as shares of how far that is or of the arm's length,
             whichever is less. Taste: what is free for the last link need not be so for those before it.
     """
 
-    cells: int = 20_000
     near: float = 4.0
     stretch: float = 0.99
-    apart: float = 0.2
-    most_places: int = 200
     steps: tuple[float, ...] = (0.0, 0.1, 0.3)
 
 
@@ -229,7 +180,6 @@ class DiagnosisSettings:
         moved_space_goal: of the nearest goal in space that can be taken.
         trials: of the tries of changed problems.
         space_trials: the same in space, with more time.
-        findings: findings that are reported, at most. Taste.
         figures: figures that a reported value keeps, rounded to the easier side before it is solved. Taste.
     """
 
@@ -243,7 +193,6 @@ class DiagnosisSettings:
     moved_space_goal: MovedSpaceGoalSettings = field(default_factory=MovedSpaceGoalSettings)
     trials: TrialSettings = field(default_factory=TrialSettings)
     space_trials: TrialSettings = field(default_factory=_space_trials)
-    findings: int = 5
     figures: int = 4
 
 

@@ -31,6 +31,9 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import narrowest_passage, nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 
+_ROUTES = 3
+"""Routes whose tightness is reported. Taste."""
+
 _THOUSAND = (100.0, 10000.0)
 """Ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths are mostly from
 a tenth to ten times as long as the other would be."""
@@ -59,7 +62,7 @@ def _tight_places(problem: Problem, settings: TightnessSettings) -> tuple[Findin
         return ()
     tight = [
         finding
-        for number, route in enumerate(routes[: settings.routes], start=1)
+        for number, route in enumerate(routes[:_ROUTES], start=1)
         for check in (_narrow, _short, _stiff)
         for finding in check(problem, room, route, number, settings)
     ]

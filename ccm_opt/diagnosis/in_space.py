@@ -28,6 +28,13 @@ from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME
 
+_CELLS = 20_000
+"""Of each of two grids, one about the goal, one where the arm can be. Taste."""
+_APART = 0.2
+"""Places are told when they are this share of their distance from the goal off the ones before. Taste."""
+_MOST_PLACES = 200
+"""That are looked at. Taste: some 5 ms each."""
+
 _MOST_WAYS = 3
 """Of them to which a way is looked for. Taste: some 0.3 s each."""
 
@@ -69,7 +76,7 @@ def _nearest_place(
     looked = 0
     ways = 0
     for place in _by_distance(problem, goal, settings):
-        if until.passed() or looked >= settings.most_places or ways >= _MOST_WAYS:
+        if until.passed() or looked >= _MOST_PLACES or ways >= _MOST_WAYS:
             return None
         looked += 1
         moved = replace(problem, goal=replace(goal, position=place))
@@ -96,7 +103,7 @@ def _by_distance(problem: SpaceProblem, goal: SpaceTipGoal, settings: MovedSpace
     near = np.clip(near, far[0], far[1])
     # About a goal out of reach there is nothing that is within it.
     boxes = (near, far) if np.all(near[1] > near[0]) else (far,)
-    places = np.concatenate([_roomy(tree, box, settings.cells, need) for box in boxes])
+    places = np.concatenate([_roomy(tree, box, _CELLS, need) for box in boxes])
     # Where the arm is stretched out is the nearest place to a goal out of reach.
     low, high = arm.base_range
     base = arm.base + np.clip((goal.position - arm.base) @ arm.direction, low, high) * arm.direction * bool(
@@ -111,7 +118,7 @@ def _by_distance(problem: SpaceProblem, goal: SpaceTipGoal, settings: MovedSpace
     ordered = places[np.argsort(np.linalg.norm(places - goal.position, axis=1), kind="stable")]
     told: list[FloatArray] = []
     for place in ordered:
-        apart = settings.apart * float(np.linalg.norm(place - goal.position))
+        apart = _APART * float(np.linalg.norm(place - goal.position))
         # Neighbours are mostly refused for one reason.
         if all(float(np.linalg.norm(place - other)) >= apart for other in told):
             told.append(place)

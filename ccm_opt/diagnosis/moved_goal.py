@@ -21,6 +21,9 @@ from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceTipGoal
 
+_MOST_PLACES = 60
+"""Of them at most, spread over all. Taste: some 10 ms each."""
+
 _LINK_SAMPLES = 5
 """Places along the last link that have to be free. Taste."""
 
@@ -70,7 +73,7 @@ def _by_distance(
     free = grid[shapely.contains_xy(places, grid)]
     ordered = free[np.argsort(np.hypot(*(free - goal.position).T), kind="stable")]
     # Neighbours are mostly hopeless for one reason: a few places, spread over all, find the first part that is not.
-    chosen = np.unique(np.linspace(0, len(ordered) - 1, settings.most_places).astype(int)) if len(ordered) else ()
+    chosen = np.unique(np.linspace(0, len(ordered) - 1, _MOST_PLACES).astype(int)) if len(ordered) else ()
     yield from (ordered[k] for k in chosen)
 
 

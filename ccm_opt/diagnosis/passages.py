@@ -22,6 +22,11 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.narrow_gates import nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 
+_MOST_REMOVED = 16
+"""Obstacles that are taken away one at a time, nearest to the narrow place first. Taste."""
+_DETOUR = 1e-3
+"""A way longer than the straight line by less than this share of it is reported by the check of reach alone. Taste."""
+
 _BEYOND = 1.01
 """Inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that just passes.
 Taste; ten times the fineness."""
@@ -50,7 +55,7 @@ def _searches_in_vain(problem: Problem) -> Iterator[tuple[str, "PassageSearch"]]
         straight = float(np.hypot(*(search.goal - fixed.arm.base)))
         if search.space.connected:
             # A straight way that is too long is a matter of reach, and is reported there; from a hole not always.
-            straight_way = (straight - search.tolerance) * (1.0 + search.settings.detour)
+            straight_way = (straight - search.tolerance) * (1.0 + _DETOUR)
             if problem.arm.base_axes and not any(finding.key == place.key for finding in within_reach(problem)):
                 straight_way = 0.0
             if search.shortest > max(fixed.arm.length * (1.0 + search.settings.touching), straight_way):
@@ -114,7 +119,7 @@ class PassageSearch:
         """Obstacles without which there is a way wide and short enough, nearest to a place (2,) first."""
         obstacles = self.problem.workspace.obstacles
         gaps = [shapely.distance(o.core, shapely.Point(near)) - o.rounding for o in obstacles]
-        order = np.argsort(gaps, kind="stable")[: self.settings.most_removed]
+        order = np.argsort(gaps, kind="stable")[:_MOST_REMOVED]
         length = self.problem.arm.length
         return tuple(
             obstacles[k].name

@@ -4,9 +4,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.errors import Diagnosis, Finding, Relaxation, UnreachableGoal
 from ccm_opt.problem.space_problem import AnyProblem
+
+_FINDINGS = 5
+"""Findings that are reported, at most. Taste."""
 
 KINDS = (
     "constraint",
@@ -36,7 +38,7 @@ MENDS = {
 def ranked(
     findings: tuple[Finding, ...],
     relaxations: tuple[Relaxation, ...] = (),
-    most: int = DEFAULT_DIAGNOSIS.findings,
+    most: int = _FINDINGS,
 ) -> tuple[Finding, ...]:
     """Findings, most important first: what is proved, then what the smallest change mends, then as they came.
 

@@ -15,6 +15,16 @@ from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, wit
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.problem.space_problem import AnyProblem
 
+_STEPS = (0.045, 0.1, 0.2, 0.4)
+"""How far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste."""
+_CLOSE = 0.048
+"""Share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked. Derived: just
+more than the first step is of the value after it, so that a try that succeeds there need not be repeated."""
+_LEAST_TIME = 0.05
+"""No try begins with less time than this [s]. Taste."""
+_ENOUGH = 4
+"""Relaxations that are reported. Taste."""
+
 _GUESSED_STEPS = (0.1, 0.25, 0.5)
 """The same where the bound is only where the problem stands. Taste."""
 _TRY_SHARE = 0.5
@@ -126,7 +136,7 @@ class Trials:
         longest = settings.longest_further_try if hurried else settings.longest_try
         # A share of what is left, so that several things can be tried.
         limit = min(_TRY_SHARE * self.left, longest)
-        if limit < settings.least_time:
+        if limit < _LEAST_TIME:
             return False
         limited = _in_haste(problem, limit)
         self.tell(words, self.spent, settings.longest_search)
@@ -170,7 +180,7 @@ def relaxations(
     # Nothing of the user's own mends what is known of the arm and the room.
     dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[:_MOST_DROPPED]]
     for candidate in chain(dropped, candidates(problem, findings, knowledge, trials.until, _MOST_OMITTED)):
-        if found >= settings.enough or trials.left < settings.least_time:
+        if found >= _ENOUGH or trials.left < _LEAST_TIME:
             break
         if found and trials.spent > settings.patience:
             break
@@ -276,11 +286,11 @@ def least_change(
     """
     settings = trials.settings
     begin = parameter.read(problem) if bound is None else bound
-    steps = _GUESSED_STEPS if bound is None else settings.steps
+    steps = _GUESSED_STEPS if bound is None else _STEPS
     failed = [begin]
     for tried in parameter.tried or tuple(begin * (1.0 + parameter.easier * step) for step in steps):
         value = parameter.rounded(problem, tried)
-        if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
+        if trials.left < _LEAST_TIME or (hurried and trials.spent > settings.patience):
             return None
         changed = parameter.write(problem, value)
         words = parameter.relaxation(problem, value, bound).words
@@ -310,7 +320,7 @@ def _closed_in(
     for value in failed[1:] if parameter.paths_stay else ():
         if trials.holds(parameter.write(problem, value)):
             return value
-    while abs(worked - worst) > settings.close * abs(worked) and trials.left > settings.least_time:
+    while abs(worked - worst) > _CLOSE * abs(worked) and trials.left > _LEAST_TIME:
         middle = parameter.rounded(problem, 0.5 * (worst + worked))
         changed = parameter.write(problem, middle)
         words = parameter.relaxation(problem, middle, None).words

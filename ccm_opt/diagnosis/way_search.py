@@ -22,6 +22,11 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.scene import SpaceWorkspace
 
+_MOST_CELLS = 300_000
+"""Cubes at which a search is given up. Taste: 0.1 GB and some seconds."""
+_SPREAD = 1
+"""How many cubes more than the least a chain may have whose cubes are split. Taste."""
+
 _MOST_ROUNDS = 60
 """Of splitting, likewise. Taste."""
 _MOST_INSIDES = 100
@@ -88,14 +93,14 @@ class WaySearch:
             more: cubes by which there may be more then; as many as the settings allow when None.
         """
         finest = self.settings.finest * room
-        most = self.settings.most_cells if more is None else len(self.cells) + more
+        most = _MOST_CELLS if more is None else len(self.cells) + more
         for _ in range(_MOST_ROUNDS):
             state = self._state(room, length)
             if state.apart:
                 return "closed"
             if state.freely_joined:
                 return "open"
-            chosen = state.to_split(self.cells.sides > finest, self.settings.spread)
+            chosen = state.to_split(self.cells.sides > finest, _SPREAD)
             if self.until.passed() or not chosen.any() or len(self.cells) + 8 * int(chosen.sum()) > most:
                 return "not known"
             self._split(chosen)

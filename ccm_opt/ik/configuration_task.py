@@ -18,25 +18,16 @@ class ConfigurationSettings:
     Attributes:
         end_tolerance: a base or goal this near its region counts as inside [arm lengths]. Taste.
         knot_weight: weight of uneven knots. Taste; leaves no direction of the variables without curvature.
-        least_piece: least arc length between knots [L]. Taste.
-        least_spacing: least share of its segment that a piece keeps while knots are free. Taste.
         violation: violation of a row, in the NLP's units, at which IPOPT may stop. Derived: a tenth of ``feasibility``.
         first_barrier: IPOPT's first barrier parameter. Taste.
-        polish_steps: Newton steps that bring the tip onto the goal, at most. Taste; three are usual.
         tip_tolerance: distance of the tip from the goal that the check allows [arm lengths]. Taste.
-        containment_tolerance: distance outside its region at which a point of the curve passes the check [arm lengths].
-            Taste.
     """
 
     end_tolerance: float = 1e-6
     knot_weight: float = 4.0
-    least_piece: float = 4e-3
-    least_spacing: float = 0.08
     violation: float = 1e-7
     first_barrier: float = 0.1
-    polish_steps: int = 8
     tip_tolerance: float = 1e-5
-    containment_tolerance: float = 1e-6
 
 
 DEFAULT_CONFIGURATION = ConfigurationSettings()

@@ -40,6 +40,9 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, Knots, SegmentType, end_angle, piece_coefficients
 from ccm_opt.scene.corridor import ConvexRegion
 
+_POLISH_STEPS = 8
+"""Newton steps that bring the tip onto the goal, at most. Taste; three are usual."""
+
 _PATH_SAMPLES = 401
 """Samples of the taut path at which its region is looked up. Taste."""
 
@@ -216,7 +219,7 @@ def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: F
     scale = np.append(1.0, np.full(len(values), 1.0 / task.length))[free]
 
     unknowns = np.append(heading, values)
-    for _ in range(task.settings.polish_steps):
+    for _ in range(_POLISH_STEPS):
         residual, jacobian = _tip_equations(nlp, basis, unknowns)
         if np.abs(residual).max() < 1e-13 * task.length:
             break

@@ -15,6 +15,9 @@ from ccm_opt.ik.multiple_shooting import ConfigurationNLP, NLPResult, unpack_var
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES
 
+_CONTAINMENT_TOLERANCE = 1e-6
+"""Distance outside its region at which a point of the curve passes the check [arm lengths]. Taste."""
+
 _ROWS_REPORTED = 3
 """Violated rows that a message names. Taste."""
 _TIP_HEADING_TOLERANCE = 1e-6
@@ -58,7 +61,7 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
         Shortfall("base heading", base_miss, 1e-12, "rad"),
         Shortfall("length", abs(configuration.length - task.length), 1e-9 * task.length, "m"),
         Shortfall("curvature", curvature, task.curvature_limit, "1/m"),
-        Shortfall("distance outside the corridor", outside, settings.containment_tolerance, "m"),
+        Shortfall("distance outside the corridor", outside, _CONTAINMENT_TOLERANCE, "m"),
     )
     # So written, a figure that is not a number falls short too.
     return tuple(figure for figure in figures if not figure.worst <= figure.limit)

@@ -16,6 +16,11 @@ from ccm_opt.ik.curve_program import CONTROLS, STATES, SegmentFlow, configuratio
 from ccm_opt.robot.segment import PIECES
 from ccm_opt.scene.corridor import ConvexRegion
 
+_LEAST_PIECE = 4e-3
+"""Least arc length between knots [L]. Taste."""
+_LEAST_SPACING = 0.08
+"""Least share of its segment that a piece keeps while knots are free. Taste."""
+
 _REGION_SHRINKAGE = 1e-5
 """By how much regions shrink, so that quadrature and polish stay inside the real ones [L]. Derived: ten times what the
 check of containment allows on an arm of a metre."""
@@ -219,7 +224,7 @@ def _variable_bounds(
     lower = -upper
     states, controls = unpack_variables(lower)
     states[:, 4] = task.stub / task.length
-    controls[:, 4:8] = task.settings.least_piece
+    controls[:, 4:8] = _LEAST_PIECE
     controls[:, 8:] = 0.0  # the bounds on |κ|
     lower = pack_variables(states, controls)
 
@@ -237,7 +242,7 @@ def _variable_bounds(
 def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
     """Values of the parameters, in the order of ``ShootingProgram.parameters``."""
     blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
-    fraction = 1.0 / PIECES if task.fixed_knots else task.settings.least_spacing
+    fraction = 1.0 / PIECES if task.fixed_knots else _LEAST_SPACING
     return np.concatenate([*blocks, [fraction, task.stub / task.length, task.bending_weight]])
 
 

@@ -21,6 +21,13 @@ from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.row_program import RowProgram
 from ccm_opt.robot.segment import PIECES
 
+_WINDOW = 1
+"""Spline pieces on either side of the one in which a joint lies at first, among which the joint may come to lie while
+knots move. A wider one costs building time, a narrower one holds the knots (measured: with 1 building takes three
+quarters of the time that 2 takes, and the poses of clutter are the same)."""
+_LEAST_PIECE = 0.08
+"""Least share of its segment that a piece between knots keeps (as the configuration NLP has it)."""
+
 
 def chain_rows(link_headings: ca.SX, points: ca.SX) -> RowBlock:
     """P_{j+1} = P_j + l (cos φ_j, sin φ_j): the links as they lie.
@@ -170,7 +177,7 @@ class PoseSize:
     @classmethod
     def from_settings(cls, links: int, sides: int, *, loaded: bool, settings: PoseSettings) -> "PoseSize":
         """The size of a question."""
-        return cls(links, sides, loaded, settings.segments, settings.window, settings.least_piece)
+        return cls(links, sides, loaded, settings.segments, _WINDOW, _LEAST_PIECE)
 
 
 @dataclass(frozen=True, eq=False)

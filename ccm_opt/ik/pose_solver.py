@@ -17,6 +17,13 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, second_derivatives
 
+_LIMIT_SHARE = 0.98
+"""Share of a joint limit that a pose may use (as the steps of the motion have it)."""
+_ITERATIONS = 100
+"""Most iterations of one solution (measured: clutter takes 8 to 25)."""
+_FIRST_BARRIER = 1e-2
+"""Where the barrier starts; small, for a pose of the arm is known (taste)."""
+
 
 def free_from(arm: Arm) -> FloatArray:
     """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
@@ -162,7 +169,7 @@ class PoseQuestion:
         task = self.task
         arm = task.arm
         offsets = (task.regions.offsets - task.regions.normals @ arm.base) / self._length
-        limits = self.settings.limit_share * arm.bend_limits
+        limits = _LIMIT_SHARE * arm.bend_limits
         if task.clamped:
             limits[0] = max(limits[0], abs(float(arm.bends(task.start)[0])))
         values: list[FloatArray | list[float]] = [
@@ -261,7 +268,7 @@ def _options(settings: PoseSettings) -> dict[str, Any]:
     """The settings in IPOPT's names."""
     return {
         **_SWITCHES,
-        "ipopt.max_iter": settings.iterations,
+        "ipopt.max_iter": _ITERATIONS,
         "ipopt.tol": settings.tolerance,
-        "ipopt.mu_init": settings.first_barrier,
+        "ipopt.mu_init": _FIRST_BARRIER,
     }

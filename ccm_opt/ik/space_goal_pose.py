@@ -20,6 +20,21 @@ from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_TORQUE_SHARE = 0.9
+"""Share of a torque limit that holding the pose may take (as in the plane)."""
+_ROOM_WEIGHT = 10.0
+"""Cost of having no room at all, of the wanted gap; beside it bending costs little (as in the plane)."""
+_KNOT_WEIGHT = 4.0
+"""Of uneven knots and segments (as in the plane)."""
+_BOW_WEIGHT = 1e-3
+"""Of what the curvatures leave their chords by between knots (as in the plane)."""
+_TORQUE_WEIGHT = 0.1
+"""Of the mean square holding torque, as shares of its limits (as in the plane)."""
+_BEHIND = 1e-3
+"""By how much a surface may stand out behind a side that covers it (as the distances have it)."""
+_REGION_SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32, 64)
+"""Numbers of sides that programs are built for, so that poses share solvers (taste)."""
+
 _STRAY_WEIGHT = 1.0
 """Of the squared angles by which links point elsewhere than the curve [1/rad²] (taste)."""
 
@@ -58,7 +73,7 @@ def _surface_sides(
 ) -> LinkSides:
     segments = held_segments(arm, points)
     reach = settings.reach * arm.length
-    rows = tree.planes(segments, reach, settings.most_sides, settings.behind * arm.length)
+    rows = tree.planes(segments, reach, settings.most_sides, _BEHIND * arm.length)
     nearest = segments[rows.link, 0] + rows.share[:, None] * (segments[rows.link, 1] - segments[rows.link, 0])
     # What a surface's rounding takes is told in the gap, so the side stands that far from the axis' nearest point.
     to_axis = np.einsum("rd,rd->r", rows.normal, nearest) - rows.gap
@@ -250,10 +265,10 @@ class SpaceGoalPoses:
         torque = self.problem.limits.torque
         if torque is None:
             return None
-        return self.settings.torque_share * np.column_stack((torque[0::3], torque[1::3])).ravel()
+        return _TORQUE_SHARE * np.column_stack((torque[0::3], torque[1::3])).ravel()
 
     def _program(self, sides: LinkSides) -> SpacePoseProgram:
-        sizes = (size for size in self.settings.region_sizes if size >= sides.most)
+        sizes = (size for size in _REGION_SIZES if size >= sides.most)
         size = next(sizes, sides.most)
         loaded = self._torque_limits is not None
         links = self.problem.arm.links
@@ -267,13 +282,13 @@ class SpaceGoalPoses:
         given = self.problem.planner.weights
         return np.array(
             [
-                settings.room_weight,
+                _ROOM_WEIGHT,
                 settings.bending_weight * given.bending,
                 settings.distance_weight * given.path_length,
-                settings.knot_weight,
-                settings.bow_weight,
+                _KNOT_WEIGHT,
+                _BOW_WEIGHT,
                 _STRAY_WEIGHT,
-                settings.torque_weight,
+                _TORQUE_WEIGHT,
             ]
         )
 

@@ -18,6 +18,12 @@ from ccm_opt.ik.holding import HoldingLoads
 from ccm_opt.ik.row_program import Repeated, RowProgram, repeated_rows
 from ccm_opt.ik.space_pose_task import SpacePoseSettings
 
+_WINDOW = 1
+"""Spline pieces on either side of the one in which a joint lies at first, among which the joint may come to lie while
+knots move (as in the plane)."""
+_LEAST_PIECE = 0.08
+"""Least share of its segment that a piece between knots keeps (as in the plane)."""
+
 
 def turning_rows(bends: ca.SX, links: ca.SX) -> tuple[RowBlock, RowBlock]:
     """R_j = R_(j−1) Rz(a_j) Ry(b_j): the links turn by the bends of their joints; the first, and the others.
@@ -185,7 +191,7 @@ class SpacePoseSize:
         cls, links: int, sides: int, settings: SpacePoseSettings, *, loaded: bool = False
     ) -> "SpacePoseSize":
         """The size of a question."""
-        return cls(links, sides, settings.segments_for(links), settings.window, settings.least_piece, loaded)
+        return cls(links, sides, settings.segments_for(links), _WINDOW, _LEAST_PIECE, loaded)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,14 @@ from ccm_opt.robot.segment import PIECES, second_derivatives
 from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 
+_LIMIT_SHARE = 0.98
+"""Share of a joint limit that a pose may use (as the steps of the motion have it)."""
+_FIRST_BARRIER = 1e-4
+"""Where the barrier starts; small, for the start keeps every row (measured: with 1e-2 arms behind holes are lost)."""
+_PUSH = 1e-5
+"""How far the start is moved off its bounds, relative (measured: with the solver's own hundredth, which is more than
+any gap, two of the three shared problems do not converge, with this all do)."""
+
 
 @dataclass(frozen=True)
 class CurveNumbers:
@@ -304,7 +312,7 @@ class SpacePoseQuestion:
         lower[places["arcs"]][[0, -1]] = upper[places["arcs"]][[0, -1]] = (0.0, 1.0)
         for name in ("turned left", "integral left", "turned up", "integral up"):
             lower[places[name].start] = upper[places[name].start] = 0.0
-        limits = task.bend_limits(self.settings.limit_share)
+        limits = task.bend_limits(_LIMIT_SHARE)
         lower[places["bends"]] = -limits
         upper[places["bends"]] = limits
         low, high = task.feed_range
@@ -380,6 +388,6 @@ def _options(settings: SpacePoseSettings) -> dict[str, Any]:
         **_SWITCHES,
         "ipopt.max_iter": settings.iterations,
         "ipopt.tol": settings.tolerance,
-        "ipopt.mu_init": settings.first_barrier,
-        **dict.fromkeys(_PUSHES, settings.push),
+        "ipopt.mu_init": _FIRST_BARRIER,
+        **dict.fromkeys(_PUSHES, _PUSH),
     }

@@ -135,34 +135,19 @@ class SpacePoseSettings:
         links_per_further_segment: arms of more links have one segment more for so many of them: with too few, most
             joints share a piece between knots, and arms of 36 links take a hundred iterations and more instead of
             fifteen (measured behind holes and in a tank with 36 and 60 links).
-        window: spline pieces on either side of the one in which a joint lies at first, among which the joint may come
-            to lie while knots move (as in the plane).
-        least_piece: least share of its segment that a piece between knots keeps (as in the plane).
-        limit_share: share of a joint limit that a pose may use (as the steps of the motion have it).
-        torque_share: share of a torque limit that holding the pose may take (as in the plane).
-        room_weight: cost of having no room at all, of the wanted gap; beside it bending costs little (as in the plane).
         bending_weight: of ∫(κ1² + κ2²) ds (as in the plane).
-        knot_weight: of uneven knots and segments (as in the plane).
-        bow_weight: of what the curvatures leave their chords by between knots (as in the plane).
         distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
             the plane, for the same change of shape is one of both bends (taste).
-        torque_weight: of the mean square holding torque, as shares of its limits (as in the plane).
         tolerance: of the solver, relative (as in the plane).
         iterations: most iterations of one solution (taste).
-        first_barrier: where the barrier starts; small, for the start keeps every row (measured: with 1e-2 arms behind
-            holes are lost).
-        push: how far the start is moved off its bounds, relative (measured: with the solver's own hundredth, which is
-            more than any gap, two of the three shared problems do not converge, with this all do).
         rounds: most solutions, the planes drawn anew about the links between them (as in the plane).
         worthwhile: a further round is worth its time when the one before brought this share of the cost, or of the
             wanted gap (as in the plane).
         reach: surfaces farther away than this from a link make no side of its region (as in the plane).
-        behind: by how much a surface may stand out behind a side that covers it (as the distances have it).
         most_sides: of a link's region, the nearest (as in the plane).
         pair_reach: links whose axes are farther apart than this have no side between them (taste).
         far_reach: ``reach`` where a link has strayed farther than that and met a surface there (as in the plane).
         more_sides: ``most_sides`` where a pose has less room than its rows say, for a side that was left out (taste).
-        region_sizes: numbers of sides that programs are built for, so that poses share solvers (taste).
         feasible: largest violation of a row that counts as kept; one millionth of the arm (as in the plane).
         binding: a multiplier above this marks a row that shapes the pose (as in the plane).
         enough: share of the wanted gap at which no further round is worth its time (as in the plane).
@@ -170,29 +155,17 @@ class SpacePoseSettings:
 
     segments: int = 5
     links_per_further_segment: float = 2.4
-    window: int = 1
-    least_piece: float = 0.08
-    limit_share: float = 0.98
-    torque_share: float = 0.9
-    room_weight: float = 10.0
     bending_weight: float = 0.01
-    knot_weight: float = 4.0
-    bow_weight: float = 1e-3
     distance_weight: float = 1.0
-    torque_weight: float = 0.1
     tolerance: float = 1e-4
     iterations: int = 100
-    first_barrier: float = 1e-4
-    push: float = 1e-5
     rounds: int = 4
     worthwhile: float = 0.02
     reach: float = 0.25
-    behind: float = 1e-3
     most_sides: int = 8
     pair_reach: float = 0.1
     far_reach: float = 1.0
     more_sides: int = 24
-    region_sizes: tuple[int, ...] = (2, 4, 6, 8, 10, 12, 16, 24, 32, 64)
     feasible: float = 1e-6
     binding: float = 1e-4
     enough: float = 0.999

@@ -15,6 +15,9 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 
+_RATE = 1000.0
+"""Samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to users."""
+
 _PLACES_PER_KNOT = 16
 """Places of the path to a knot, among which the path parameter of a pose is looked for. Taste: Newton's method does the
 rest."""
@@ -199,7 +202,7 @@ def poses_at_rate(
     settings: TermCheckSettings = TERM_CHECKS,
 ) -> CheckedPoses:
     """The written samples and those at 1 kHz between them; without a path all between its ends are alike."""
-    time = _times_at_rate(trajectory.time, settings.rate)
+    time = _times_at_rate(trajectory.time, _RATE)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     # Positions, velocities and accelerations of the samples are all met, unlike by a line between them.
     motion = _hermite(trajectory.time, *known)

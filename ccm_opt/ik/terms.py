@@ -222,21 +222,15 @@ class TermCheckSettings:
     Attributes:
         tolerance: by which a hard constraint may be violated, in the unit of its expression. Taste: documented to
             users, and far above what planning leaves.
-        rate: samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to
-            users.
         window: how many of these places, from the one of the sample before, are looked at. Derived: 40 knots, more
             than a motion passes between two samples.
         newton_steps: steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to
             below rounding.
-        bisections: times that the headings of the tip are halved in the proof that a constraint contradicts the goal.
-            Taste: with 12 they are told apart to less than a degree.
     """
 
     tolerance: float = 1e-6
-    rate: float = 1000.0
     window: int = 40 * 16
     newton_steps: int = 3
-    bisections: int = 12
 
 
 TERM_CHECKS = TermCheckSettings()

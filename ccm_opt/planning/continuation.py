@@ -12,6 +12,13 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import GoalPose, Stepper, polish, smoothness_terms
 
+_PATIENCE = 60
+"""Steps without progress before a guide is given up. Taste."""
+_SETTLE_GROWTH = 0.2
+"""Growth of the goal's weight from step to step. Taste."""
+_STILL_WEIGHT = 0.5
+"""Weight on standing still while settling, for all links together. Taste."""
+
 _SETTLE_LEAST = 20
 """Settling steps that are taken even if the arm hardly moves. Taste."""
 _SETTLE_MOVED = 1e-5
@@ -62,7 +69,7 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
         Stalled: when the guide makes no progress, or the deadline passes.
     """
     settings = stepper.settings.continuation
-    patience = settings.patience if patience is None else patience
+    patience = _PATIENCE if patience is None else patience
     poses = [pose]
     waiting = 0
     while not guide.finished(pose):
@@ -100,7 +107,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
     poses = [pose]
     space = stepper.space
     settings = stepper.settings.continuation
-    still = Term(space.matrix, np.zeros(len(space.matrix)), settings.still_weight / space.arm.links)
+    still = Term(space.matrix, np.zeros(len(space.matrix)), _STILL_WEIGHT / space.arm.links)
     for k in range(settings.settle_steps):
         final = polished(stepper, goal, pose)
         if final is not None:
@@ -109,7 +116,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         jacobians = space.jacobians(pose.headings)
         # The weight grows from step to step: standing still and smoothness would otherwise hold the arm a little short
         # of the goal.
-        onto_goal = goal.terms(space, pose, jacobians, 1.0 + settings.settle_growth * k)
+        onto_goal = goal.terms(space, pose, jacobians, 1.0 + _SETTLE_GROWTH * k)
         smooth = smoothness_terms(space, pose.v, settings.bending, settings.jerk)
         pose = stepper.step(pose, jacobians, [*onto_goal, still, *smooth])
         poses.append(pose)

@@ -44,6 +44,9 @@ from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.solution import JointPath
 
+_PLANNING_SHARE = 0.9
+"""Share of the time limit that the search may use. Taste: timing and checks need the rest."""
+
 _CONTACT_SHARE = 0.5
 """This half."""
 
@@ -175,7 +178,7 @@ class CurvePlanner:
         Raises:
             NoPlanFound: with the reason and what would help.
         """
-        deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
+        deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem, self.settings.motion.ends)
             for limit in self.user_limits:

@@ -24,6 +24,15 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
 
+_LEAST_MARGIN = 1e-3
+"""Share of that inflation that is always kept, so that free space is never empty of width. Taste."""
+_ROUNDING = 1e-9
+"""Allowed when a goal at full stretch is compared with the arm's length, as a share of it. Derived."""
+_CONFIGURATIONS = 2
+"""Routes for which a goal configuration is asked of the NLP. Taste."""
+_ATTEMPTS = 2
+"""Of the NLP at one configuration. Derived: its first guess with the surplus length on either side."""
+
 _GATE_WIDTH = 4e-3
 """Width of free space, as a share of the arm's length, below which the tip is led straight through a gate. Taste: a
 link with more play than that passes askew."""
@@ -44,7 +53,7 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
     """
     least = problem.arm.radius + problem.workspace.clearance
     inflation = settings.route_inflation * problem.arm.length
-    kept = settings.least_margin * inflation
+    kept = _LEAST_MARGIN * inflation
     wide = least + inflation
     workspace = route_workspace(problem, ends)
     if not ends.goal.is_set:
@@ -98,7 +107,7 @@ def find_routes(
     if chosen:
         return tuple(sorted(chosen, key=lambda route: route.length))
     direct = [route for member in members for route in _direct(problem, member, room)]
-    fitting = [route for route in direct if route.length <= (1.0 + settings.rounding) * problem.arm.length]
+    fitting = [route for route in direct if route.length <= (1.0 + _ROUNDING) * problem.arm.length]
     return (min(fitting, key=lambda route: route.length),) if fitting else ()
 
 
@@ -199,7 +208,7 @@ def find_guesses(
     if ends.goal_headings is not None:
         yield ends.goal_headings
         return
-    tries = [(route, settings.attempts, settings.curvature_share) for route in routes[: settings.configurations]]
+    tries = [(route, _ATTEMPTS, settings.curvature_share) for route in routes[:_CONFIGURATIONS]]
     tries += [(route, 1, settings.full_curvature_share) for route in routes[:1]]
     for route, attempts, share in tries:
         guess = guess_along(problem, ends, room, route, attempts, share, settings)

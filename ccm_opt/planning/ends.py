@@ -17,6 +17,9 @@ from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.contact_finder import WALL, ContactFinder
 
+_ROOM_SHARE = 0.05
+"""Share of that tolerance that is left as room beside a wall that is too near to the goal. Taste."""
+
 _TOLERANCE_SHARE = 0.5
 """Share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
 _PRECISE_PLACE = 5e-3
@@ -117,7 +120,7 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
         return goal.position
 
     # A little more room than need be: at the very edge of free space no step has a choice.
-    need += settings.room_share * slack
+    need += _ROOM_SHARE * slack
     room = problem.workspace.boundary.buffer(-need)
     bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
     free = shapely.difference(room, shapely.union_all(bodies))

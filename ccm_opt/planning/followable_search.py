@@ -22,6 +22,11 @@ from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.robot.biarc import Biarc
 
+_AZIMUTHS = 8
+"""Towards which arcs bend."""
+_LANDING = 6.0
+"""From how near two arcs to the goal are tried [u]."""
+
 _BEND_PRICE = 1.0
 """What the tightest bend costs more than a straight way, as a multiple."""
 _LONGEST_LANDING = 1.6
@@ -78,8 +83,8 @@ class WayArcs:
         dear = [1.0]
         for share in settings.bends:
             curvature = share / radius
-            for k in range(settings.azimuths):
-                azimuth = 2.0 * np.pi * k / settings.azimuths
+            for k in range(_AZIMUTHS):
+                azimuth = 2.0 * np.pi * k / _AZIMUTHS
                 side = np.array([np.cos(azimuth), np.sin(azimuth)])
                 angle = curvature * samples
                 bulge = (1.0 - np.cos(angle)) / curvature
@@ -142,7 +147,7 @@ class FollowSearch:
             "followable_way",
             nx=nx, ny=ny, nz=nz, choices=choices, samples=samples, most_states=settings.most_states, table=table,
             direction_bins=settings.direction_bins, cell=self.cell, step=self.arcs.length, most=self.most,
-            place_bin=settings.place_bin * self.unit, landing=settings.landing * self.unit,
+            place_bin=settings.place_bin * self.unit, landing=_LANDING * self.unit,
             longest=_LONGEST_LANDING, radius=self.radius, spacing=0.5 * self.cell, low=self.low,
             goal=goal.place, directed=goal.direction is not None,
             direction=np.zeros(3) if goal.direction is None else goal.direction,
@@ -169,7 +174,7 @@ class FollowSearch:
             goal: where the way ends.
         """
         away = float(np.linalg.norm(goal.place - place))
-        if away > self.settings.landing * self.unit:
+        if away > _LANDING * self.unit:
             return None
         if away < 1e-9:
             return goal.place[None]

@@ -30,6 +30,14 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import DEFAULT_GUIDES, InterpolationSettings, TipLedSettings
 
+_INTERPOLATION_LEASH = 0.4
+"""Largest turn that any link may lag behind before the target waits [rad]. Taste."""
+_ARRIVED = 0.1
+"""Largest turn between a link and the end at which the interpolation has arrived [rad]. Taste; what is left is settled
+or followed once more."""
+_TIP_LED_LEASH = 1.5
+"""How far the tip may lag before the target waits, in nominal links. Taste."""
+
 _COORDINATE_STEP = 1.0
 """Largest change of a coordinate that is asked for in one step [rad] or [1/m]. Taste."""
 _FOLLOWING_WEIGHT = 0.1
@@ -210,7 +218,7 @@ class TipLed:
 
     def _keeps_up(self, pose: Pose) -> bool:
         """Whether the tip is within its leash of the target."""
-        return self._lag(pose) < self.settings.leash * self.nominal_length
+        return self._lag(pose) < _TIP_LED_LEASH * self.nominal_length
 
     def _lag(self, pose: Pose) -> float:
         """Distance of the tip from its target [m]."""
@@ -260,7 +268,7 @@ class Interpolation:
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if all links keep up."""
-        if self.lag(pose) > self.settings.leash or self.u >= 1.0:
+        if self.lag(pose) > _INTERPOLATION_LEASH or self.u >= 1.0:
             return False
         # In steps of equal turn, however far the two ends are apart.
         advance = self.settings.advance
@@ -270,7 +278,7 @@ class Interpolation:
 
     def finished(self, pose: Pose) -> bool:
         """Whether the target is at the end and the arm near it."""
-        return self.u >= 1.0 and self.lag(pose) < self.settings.arrived
+        return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
         """How far the interpolation has come."""

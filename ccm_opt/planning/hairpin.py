@@ -45,6 +45,9 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, HairpinSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_PLACES = 400
+"""Of the fold among which is the one where it would have led the tip to the end of its track. Taste."""
+
 _PASSAGE_QUANTILE = 0.25
 """Of the widths along a path that counts as the passage's; the least alone may be a corner that is only touched.
 Taste."""
@@ -156,7 +159,7 @@ class Hairpin:
     def run_through(self) -> None:
         """Put the fold where the tip's target is at the end of the track, at most where it has opened at the base."""
         arm = self.space.arm
-        places = np.linspace(-self.fold_length, arm.length, self.settings.places)
+        places = np.linspace(-self.fold_length, arm.length, _PLACES)
         arcs = np.interp(places, np.arange(arm.links + 1) * arm.link_length, self.retraced) - places
         reached = arcs + arm.length - self.fold_length >= self.track.length
         self.fold_at = float(places[reached].max(initial=-self.fold_length))

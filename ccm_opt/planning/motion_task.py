@@ -25,6 +25,9 @@ from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.workspace import Workspace
 
+_SPARE_AT_ENDS = 0.5
+"""Share of the gap at the ends that the certificate may ask for. Taste."""
+
 _REACH_MARGINS = 4.0
 """The same in planning margins, where that is more. Taste."""
 _SPARE_IN_GATES = 0.1
@@ -123,7 +126,7 @@ class MotionTask:
         most = settings.spare * self.arm.length
         # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
         # interval would always fail. Nor for more than a gate leaves beside the arm.
-        spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
+        spare = np.clip(_SPARE_AT_ENDS * min(gaps) - contact, -contact, most)
         in_gates = min((self.gap_about(path.gate_places) for path in self.tip_paths), default=np.inf)
         spare = min(spare, max(_SPARE_IN_GATES * in_gates, 0.0))
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)

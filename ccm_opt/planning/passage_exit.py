@@ -24,6 +24,11 @@ from ccm_opt.planning.settings import SlidingSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_LEASH = 0.6
+"""How far a joint may lag before the arm is drawn on, in nominal links. Taste."""
+_BESIDE = 0.5
+"""A gate lies about the arm if its middle is nearer to it than this, in nominal links. Taste."""
+
 _BOWING = 3.0
 """Way over which the arm is bent to a side at first, in nominal links. Taste."""
 
@@ -104,7 +109,7 @@ class SlidingOut:
         return f"a joint stayed {lag} behind when the arm was drawn back by {drawn}"
 
     def _keeps_up(self, pose: Pose) -> bool:
-        return self._lag(pose) < self.settings.leash * self.space.nominal_length
+        return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
         """How far a joint of the strand is from its place at most [m]."""
@@ -166,7 +171,7 @@ def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn,
 def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
     """Arc length from the base at which the arm enters the first gate that it lies in [m]; None if it lies in none."""
     axis = shapely.LineString(start.points)
-    beside = stepper.settings.guides.sliding.beside * stepper.space.nominal_length
+    beside = _BESIDE * stepper.space.nominal_length
     lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]
     ends = [axis.project(shapely.Point(end)) for rail in lain_in for end in rail[[0, -1]]]
     return min(ends, default=None)

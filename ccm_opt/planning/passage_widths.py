@@ -11,6 +11,10 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.settings import DEFAULT_GUIDES
 from ccm_opt.scene.walls import Walls
 
+_NARROW = 2.5
+"""Passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in a passage is about a
+third of its width high, and should not be shorter than a nominal link."""
+
 _ROOMY = 3.2
 """Width that such passages then have, in nominal links. Taste."""
 _FITTING_SHARE = 0.8
@@ -34,7 +38,7 @@ def nominal_links_asked(task: MotionTask) -> float:
     walls = task.workspace.flat_walls
     widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
     narrowest = float(widths.min()) / task.arm.length
-    if narrowest * NOMINAL_LINKS >= settings.narrow:
+    if narrowest * NOMINAL_LINKS >= _NARROW:
         return NOMINAL_LINKS
     return min(_ROOMY / max(narrowest, 1e-9), float(task.arm.links))
 

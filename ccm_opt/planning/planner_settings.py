@@ -16,22 +16,16 @@ class CurvePlannerSettings:
     Attributes:
         route_inflation: inflation of free space for routes beyond radius and clearance, as a share of the arm's length.
             Taste.
-        least_margin: share of that inflation that is always kept, so that free space is never empty of width. Taste.
         corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
             length. Taste.
         run_in: straight run onto the goal along its heading, in nominal links; the longest that is free. Taste.
         run_in_samples: places of the run that have to be free. Taste.
-        rounding: allowed when a goal at full stretch is compared with the arm's length, as a share of it. Derived.
-        configurations: routes for which a goal configuration is asked of the NLP. Taste.
-        attempts: of the NLP at one configuration. Derived: its first guess with the surplus length on either side.
         further_attempts: when the search asks for more configurations. Taste.
         curvature_share: share of the tightest bend (joint limit over link length) that the curve may use. Taste: links
             on a curve bend a little more than it does.
         full_curvature_share: the same for another guess when there is none at that share. Taste.
-        planning_share: share of the time limit that the search may use. Taste: timing and checks need the rest.
         cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
             found; the first is all of them, the last none. Taste.
-        different: largest turn of a link by which two configurations count as different [rad]. Taste.
         members: of the members of a goal to which routes are led.
         configuration: of the configuration NLP.
         motion: of the search for a motion.
@@ -39,19 +33,13 @@ class CurvePlannerSettings:
     """
 
     route_inflation: float = 1e-3
-    least_margin: float = 1e-3
     corner_distance: float = 0.016
     run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)
     run_in_samples: int = 9
-    rounding: float = 1e-9
-    configurations: int = 2
-    attempts: int = 2
     further_attempts: int = 4
     curvature_share: float = 0.9
     full_curvature_share: float = 1.0
-    planning_share: float = 0.9
     cost_shares: tuple[float, ...] = COST_SHARES
-    different: float = 0.3
     members: GoalMemberSettings = field(default_factory=GoalMemberSettings)
     configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
@@ -86,11 +74,9 @@ class ChordSettings:
     """Numbers of Newton's method for the places on a leader's path that are a link apart.
 
     Attributes:
-        most_steps: at most. Taste; from a chord's length ahead it needs four or five.
         settled: step at which it has arrived [arm lengths]. Derived: rounding.
     """
 
-    most_steps: int = 40
     settled: float = 1e-13
 
 
@@ -107,7 +93,6 @@ class FollowingSettings:
             that no arm needs.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste, as in the search
             for motions of a fixed base.
-        spare_at_ends: share of the narrower end's gap that the certificate may ask for along the motion. Taste.
         chords: of finding an arm's joints on a leader's path.
         band: of elastic bands.
         smooth_path: of the smooth path through the keyframes.
@@ -117,7 +102,6 @@ class FollowingSettings:
     sample_period: float = 5e-3
     links_per_sample: float = 0.25
     spare: float = 1e-4
-    spare_at_ends: float = 0.5
     chords: ChordSettings = field(default_factory=ChordSettings)
     band: ElasticBandSettings = field(default_factory=ElasticBandSettings)
     smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)
@@ -160,28 +144,14 @@ class FeedPlannerSettings:
     """Numbers of the planner of arms on a feed axis.
 
     Attributes:
-        planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
-        reshaping_share: share of the time limit that one change of shape may use. Taste.
         straightening: distance that the tip may move when what the mapping of a curve bends inside the guide tube is
             straightened [m]. Taste.
-        long: times the duration of the straight line between its ends from which on a motion is put off. Taste.
-        put_off: motions that are put off before the shortest of them is taken, and others that are tried where one
-            grazes walls. Taste: looking for one costs as much as making its path.
-        grazing: share of the wanted gap, or of what the ends have of it, below which a path waits for a few others.
-            Taste.
-        room_samples: places of a path at which its room is measured. Taste.
         leaders: of the search for paths that a leader may take.
         following: of paths for a leader and of the motions along them.
         curve: of the planner that changes shapes at a fixed feed.
     """
 
-    planning_share: float = 0.9
-    reshaping_share: float = 0.25
     straightening: float = 5e-4
-    long: float = 2.5
-    put_off: int = 2
-    grazing: float = 0.5
-    room_samples: int = 200
     leaders: LeaderPathSettings = field(default_factory=LeaderPathSettings)
     following: FollowingSettings = field(default_factory=FollowingSettings)
     curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)

@@ -28,6 +28,9 @@ from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 
+_DIFFERENT = 0.3
+"""Largest turn of a link by which two configurations count as different [rad]. Taste."""
+
 _BEGINNINGS = 2
 """Configurations along each route from which the static question is asked. Taste: the surplus length to either side."""
 _BROUGHT_ROUNDS = 20
@@ -214,7 +217,7 @@ def _configurations(
         except ProblemError:
             continue  # the links cannot follow this curve
         # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
-        if all(np.max(np.abs(headings - other)) > settings.different for other in found):
+        if all(np.max(np.abs(headings - other)) > _DIFFERENT for other in found):
             found.append(headings)
         if len(found) == _BEGINNINGS:
             break

@@ -26,6 +26,11 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, WithdrawalSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
+_BESIDE = 2.5
+"""A place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste."""
+_LEASH = 0.3
+"""How far the strand may lag before the fold waits, in nominal links. Taste."""
+
 _LEAST_WAY = 2.0
 """Of the tip back through passages in which the arm lies and a fold has no room, for drawing back to be tried first, in
 nominal links. Taste."""
@@ -92,7 +97,7 @@ class Withdrawal:
 
     def progress(self, pose: Pose) -> bool:
         """Let the fold travel a little towards the tip if that keeps up."""
-        if self._lag(pose) > self.settings.leash * self.fold.nominal_length:
+        if self._lag(pose) > _LEASH * self.fold.nominal_length:
             return False
         self.fold.fold_at += self.settings.advance * self.fold.nominal_length
         return True
@@ -229,7 +234,7 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
     apart = shapely.distance(shapely.points(places), axis)
     # Near the base the way back and the way on lie beside the same links.
     beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > _NEAR_BASE * unit
-    beside = beyond_base & (apart < np.minimum(widths, guides.withdrawal.beside * unit))
+    beside = beyond_base & (apart < np.minimum(widths, _BESIDE * unit))
     return np.where(beside, widths, np.inf)
 
 

@@ -20,6 +20,11 @@ from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.shortcuts import Shortcuts, dense
 from ccm_opt.planning.step import GoalPose, polish
 
+_LEAST = 0.01
+"""Shortest extension that makes a node [rad]. Taste."""
+_TURN = 0.15
+"""Most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation."""
+
 _BATCH = (4, 32)
 """Targets that are drawn at once, at least and at most; the batch doubles from round to round. Taste: a plain scene is
 solved by a few extensions, a hard one by tens of thousands, which NumPy does together."""
@@ -104,7 +109,7 @@ class ConnectSearch:
 
         # All or nothing: nodes where an extension was stopped would all lie in contact, with little way on from there.
         free = self.check.free_shares(start, end) >= 1.0
-        free &= self._travel(start, end) > self.settings.least
+        free &= self._travel(start, end) > _LEAST
         added = tree.add(end[free], parents[free])
         if len(added) and len(self.trees[1 - side]):
             self._connect(side, added)
@@ -222,7 +227,7 @@ class Connecting:
 
     def _motion(self, way: FloatArray) -> Motion | None:
         """A way in the coordinates of the curve, certified once more; None when that fails."""
-        coordinates = self._coordinates(dense(way, self.settings.turn))
+        coordinates = self._coordinates(dense(way, _TURN))
         headings = self.space.headings(coordinates)
         # The same motion but for rounding, and for the last bit of the way onto the goal.
         if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(headings)):

@@ -16,6 +16,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import closest_on_segments, segments_cross
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
+_CELLS = 2000
+"""Of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some hundredths of a
+second, and a cell is a thousandth of the reach."""
+
 _POINT_SPACING = 0.7
 """Distance of the places that are looked up on the links, in distances that the axis has to keep. Derived: between
 places so near a corner can come no nearer than 94 % of that distance."""
@@ -149,7 +153,7 @@ class SampledCheck:
     def of(cls, arm: Arm, workspace: Workspace, settings: SamplingSettings) -> "SampledCheck":
         """The check of an arm in a room."""
         gap = arm.radius + workspace.clearance
-        raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, settings.cells)
+        raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
         least = settings.least_spacing * arm.length
         parts = int(np.ceil(arm.link_length / max(_POINT_SPACING * gap, least)))
         places = _places(arm, parts)

@@ -22,6 +22,11 @@ from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.step import Stepper, polish
 from ccm_opt.planning.strategies import STRATEGIES, SearchStrategy
 
+_REACH = 0.02
+"""Contacts nearer than this make rows of a repair, as a share of the arm's length. Taste."""
+_COORDINATE_WEIGHT = 1e-4
+"""Of the coordinates themselves against link headings, which ties down what no link heading shows. Taste."""
+
 _REPAIRS = 6
 """Rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; what six do not mend is
 planned on the task's own links."""
@@ -119,7 +124,7 @@ def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
     """The stepper of repairs, which keeps a smaller margin than the search does."""
     length = task.arm.length
     lifting = task.settings.lifting
-    finder = task.finder(lifting.margin * length, lifting.reach * length)
+    finder = task.finder(lifting.margin * length, _REACH * length)
     return Stepper(space, finder, task.limits(finder), task.settings)
 
 
@@ -140,7 +145,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
         pose = stepper.pose(coordinates[k])
         stay = [
             Term(space.matrix, np.zeros(space.arm.links), space.nominal_per_link),
-            Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), stepper.settings.lifting.coordinate_weight),
+            Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), _COORDINATE_WEIGHT),
         ]
         mended[k] = stepper.step(pose, space.jacobians(pose.headings), stay).v
     return mended

@@ -33,6 +33,12 @@ from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.planning.tree_search import TreeTask
 
+_PAUSES = (0.02, 1e-3)
+"""Poses nearer than this to the one before are dropped [rad], the first that leaves the motion certified; a path that
+almost stands still in places cannot be timed well. Taste."""
+_PUT_OFF = 0.5
+"""Probability with which a seed other than 0 puts a candidate off until the others have been tried. Taste."""
+
 _FEW_CORNERS = 2
 """A route with more corners bends the arm so that straight interpolation seldom works. Taste."""
 
@@ -290,7 +296,7 @@ class SearchRun:
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
         """Candidates in the order that the seed draws."""
-        return drawn_order(candidates, self.task.seed, self.task.settings.search.put_off)
+        return drawn_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """The finished motion of the first candidate that arrives and is certified, or None."""
@@ -314,7 +320,7 @@ class SearchRun:
             Stalled: when it cannot be certified.
         """
         # Dropping poses cuts corners a little: where that loses the certificate, fewer are dropped.
-        for pause in self.task.settings.continuation.pauses:
+        for pause in _PAUSES:
             fewer = without_pauses(poses, pause)
             if self._certified(fewer):
                 return fewer

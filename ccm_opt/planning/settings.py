@@ -16,15 +16,12 @@ class SamplingSettings:
     """Numbers of the sampled check that rejects most motions before any is certified.
 
     Attributes:
-        cells: of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some
-            hundredths of a second, and a cell is a thousandth of the reach.
         pose_spacing: how far the tip moves between two poses that are looked at, in the same unit. Taste: what is
             missed between them the certificate sees.
         least_spacing: least value of both spacings, as a share of the arm's length. Taste: for thin arms.
         stride: every so many poses are looked at first. Taste: most motions that touch do so in a wide stretch.
     """
 
-    cells: int = 2000
     pose_spacing: float = 0.75
     least_spacing: float = 0.005
     stride: int = 8
@@ -72,36 +69,16 @@ class ConnectSettings:
     Attributes:
         few_links: arms with at most so many links are planned in all of their bends. Taste: beyond, shapes drawn at
             random in the bends crumple, and smooth ones are drawn.
-        range: longest extension of arms of few links, the mean turn of the links [rad]. Measured: on scenes of 4 to 8
-            links half as much takes half as long again.
-        least: shortest extension that makes a node [rad]. Taste.
-        winding: how far the base turns beyond its directions at the ends at most [rad]. Taste: a whole turn leaves both
-            ways round.
-        knots: curvature of a smooth target is linear between so many knots at most. Measured on the hardest of these
-            scenes: 12 finds a way in 6 of 6 searches of 60 000 extensions, 9 in 5, at 6 they are half as long again.
-        turning: most that a smooth target turns along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5
-            takes 5 s, for an arm that curls up gets out from behind them.
-        bump_widths: least and greatest width of a turn aside, as shares of the arm's length. Taste.
         few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
             Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
-        most_links: arms with more links are not planned so. Taste: a pose costs by the links.
         shortcuts: of shortening what is found, before it is optimised.
-        turn: most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation.
         sampling: of the sampled check.
         goals: of poses at a goal for the tip.
     """
 
     few_links: int = 10
-    range: float = 1.5
-    least: float = 0.01
-    winding: float = 2.0 * np.pi
-    knots: int = 12
-    turning: float = 25.0
-    bump_widths: tuple[float, float] = (0.05, 0.3)
     few_budgets: tuple[int, ...] = (5000, 10000, 20000)
-    most_links: int = 48
     shortcuts: ShortcutSettings = field(default_factory=ShortcutSettings)
-    turn: float = 0.15
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     goals: GoalDrawSettings = field(default_factory=GoalDrawSettings)
 
@@ -113,14 +90,12 @@ class EndSettings:
     Attributes:
         stretch: share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at.
             Taste: there the tip cannot move along the arm.
-        room_share: share of that tolerance that is left as room beside a wall that is too near to the goal. Taste.
         flush: a mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands
             flush on it. Taste.
         reach: gaps that are looked at, as a share of the arm's length. Taste.
     """
 
     stretch: float = 2e-3
-    room_share: float = 0.05
     flush: float = 1e-5
     reach: float = 0.02
 
@@ -136,15 +111,10 @@ class InterpolationSettings:
     Attributes:
         advance: turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own
             limit, so that the arm can keep up.
-        leash: largest turn that any link may lag behind before the target waits [rad]. Taste.
-        arrived: largest turn between a link and the end at which the interpolation has arrived [rad]. Taste; what is
-            left is settled or followed once more.
         coordinate_weight: of the coordinates themselves, which ties down what no link heading shows. Taste.
     """
 
     advance: float = 0.1
-    leash: float = 0.4
-    arrived: float = 0.1
     coordinate_weight: float = 1e-4
 
 
@@ -154,7 +124,6 @@ class TipLedSettings:
 
     Attributes:
         advance: travel of the target in one step, in nominal links. Taste.
-        leash: how far the tip may lag before the target waits, in nominal links. Taste.
         longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
         largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
         turn_weight: of every link's turn, per nominal link: the arm moves as little as it can. Taste.
@@ -162,7 +131,6 @@ class TipLedSettings:
     """
 
     advance: float = 0.4
-    leash: float = 1.5
     longest_error: float = 1.0
     largest_turn: float = 0.3
     turn_weight: float = 0.01
@@ -187,7 +155,6 @@ class HairpinSettings:
         turn_weight: of every link's turn, per nominal link. Measured.
         motion_weight: of every joint's motion, per nominal link. Taste.
         still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
-        places: of the fold among which is the one where it would have led the tip to the end of its track. Taste.
     """
 
     lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
@@ -199,7 +166,6 @@ class HairpinSettings:
     turn_weight: float = 0.002
     motion_weight: float = 0.02
     still_weight: float = 4.0
-    places: int = 400
 
 
 @dataclass(frozen=True)
@@ -207,9 +173,7 @@ class WithdrawalSettings:
     """Numbers of drawing an arm back along itself.
 
     Attributes:
-        beside: a place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste.
         advance: travel of the fold in one step, in nominal links. Taste.
-        leash: how far the strand may lag before the fold waits, in nominal links. Taste.
         longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
         strand_weight: of the joints of the strand that is drawn back, per nominal link. Taste.
         heading_weight: of every link's heading against the reference, per nominal link. Taste.
@@ -217,9 +181,7 @@ class WithdrawalSettings:
         motion_weight: of every joint's motion, per nominal link. Taste.
     """
 
-    beside: float = 2.5
     advance: float = 0.15
-    leash: float = 0.3
     longest_error: float = 1.0
     strand_weight: float = 1.0
     heading_weight: float = 0.3
@@ -233,7 +195,6 @@ class SlidingSettings:
 
     Attributes:
         advance: by which the arm is drawn back in one step, in nominal links. Taste.
-        leash: how far a joint may lag before the arm is drawn on, in nominal links. Taste.
         longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
         strand_weight: of the joints that are drawn back, per nominal link, against their distance in nominal links.
             Taste.
@@ -242,18 +203,15 @@ class SlidingSettings:
         evenness: weight of its differences from knot to knot. Taste.
         turn_weight: of every link's turn, per nominal link. Taste.
         bow: curvature to which it is then drawn, in nominal links. Taste.
-        beside: a gate lies about the arm if its middle is nearer to it than this, in nominal links. Taste.
     """
 
     advance: float = 0.2
-    leash: float = 0.6
     longest_error: float = 1.0
     strand_weight: float = 1.0
     bending: float = 0.03
     evenness: float = 0.03
     turn_weight: float = 0.002
     bow: float = 0.1
-    beside: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -262,13 +220,10 @@ class PassageWidthSettings:
 
     Attributes:
         samples: places along a path at which its passage is measured. Taste.
-        narrow: passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in
-            a passage is about a third of its width high, and should not be shorter than a nominal link.
         least_margin: least planning margin, in nominal links. Taste.
     """
 
     samples: int = 96
-    narrow: float = 2.5
     least_margin: float = 0.001
 
 
@@ -308,14 +263,9 @@ class LiftingSettings:
 
     Attributes:
         margin: planning margin of a repair, as a share of the arm's length. Taste.
-        reach: contacts nearer than this make rows of a repair, as a share of the arm's length. Taste.
-        coordinate_weight: of the coordinates themselves against link headings, which ties down what no link heading
-            shows. Taste.
     """
 
     margin: float = 1.5e-3
-    reach: float = 0.02
-    coordinate_weight: float = 1e-4
 
 
 @dataclass(frozen=True)
@@ -354,14 +304,12 @@ class ObjectiveSettings:
         heading: weight of the turns of the links beside the turns of the joints. Taste.
         unevenness: weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste.
         shape: weight of the curve's curvature and of its differences, in nominal links. Taste.
-        ridge: weight on changes of all coordinates, so that the metric is definite. Taste.
         blend: weight on changes of the coordinate that blends a whole-arm goal in. Taste.
     """
 
     heading: float = 1e-3
     unevenness: float = 4e-3
     shape: float = 1e-3
-    ridge: float = 1e-8
     blend: float = 1e-3
 
 
@@ -387,14 +335,10 @@ class InteriorPointSettings:
     """Numbers of the reference, one nonlinear program.
 
     Attributes:
-        iterations: of IPOPT. Taste.
         tolerance: of IPOPT. Taste.
-        shortenings: shares of the way to the solution that are tried until one is certified. Taste.
     """
 
-    iterations: int = 200
     tolerance: float = 1e-5
-    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
 
 
 @dataclass(frozen=True)
@@ -406,81 +350,49 @@ class OptimisationSettings:
             twice as many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
             motion through them is certified. Taste.
-        leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
-        first_stride: keyframes that a leg of the thinned motion skips at first. Taste.
         margin: gap that rows ask for beyond contact, as a share of the arm's length. Taste.
-        reach: walls and links farther apart than this many links make no rows. Taste.
         active: rows nearer to their bound than this many such links enter the QP. Taste.
         groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
         most_intervals: intervals of a motion beyond which none that lets nothing move is cut finer. Taste.
         rounds: most steps that are taken. Taste.
-        first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
         many: keyframes that are many, as a multiple of the intervals wanted. Taste.
-        lack: share of the wanted gap that an interval may lack without its slack becoming dearer. Taste.
-        lack_rise: rise of the price of slack where an interval lacks room, step by step. Taste.
         free_rounds: most steps before it is decided where the motion ends. Taste.
         end_rounds: most steps after that. Taste.
         bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
             Taste.
         finest: intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step.
-        room_samples: places beside each leg between keyframes at which the room of a smooth path is measured. Taste.
         moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         tries: QPs of one round before it is given up. Taste.
-        worth: share of the objective that a round has to gain. Taste.
-        patience: rounds in a row that may gain less. Taste.
         price: first price of one nominal link of slack. Taste.
-        price_rise: its rise where the certificate fails. Taste.
-        first_damping: weight on the squared turns of the first step. Taste.
         raised_damping: damping from which a refused step raises it. Taste.
-        refused_growth: growth of the damping after a refused step. Taste.
         shortened_growth: its growth after a shorter step. Taste.
         good_shrinkage: its fall after a good step. Taste.
         least_damping: least damping. Taste.
-        shortenings: shares of a step that are tried until one is certified. Taste.
         yielding: share of its part of the step that such a keyframe keeps each time. Taste.
-        sufficient: share of the foreseen gain at which a step is taken. Taste.
         good: share of the foreseen gain from which a step is good. Taste.
-        damping_ridge: damping of coordinates beside that of the turns. Taste.
-        slack_curvature: curvature of slack, so that the Hessian is definite. Taste.
     """
 
     intervals: int = 20
     moved_intervals: tuple[int, ...] = (24, 48, 96)
-    leg_depth: int = 2
-    first_stride: int = 16
     margin: float = 1e-3
-    reach: float = 2.5
     active: float = 1.1
     groups: int = 36
     most_intervals: int = 60
     rounds: int = 14
     free_rounds: int = 9
-    first_rounds: int = 5
     many: float = 1.5
-    lack: float = 0.03
-    lack_rise: float = 2.0
     end_rounds: int = 5
     bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
     finest: int = 80
-    room_samples: int = 5
     moved_rounds: int = 24
     tries: int = 5
-    worth: float = 3e-3
-    patience: int = 2
     price: float = 30.0
-    price_rise: float = 4.0
-    first_damping: float = 0.3
     raised_damping: float = 0.05
-    refused_growth: float = 6.0
     shortened_growth: float = 3.0
     good_shrinkage: float = 3.0
     least_damping: float = 1e-4
-    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
     yielding: float = 0.4
-    sufficient: float = 0.1
     good: float = 0.6
-    damping_ridge: float = 1e-3
-    slack_curvature: float = 1e-6
 
 
 @dataclass(frozen=True)
@@ -497,10 +409,7 @@ class SearchSettings:
             Taste: about what an arm of 24 links leaves the curve by.
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
             looked for. Taste: among a thousand, such poses take seconds.
-        put_off: probability with which a seed other than 0 puts a candidate off until the others have been tried.
-            Taste.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
-        spare_at_ends: share of the gap at the ends that the certificate may ask for. Taste.
     """
 
     margins: tuple[float, ...] = (0.06, 0.024)
@@ -508,9 +417,7 @@ class SearchSettings:
     reach: float = 0.96
     lift_margin: float = 3e-3
     many_walls: int = 150
-    put_off: float = 0.5
     spare: float = 1e-4
-    spare_at_ends: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -557,7 +464,6 @@ class RailSettings:
     Attributes:
         weight: on a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's
             distance. Taste: with three times as much joints cannot give way to the goal.
-        play: that part, in planning margins. Taste.
         beside: joints farther off than this are not on the rail, in nominal links. Taste.
         places: of a gate's middle line at which it is measured where it is narrowest. Taste.
         narrowest: by this share more than the least distance to walls still counts as narrowest. Taste: a hundredth
@@ -565,24 +471,17 @@ class RailSettings:
         short: a stretch shorter than this many radii of the gate has one line, not one at either end. Taste.
         across: a line is crossed where that is no farther from its middle, in nominal links. Taste.
         catching_up: most that a step asks a crossing to move towards the middle, in nominal links. Taste.
-        newton_steps: most steps onto the middles. Taste.
         exact: distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play.
-        largest_turn: a pose that needs larger turns of links to cross in the middle is left as it is [rad]. Taste.
-        ridge: share of the diagonal of the normal equations. Taste.
     """
 
     weight: float = 30.0
-    play: float = 0.5
     beside: float = 0.5
     places: int = 61
     narrowest: float = 1e-3
     short: float = 0.15
     across: float = 0.25
     catching_up: float = 0.02
-    newton_steps: int = 5
     exact: float = 1e-6
-    largest_turn: float = 0.15
-    ridge: float = 1e-9
 
 
 @dataclass(frozen=True)
@@ -605,7 +504,6 @@ class StepSettings:
         blend_ridge: the same on coordinates that blend a goal of the whole arm in. Measured on a chain in a horn, 12 to
             96 links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
             with this one 3 to 7.
-        backtracks: halvings of a step before it is given up. Taste.
         narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
         rails: of what draws joints to the middle of narrow gates.
     """
@@ -620,7 +518,6 @@ class StepSettings:
     ridge: float = 1e-9
     narrow_ridge: float = 1e-6
     blend_ridge: float = 1e-6
-    backtracks: int = 6
     narrow_margin: float = 0.024
     rails: RailSettings = field(default_factory=RailSettings)
 
@@ -651,22 +548,13 @@ class ContinuationSettings:
         bending: weight on the curve's curvature in every step, against a nominal link's distance. Taste: it decides
             only what nothing else does.
         jerk: weight on the differences of the curvature from knot to knot. Taste.
-        patience: steps without progress before a guide is given up. Taste.
-        pauses: poses nearer than this to the one before are dropped [rad], the first that leaves the motion
-            certified; a path that almost stands still in places cannot be timed well. Taste.
         settle_steps: most steps of settling on the goal. Taste.
-        settle_growth: growth of the goal's weight from step to step. Taste.
-        still_weight: weight on standing still while settling, for all links together. Taste.
         polish_turn: turn of the tip's heading from the goal's at which polishing is tried [rad]. Taste.
     """
 
     bending: float = 1e-4
     jerk: float = 1e-4
-    patience: int = 60
-    pauses: tuple[float, ...] = (0.02, 1e-3)
     settle_steps: int = 150
-    settle_growth: float = 0.2
-    still_weight: float = 0.5
     polish_turn: float = 0.1
 
 
@@ -678,13 +566,11 @@ class GoalSettings:
         polish_tolerance: tip error [arm lengths] and heading error [rad] that the polish stops at. Derived: three
             orders below what the verifier allows.
         reached: times that tolerance which still counts as on the goal. Taste.
-        polish_steps: most steps of Newton's method. Taste: it converges in four or never.
         heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
     """
 
     polish_tolerance: float = 1e-9
     reached: float = 10.0
-    polish_steps: int = 12
     heading_weight: float = 0.3
 
     @property
@@ -706,7 +592,6 @@ class TrackingSettings:
         steps: that may be needed to meet the constraints at a new u. Taste.
         largest_turn: largest turn towards the reference that a step asks for [rad]. Taste.
         pull_weight: weight of the reference, against a nominal link's distance. Taste.
-        still_weight: weight of standing still. Taste.
     """
 
     first_advance: float = 1.0 / 80.0
@@ -717,7 +602,6 @@ class TrackingSettings:
     steps: int = 24
     largest_turn: float = 0.3
     pull_weight: float = 0.1
-    still_weight: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -726,15 +610,11 @@ class StraighteningSettings:
 
     Attributes:
         many: motions that need no more intervals to be certified are optimised as they are. Taste.
-        turn: most that a link turns between two keyframes of the result [rad]. Derived: that of a step.
-        stream: tells its random numbers from those of others. Taste.
         shortcuts: that are tried. Measured: among 1000 polygons 64 rounds of 32 take a third off a motion in 0.17 s,
             these two fifths in 0.28 s, and twice as many rounds hardly more.
     """
 
     many: int = 40
-    turn: float = 0.15
-    stream: int = 7
     shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(128, 64, 0.005))
 
 
@@ -748,32 +628,21 @@ class TipWalkSettings:
     Attributes:
         margins: planning margins with which the tip is led straight on, and that walks draw from, in nominal links.
             Measured: of fourteen fields of 1000 and 3000 polygons the first alone solves seven, the others two more.
-        run_in: straight run onto the goal along its heading, in nominal links; the longest that is free. Taste.
-        run_in_samples: places of the run that have to be free. Taste.
         longest_way: beyond which there are no early walks, as a share of the arm's length. Measured: in fields of 1000
             polygons with goals drawn at random, walks along 0.2 to 0.6 of the arm's length mostly arrive, and along
             1.2 to 2.0, where the arm has to be laid anew from its base, never.
         early_walks: before poses at the goal are looked for. Taste: half of what those take in vain, or less.
         late_walks: before the trees. Taste: a few times as many.
         nearest: distance of such places from there at least, as a share of the arm's length. Taste.
-        farthest: at most, likewise. Taste.
-        places_drawn: places drawn at once when a free one is looked for. Taste.
-        nearness: how much rather walks begin at poses whose tip is near the goal: distance from it at which they begin
-            1/e as often as at the goal, as a share of the arm's length. Taste.
         rounding: distances that their paths keep from corners, as multiples of the usual one. Measured: with several
             the mean time to a solution was 3.3 s instead of 4.1.
     """
 
     margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)
-    run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)
-    run_in_samples: int = 9
     longest_way: float = 0.8
     early_walks: int = 150
     late_walks: int = 120
     nearest: float = 0.05
-    farthest: float = 0.3
-    places_drawn: int = 16
-    nearness: float = 0.17
     rounding: tuple[float, ...] = (0.5, 1.0, 2.0)
 
 
@@ -808,21 +677,17 @@ class TreeSettings:
     """Numbers of the trees of poses.
 
     Attributes:
-        steps: of the longest extension. Taste.
         patience: steps without progress before an extension ends. Taste.
         dispersion: distance that nodes keep, as ``heading_weight`` measures it. Taste.
         heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
-        saturated: extensions in a row that add no node before the search is given up. Taste.
         most_extensions: extensions in all before the search is given up, however much time is left, so that what is
             found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
         extensions: by which extensions are drawn.
     """
 
-    steps: int = 250
     patience: int = 12
     dispersion: float = 0.04
     heading_weight: float = 0.1
-    saturated: int = 80
     most_extensions: int = 400
     extensions: ExtensionSettings = field(default_factory=ExtensionSettings)
 
@@ -850,8 +715,6 @@ class UserLimitSettings:
         pull_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste, as for
             contacts.
         urgency: scale of the rows of broken gaps, beside those inside their margin. Taste.
-        joint_share: share of a joint limit to which bends beyond that are brought back; what splines overshoot stays
-            below the limit. Taste.
         newton_steps: most steps of Newton's method back onto equations. Taste: it converges in four or never.
         rank: singular values below this share of the largest count as none, so that equations that follow from
             others are left out. Taste.
@@ -870,7 +733,6 @@ class UserLimitSettings:
     path_share: float = 0.2
     pull_weight: float = 30.0
     urgency: float = 10.0
-    joint_share: float = 0.995
     newton_steps: int = 12
     rank: float = 1e-9
     far: float = 2.0

@@ -17,6 +17,11 @@ from ccm_opt.planning.optimisation.optimise import thinned
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ShortcutSettings
 
+_TURN = 0.15
+"""Most that a link turns between two keyframes of the result [rad]. Derived: that of a step."""
+_STREAM = 7
+"""Tells its random numbers from those of others. Taste."""
+
 
 @dataclass(frozen=True)
 class Shortcuts:
@@ -97,8 +102,8 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
         return motion
     check = SampledCheck.of(task.arm, task.workspace, task.settings.connect.sampling)
     shortcuts = Shortcuts(check, task.certificate.failures, settings.shortcuts)
-    way = shortcuts.shortened(motion.headings, np.random.default_rng((task.seed, settings.stream)))
-    coordinates = _coordinates(motion.space, dense(way, settings.turn), motion)
+    way = shortcuts.shortened(motion.headings, np.random.default_rng((task.seed, _STREAM)))
+    coordinates = _coordinates(motion.space, dense(way, _TURN), motion)
     headings = motion.space.headings(coordinates)
     # The same way but for rounding.
     if len(task.certificate.failures(headings)):

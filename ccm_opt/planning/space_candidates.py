@@ -14,6 +14,25 @@ from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.space_arm import SpaceArm
 
+_APPROACHES = (1.0, 0.0)
+"""Lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links where these are
+longer."""
+_PRICES = ((3.0, 1.0), (1.0, 0.0))
+"""Tried in turn: what a way along a wall costs more than one far away, as a multiple, and the share of the margin with
+which the grid is free."""
+_CELLS = (200_000, 1_500_000, 8_000_000)
+"""Of the grids that they are looked for in, the coarse one first."""
+_FINEST = 0.12
+"""Size that their cells have at least [u]."""
+_NEARNESS = (3.0, 20.0)
+"""What a way along a wall costs more than one far away, as a multiple; tried in turn."""
+_CLOSE = 0.4
+"""Share of the margin that steps keep where the whole of it has failed."""
+_FAR = 2.0
+"""Distance from which on walls do not make a way dearer [u]."""
+_AROUND = 4.0
+"""How far beyond everything in the scene ways may go [u]; there is nothing to go round farther out."""
+
 _CLOSE_ONTO_TRACK = 3.0
 """The same where an arm got stuck on walls; links that are long beside the bends of a duct do with less (measured in
 pipes and slots with 8 and 12 links)."""
@@ -116,16 +135,16 @@ class SpaceTipWays:
         settings = self.task.settings.ways
         for cells in self.task.settings.followable.cells[1:]:
             yield from self._behind_the_tip(cells)
-        for cells in settings.cells[:-1]:
+        for cells in _CELLS[:-1]:
             yield from self._through_cells(cells)
         for approach in settings.approaches[1:]:
-            way = self._through_grid(settings.cells[0], settings.nearness[0], settings.margins[-1], approach, None)
+            way = self._through_grid(_CELLS[0], _NEARNESS[0], settings.margins[-1], approach, None)
             if way is not None:
-                yield TipWay("with another approach", way, settings.close)
+                yield TipWay("with another approach", way, _CLOSE)
 
     def finest(self) -> Iterator[TipWay]:
         """The same through the finest grid, which takes longer than all before it."""
-        yield from self._through_cells(self.task.settings.ways.cells[-1])
+        yield from self._through_cells(_CELLS[-1])
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
         """The cheapest ways through a grid, and others round other sides; none through one that was tried."""
@@ -135,7 +154,7 @@ class SpaceTipWays:
             return
         self._tried.add(size)
         seen = self._seen
-        for nearness in settings.nearness:
+        for nearness in _NEARNESS:
             for margin in settings.margins:
                 way = self._through_grid(cells, nearness, margin, settings.approaches[0], None)
                 if way is None:
@@ -143,7 +162,7 @@ class SpaceTipWays:
                 if not any(_alike(way, other, self.task.unit) for other in seen):
                     seen.append(way)
                     yield TipWay(f"through free space ({len(way)} corners)", way)
-                    yield TipWay("through free space, closer to walls", way, settings.close)
+                    yield TipWay("through free space, closer to walls", way, _CLOSE)
                 break
         yield from self._detours(cells, seen)
 
@@ -155,13 +174,13 @@ class SpaceTipWays:
         followable = settings.followable
         seen = self._followed
         allowances = bend_allowances(self.task.arm, self.task.unit, followable)
-        for allowance, price, approach in product(allowances, followable.prices, followable.approaches):
+        for allowance, price, approach in product(allowances, _PRICES, _APPROACHES):
             way = self._followable(cells, allowance, price, approach)
             if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
                 seen.append(way)
-                yield TipWay("behind the tip", way, settings.ways.close, settings.guide.onto_track)
-                yield TipWay("close behind the tip", way, settings.ways.close, _CLOSE_ONTO_TRACK)
-                yield TipWay("behind the tip, more freely", way, settings.ways.close)
+                yield TipWay("behind the tip", way, _CLOSE, settings.guide.onto_track)
+                yield TipWay("close behind the tip", way, _CLOSE, _CLOSE_ONTO_TRACK)
+                yield TipWay("behind the tip, more freely", way, _CLOSE)
 
     def _followable(
         self, cells: int, allowance: BendAllowance, price: tuple[float, float], approach: float
@@ -196,11 +215,11 @@ class SpaceTipWays:
         """Ways that keep away from those that have failed already."""
         settings = self.task.settings.ways
         for _ in range(_DETOURS):
-            way = self._through_grid(cells, settings.nearness[0], settings.margins[-1], settings.approaches[0], seen)
+            way = self._through_grid(cells, _NEARNESS[0], settings.margins[-1], settings.approaches[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
                 return
             seen.append(way)
-            yield TipWay("round another side", way, settings.close)
+            yield TipWay("round another side", way, _CLOSE)
 
     def _ends(self, approach: float) -> list[FloatArray]:
         """The last places of a way: where the straight approach along the wanted direction begins, and the goal."""
@@ -259,7 +278,7 @@ class SpaceTipWays:
         key = (cells, margin, beside, longest)
         if key not in self._grids:
             task = self.task
-            far = task.settings.ways.far * task.unit
+            far = _FAR * task.unit
             around = task.arm.radius + task.clearance + beside
             # With the whole margin they are asked for too, sooner or later.
             distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
@@ -271,11 +290,11 @@ class SpaceTipWays:
         known = self._known.get((cells, longest))
         if known is None or known.reach < reach:
             task = self.task
-            approaches = task.settings.followable.approaches
+            approaches = _APPROACHES
             approach = max(approaches) * max(1.0, task.arm.link_length / task.unit) * task.unit
             ways = WaysBetween(self.start, self.goal, longest + approach) if np.isfinite(longest) else None
             low, high = self._box
-            finest = task.settings.ways.finest * task.unit
+            finest = _FINEST * task.unit
             known = GridDistances.over(task.tree, (low, high), cells, reach, finest, task.deadline, ways)
             self._known[cells, longest] = known
         return known
@@ -286,7 +305,7 @@ class SpaceTipWays:
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
         found = np.vstack([np.atleast_2d(place) for place in places])
-        wide = task.settings.ways.around * task.unit
+        wide = _AROUND * task.unit
         low = np.maximum(found.min(axis=0) - wide, task.box[0])
         high = np.minimum(found.max(axis=0) + wide, task.box[1])
         # The start and the goal are in it, even if they are out of reach.

@@ -11,6 +11,9 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 
+_PATIENCE = 60
+"""Steps without progress before a guide is given up."""
+
 _POLISH = 0.5
 """From how near Newton's method puts the arm onto the goal [u]."""
 
@@ -167,7 +170,7 @@ def follow(stepper: SpaceStepper, guide: SpaceGuide, pose: SpacePose, deadline: 
             poses.append(pose)
         waiting = 0 if moved else waiting + 1
         fixed = pose is before and not moved  # the next step would be the same again
-        if fixed or waiting > stepper.settings.guide.patience or deadline.passed():
+        if fixed or waiting > _PATIENCE or deadline.passed():
             raise SpaceStalled(guide.describe(pose), poses)
     return poses
 

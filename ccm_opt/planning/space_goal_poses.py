@@ -28,6 +28,9 @@ from ccm_opt.planning.space_sweep import pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
+_STEPS = 40
+"""Of each towards the goal."""
+
 
 def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[SpacePose]:
     """Poses at the goal that touch nothing and keep the joint limits; drawn until the deadline, or the draws, end.
@@ -72,7 +75,7 @@ def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArra
 def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     settings = task.settings.goal_poses
-    for k in range(settings.steps):
+    for k in range(_STEPS):
         pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), certified=False)
         distance, turn = goal.errors(pose)
         if distance < 0.1 * stepper.unit and turn < 0.05:

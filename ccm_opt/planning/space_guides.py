@@ -10,6 +10,9 @@ from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
 from ccm_opt.planning.space_settings import SpaceGuideSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
+_LEASH = 1.5
+"""How far the target may be ahead of the tip [u]."""
+
 _TRACK_LEASH = 1.0
 """The same where all joints are drawn onto the track of the tip [u]."""
 
@@ -146,7 +149,7 @@ class SpaceTipLed:
         """Move the target on if the tip keeps up; whether it did."""
         behind = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
         moved = False
-        while behind < self._settings.leash * self._unit and self._arc < self._track.end:
+        while behind < _LEASH * self._unit and self._arc < self._track.end:
             self._arc = min(self._arc + self._settings.advance * self._unit, self._track.end)
             behind = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
             moved = True
@@ -156,7 +159,7 @@ class SpaceTipLed:
         """Whether the target is at the end of the track, and the tip near it."""
         if self._arc < self._track.end:
             return False
-        return float(np.linalg.norm(self._track.at(self._arc) - pose.tip)) < self._settings.leash * self._unit
+        return float(np.linalg.norm(self._track.at(self._arc) - pose.tip)) < _LEASH * self._unit
 
     def describe(self, pose: SpacePose) -> str:
         """How far the tip has come, in words."""

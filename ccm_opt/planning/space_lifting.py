@@ -20,6 +20,11 @@ from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.space_arm import SpaceArm
 
+_MOST_LINKS = 36
+"""Arms of no more links are planned as they are."""
+_TIME_SHARE = 0.4
+"""Of the time that is left, which the search for nominal links may take."""
+
 _MOST_BEND = 0.9
 """Bound on the bends of the coarse arm's joints [rad]."""
 _RAISED_RIDGE = 1e-2
@@ -37,7 +42,7 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     settings = task.settings.lifting
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
-    if task.goal is None or task.user is not None or arm.links <= settings.most_links:
+    if task.goal is None or task.user is not None or arm.links <= _MOST_LINKS:
         return None
     curve, start = CurveMap.through(arm, task.start)
     if float(np.max(np.abs(curve.offset), initial=0.0)) > settings.offset:
@@ -57,7 +62,7 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
         clearance=task.clearance + kept,
         wanted_gap=max(task.wanted_gap - kept, 0.0),
         slowness=np.concatenate((np.ones(2 * coarse.links), task.slowness[2 * arm.links :])),
-        deadline=task.deadline.within(settings.time_share * task.deadline.left),
+        deadline=task.deadline.within(_TIME_SHARE * task.deadline.left),
     )
 
 

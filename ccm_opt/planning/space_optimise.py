@@ -29,6 +29,37 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 
+_LEG_DEPTH = 4
+"""How often an edge of the thinned motion may be halved by its certificate."""
+_FIRST_STRIDE = 8
+"""Keyframes that an edge skips at first."""
+_ROUNDS = 24
+"""Most steps."""
+_FIRST_ROUNDS = 2
+"""Steps at many keyframes, before the motion is thinned again."""
+_GROUPS = 24
+"""Arms with more links than this have rows for groups of neighbouring joints."""
+_PRICE_RISE = 4.0
+"""Its rise where the certificate fails."""
+_LACK = 0.03
+"""Share of the wanted gap that an interval may lack without its slack becoming dearer."""
+_LACK_RISE = 2.0
+"""Rise of the price where it lacks more."""
+_FIRST_DAMPING = 0.3
+"""Weight on the squared turns of the first step."""
+_REFUSED_GROWTH = 6.0
+"""Growth of the damping after a refused step."""
+_SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
+"""Shares of a step that are tried until one is certified."""
+_SUFFICIENT = 0.1
+"""Share of the foreseen gain at which a step is taken."""
+_WORTH = 0.02
+"""Share of the merit that a round has to gain."""
+_PATIENCE = 1
+"""Rounds in a row that may gain less."""
+_PASSING = 0.5
+"""How near the tip stays to the places that it passes, as a share of what counts as passing."""
+
 _FINER_LACK = 0.15
 """A motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes and wing boxes
 with few links seven in ten of those come out with all the room that there is."""
@@ -98,22 +129,22 @@ class SequentialConvex:
         """
         settings = self._settings
         sweep = SpaceSweep(self.stepper, unknowns)
-        iterate = self._iterate(sweep, settings.first_damping, np.full(sweep.intervals, settings.price))
+        iterate = self._iterate(sweep, _FIRST_DAMPING, np.full(sweep.intervals, settings.price))
         best = iterate
         idle = 0
         for _ in range(rounds):
             following = self._round(iterate)
             if following is None:
                 break
-            idle = idle + 1 if following.merit > (1.0 - settings.worth) * best.merit else 0
+            idle = idle + 1 if following.merit > (1.0 - _WORTH) * best.merit else 0
             if following.merit < best.merit:
                 best = following
                 iterate = following
             else:
                 # The rows did not foresee what came of the step: a shorter one.
-                damping = settings.refused_growth * max(following.damping, settings.raised_damping)
+                damping = _REFUSED_GROWTH * max(following.damping, settings.raised_damping)
                 iterate = replace(best, damping=damping, prices=following.prices)
-            patience = settings.patience if best.lack <= 0.0 else _PATIENCE_IN_WANT
+            patience = _PATIENCE if best.lack <= 0.0 else _PATIENCE_IN_WANT
             if idle >= patience or self.task.deadline.passed():
                 break
         return best.sweep.unknowns
@@ -134,7 +165,7 @@ class SequentialConvex:
         rows = iterate.rows
         values = rows.values(sweep)
         near = np.flatnonzero(values > -settings.active * task.unit)
-        group = max(1, -(-task.arm.links // settings.groups))
+        group = max(1, -(-task.arm.links // _GROUPS))
         active = rows.take(near).take(tightest(rows.take(near), values[near], group))
         goal = None if self.end_fixed else task.goal
         held = self._held_rows(sweep)
@@ -152,8 +183,8 @@ class SequentialConvex:
             if task.deadline.passed():
                 return None
             prices = iterate.prices.copy()
-            prices[failing] *= settings.price_rise
-            damping = settings.refused_growth * max(iterate.damping, settings.raised_damping)
+            prices[failing] *= _PRICE_RISE
+            damping = _REFUSED_GROWTH * max(iterate.damping, settings.raised_damping)
             iterate = replace(iterate, damping=damping, prices=prices)
         return None
 
@@ -167,7 +198,7 @@ class SequentialConvex:
         worst = self._worst(rows, start)
         before = cost + float(iterate.prices @ worst)
         foreseen = step.foreseen + float(iterate.prices @ (worst - step.slack))
-        for share in settings.shortenings:
+        for share in _SHORTENINGS:
             unknowns = self._ended(start.unknowns + share * step.change)
             if unknowns is None:
                 continue
@@ -180,14 +211,14 @@ class SequentialConvex:
             worst_after = self._worst(rows, sweep)
             gain = (before - after - float(iterate.prices @ worst_after)) / max(share * foreseen, 1e-12)
             # Negated, so that a gain that is not a number is refused.
-            if not gain > settings.sufficient or not all(self.stepper.within_limits(q) for q in sweep.configurations):
+            if not gain > _SUFFICIENT or not all(self.stepper.within_limits(q) for q in sweep.configurations):
                 continue
             failing = failing_edges(self.stepper, unknowns)
             if len(failing) == 0:
                 prices = iterate.prices.copy()
-                prices[failed] *= settings.price_rise
-                lacking = worst_after * self.task.unit > settings.lack * self.task.wanted_gap
-                prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], settings.highest_price)
+                prices[failed] *= _PRICE_RISE
+                lacking = worst_after * self.task.unit > _LACK * self.task.wanted_gap
+                prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], settings.highest_price)
                 return self._iterate(sweep, self._damped(iterate.damping, share, gain), prices), failed
             failed = failing
         return None, failed
@@ -262,13 +293,13 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         return motion
     stepper = task.stepper(motion.curve, 0.0)
     end_fixed = _is_end_fixed(task, stepper, motion.unknowns[-1])
-    left = settings.rounds
+    left = _ROUNDS
     unknowns = motion.unknowns
     u = _parameters(motion)
     while left > 0 and not task.deadline.passed():
         passed = _with_passings(task, stepper, unknowns, u)
         few = _few_keyframes(task, stepper, motion, *passed)
-        if few is None and left == settings.rounds:
+        if few is None and left == _ROUNDS:
             return motion
         if few is not None:
             keyframes, u = few
@@ -276,7 +307,7 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
             # No fewer keep the user's constraints: those of the round before do, and are optimised to the end.
             keyframes = unknowns
         many = few is not None and len(keyframes) - 1 > settings.many * settings.intervals
-        taken = min(left, settings.first_rounds) if many else left
+        taken = min(left, _FIRST_ROUNDS) if many else left
         terms = None if task.user is None else UserKeyframes(task.user, u)
         passing = None if not task.via else _passing(task, stepper, keyframes, passed[0][passed[2]])
         better = SequentialConvex(task, stepper, end_fixed, terms, passing).optimised(keyframes, taken)
@@ -350,7 +381,7 @@ def _with_passings(
 def _passing(task: SpaceTask, stepper: SpaceStepper, keyframes: FloatArray, passed: FloatArray) -> PassingKeyframes:
     """Which keyframes, shape (K + 1, p), pass the places of a task: those with given unknowns, shape (m, p)."""
     away = np.max(np.abs(keyframes[None] - passed[:, None]), axis=2)
-    wanted = task.settings.optimisation.passing * task.via_reach
+    wanted = _PASSING * task.via_reach
     return PassingKeyframes.of(SpaceSweep(stepper, keyframes), np.argmin(away, axis=1), np.stack(task.via), wanted)
 
 
@@ -375,14 +406,14 @@ def thinned(
     labelled = np.column_stack((unknowns, u))
 
     def failing(some: FloatArray) -> IntArray:
-        return failing_edges(stepper, some[:, :p], settings.leg_depth)
+        return failing_edges(stepper, some[:, :p], _LEG_DEPTH)
 
     def fewer(stride: int) -> FloatArray:
         ends = np.unique((0, *kept, len(labelled) - 1))
         parts = [decimated(labelled[a : b + 1], failing, stride) for a, b in pairwise(ends)]
         return np.vstack((labelled[:1], *(part[1:] for part in parts)))
 
-    few = fewer(settings.first_stride)
+    few = fewer(_FIRST_STRIDE)
     configurations = motion.curve.configurations(few[:, :p])
     sizes = np.linalg.norm(np.diff(configurations * task.slowness, axis=0), axis=1)
     whole = subdivided(few, sizes, settings.intervals)

@@ -15,6 +15,15 @@ from ccm_opt.planning.space_rows import KeyframeRows, SpaceRows
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
 
+_DAMPING_RIDGE = 1e-3
+"""Damping of unknowns beside that of the turns."""
+_SPARE_TURN = 0.004
+"""Of the limits that rows leave [rad, m]."""
+_SLACK_CURVATURE = 1e-6
+"""Curvature of slack, so that the Hessian is definite."""
+_ITERATIONS = 60
+"""Of the program."""
+
 _NEAR_LIMIT = 0.3
 """Coordinates nearer to their limit than this are limited in the program [rad, m]."""
 _KNOT_BEND = 1.1
@@ -88,7 +97,7 @@ class SpaceKeyframeProgram:
             solver.settings.kkt_solver = piqp.sparse_multistage
             solver.settings.eps_abs = self.settings.tolerance
             solver.settings.eps_rel = self.settings.tolerance
-            solver.settings.max_iter = self.settings.iterations
+            solver.settings.max_iter = _ITERATIONS
             solver.setup(
                 hessian,
                 linear,
@@ -121,9 +130,9 @@ class SpaceKeyframeProgram:
         whole[:, :p, :p] = blocks[inner]
         own = row[inner] == column[inner]
         turning = sweep.turning[1:].reshape(count, -1, p)
-        damping = turning.transpose(0, 2, 1) @ turning + self.settings.damping_ridge * np.eye(p)
+        damping = turning.transpose(0, 2, 1) @ turning + _DAMPING_RIDGE * np.eye(p)
         whole[own, :p, :p] += self.damping * damping
-        whole[own, p, p] = self.settings.slack_curvature
+        whole[own, p, p] = _SLACK_CURVATURE
         starts = np.concatenate(([0], np.cumsum(np.bincount(row[inner] - 1, minlength=count))))
         size = count * (p + 1)
         return sp.bsr_matrix((whole, column[inner] - 1, starts), shape=(size, size)).tocsc()
@@ -179,7 +188,7 @@ class SpaceKeyframeProgram:
         limit_rows = sweep.slopes[at, coordinate]
         limit_lines = m + np.repeat(np.arange(len(at)), p)
         limit_places = (((at - 1) * width)[:, None] + np.arange(p)).ravel()
-        spare = self.settings.spare_turn
+        spare = _SPARE_TURN
         high = np.maximum(room_up[at, coordinate] - spare, 0.0)
         low = np.maximum(room_down[at, coordinate] - spare, 0.0)
 

@@ -16,6 +16,9 @@ from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
 
+_BEHIND = 0.06
+"""By how much surfaces may stand out from one of them without getting one of their own [u]."""
+
 _MOST_TRAVEL = 0.75
 """Of the way of a joint over an interval that rows reach for [u]."""
 _PAIR_SHARE = 0.25
@@ -165,7 +168,7 @@ def _half_spaces(
     beyond = arm.links - first
     looked_at = points[:, first:]
     segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
-    planes = sweep.stepper.tree.planes(segments, reach, settings.planes, settings.behind * sweep.stepper.unit)
+    planes = sweep.stepper.tree.planes(segments, reach, settings.planes, _BEHIND * sweep.stepper.unit)
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 

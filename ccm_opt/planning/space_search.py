@@ -25,6 +25,18 @@ from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.space_arm import joint_positions
 
+_KNOTS = (11, 16, 22)
+"""Of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation takes
+(measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do)."""
+_GRAZING = 0.1
+"""A motion led by the tip that keeps less than this share of the wanted gap is slid instead if it can be; the
+optimisation seldom makes room for such a one."""
+_ROUNDS = 4
+"""How often it begins with other draws and poses, as long as there is time; the first half of them before the finest
+grid is searched. Measured among 320 bodies."""
+_GOALS = 8
+"""Poses at the goal that the second tree grows from."""
+
 _FOLLOW = 0.1
 """Weight on the links' directions along the track of the tip."""
 
@@ -92,7 +104,7 @@ class _Search:
             # What is not led by the tip passes no place on its way.
             return [*first, *others, self._by_finest_ways, self._by_stages]
         to_poses = [self._to_poses, self._by_swinging]
-        rounds = [partial(self._by_connecting, k) for k in range(self.task.settings.connect.rounds)]
+        rounds = [partial(self._by_connecting, k) for k in range(_ROUNDS)]
         half = len(rounds) // 2
         # A pose of the whole arm is known, and need not be drawn; other ways of the tip mostly lead to other poses.
         middle = [*to_poses, *others] if self.task.goal_pose is not None else [*others, *to_poses]
@@ -174,7 +186,7 @@ class _Search:
     def _has_room(self, motion: SpaceMotion) -> bool:
         """Whether a motion keeps so much of the wanted gap that the optimisation can be expected to make the rest."""
         task = self.task
-        roomy = replace(task, clearance=task.clearance + task.settings.slide.grazing * task.wanted_gap)
+        roomy = replace(task, clearance=task.clearance + _GRAZING * task.wanted_gap)
         return len(failing_edges(roomy.stepper(motion.curve, 0.0), motion.unknowns)) == 0
 
     def _slid(self, way: TipWay) -> SpaceMotion | None:
@@ -205,7 +217,7 @@ class _Search:
 
         for room in (settings.room * task.wanted_gap, 0.0):
             certified = replace(task, clearance=task.clearance + room)
-            for knots in settings.knots:
+            for knots in _KNOTS:
                 curve, end, unknowns = fit(knots)
                 if len(failing_edges(certified.stepper(curve, 0.0), unknowns)) == 0:
                     return curve, end, unknowns
@@ -323,7 +335,7 @@ class _Search:
         curve, start, end = self._spaces()
         stepper = task.stepper(curve)
         rng = self._draws(number)
-        goals = [end] if end is not None else list(islice(goal_poses(task, stepper, rng), settings.goals))
+        goals = [end] if end is not None else list(islice(goal_poses(task, stepper, rng), _GOALS))
         self._goal_reached = bool(goals)
         if not goals:
             return None

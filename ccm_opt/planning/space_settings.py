@@ -20,18 +20,10 @@ class ScheduleSettings:
     """Of how fast the path parameter grows along a motion under constraints that depend on it.
 
     Attributes:
-        places: of the motion that are looked at; taste.
-        steps: of the path parameter; taste.
         price: of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste.
-        even: least growth of the one where the other grows alone, as a share; taste.
-        lead: of the path parameter, by which planning keeps a constraint before and behind its interval; taste.
     """
 
-    places: int = 101
-    steps: int = 61
     price: float = 1e4
-    even: float = 0.02
-    lead: float = 0.04
 
 
 @dataclass(frozen=True)
@@ -40,13 +32,11 @@ class GoalPoseSettings:
 
     Attributes:
         draws: at most so many.
-        steps: of each towards the goal.
         polish_turn: largest turn of a link in a step of Newton's method onto the goal [rad].
         wanted: poses that are moved to in turn before the sampler is tried.
     """
 
     draws: int = 200
-    steps: int = 40
     polish_turn: float = 0.3
     wanted: int = 8
 
@@ -79,16 +69,11 @@ class SpaceConnectSettings:
 
     Attributes:
         draws: of targets, at most, each time that it begins.
-        rounds: how often it begins with other draws and poses, as long as there is time; the first half of them before
-            the finest grid is searched. Measured among 320 bodies.
-        goals: poses at the goal that the second tree grows from.
         base_share: share of the draws in which the base alone is turned anywhere, and the curve is that between the
             start and a goal.
     """
 
     draws: int = 8000
-    rounds: int = 4
-    goals: int = 8
     base_share: float = 0.0
 
 
@@ -97,9 +82,7 @@ class LiftingSettings:
     """Of arms of many links, whose motions are found for nominal ones.
 
     Attributes:
-        most_links: arms of no more links are planned as they are.
         clearance: room that the coarse motion keeps beside the clearance [u].
-        time_share: of the time that is left, which the search for nominal links may take.
         offset: bends of the start that no curve shows, beyond which nothing is lifted [rad].
         fits: most steps by which an arm is laid on another.
         ridge: least damping of them, in the squares of nominal links by unknowns.
@@ -107,9 +90,7 @@ class LiftingSettings:
         worth: share of the squared distances that a step gains, below which it is the last.
     """
 
-    most_links: int = 36
     clearance: float = 0.04
-    time_share: float = 0.4
     offset: float = 0.02
     fits: int = 20
     ridge: float = 1e-4
@@ -143,76 +124,36 @@ class SpaceOptimisationSettings:
     Attributes:
         intervals: least number of intervals; a motion that needs more edges to be certified keeps them.
         many: intervals that are many, as a multiple of that.
-        leg_depth: how often an edge of the thinned motion may be halved by its certificate.
-        first_stride: keyframes that an edge skips at first.
-        rounds: most steps.
-        first_rounds: steps at many keyframes, before the motion is thinned again.
         margin: gap that rows ask for beyond contact [u].
         active: rows nearer to their bound than this enter the program [u].
         between: shares of an interval at which links that lack room have rows too.
         planes: most half-spaces about a link.
-        behind: by how much surfaces may stand out from one of them without getting one of their own [u].
-        groups: arms with more links than this have rows for groups of neighbouring joints.
         price: first price of one nominal link of slack, and what it lacks in room counts in a motion's merit.
-        price_rise: its rise where the certificate fails.
-        lack: share of the wanted gap that an interval may lack without its slack becoming dearer.
-        lack_rise: rise of the price where it lacks more.
         highest_price: to which it rises.
-        first_damping: weight on the squared turns of the first step.
         raised_damping: damping from which a refused step raises it.
-        refused_growth: growth of the damping after a refused step.
         shortened_growth: its growth after a shortened step.
         good_shrinkage: its fall after a good step.
         least_damping: least damping.
-        damping_ridge: damping of unknowns beside that of the turns.
-        shortenings: shares of a step that are tried until one is certified.
-        sufficient: share of the foreseen gain at which a step is taken.
         good: share of the foreseen gain from which a step is good.
-        worth: share of the merit that a round has to gain.
-        patience: rounds in a row that may gain less.
         tries: programs of one round before it is given up.
-        spare_turn: of the limits that rows leave [rad, m].
-        slack_curvature: curvature of slack, so that the Hessian is definite.
         tolerance: of the program's solution.
-        iterations: of the program.
-        passing: how near the tip stays to the places that it passes, as a share of what counts as passing.
     """
 
     intervals: int = 24
     many: float = 1.2
-    leg_depth: int = 4
-    first_stride: int = 8
-    rounds: int = 24
-    first_rounds: int = 2
     margin: float = 0.02
     active: float = 0.3
     between: tuple[float, ...] = (0.25, 0.75)
     planes: int = 6
-    behind: float = 0.06
-    groups: int = 24
     price: float = 100.0
-    price_rise: float = 4.0
-    lack: float = 0.03
-    lack_rise: float = 2.0
     highest_price: float = 500.0
-    first_damping: float = 0.3
     raised_damping: float = 0.05
-    refused_growth: float = 6.0
     shortened_growth: float = 2.0
     good_shrinkage: float = 3.0
     least_damping: float = 1e-4
-    damping_ridge: float = 1e-3
-    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
-    sufficient: float = 0.1
     good: float = 0.6
-    worth: float = 0.02
-    patience: int = 1
     tries: int = 6
-    spare_turn: float = 0.004
-    slack_curvature: float = 1e-6
     tolerance: float = 1e-5
-    iterations: int = 60
-    passing: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -223,8 +164,6 @@ class SpaceCertificateSettings:
         depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
         step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
         spare: gap that is proved beyond contact, for the path between its samples [u].
-        least_spare: the same where a start or a goal of the whole arm has no more than twice as much [u]; measured: a
-            straight arm of a metre is lifted off a table 1.5 µm below it, and hardly off one at 1 µm.
         slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
             walls are shorter so, and where it does not prove enough they are made again without.
     """
@@ -232,7 +171,6 @@ class SpaceCertificateSettings:
     depth: int = 12
     step_depth: int = 5
     spare: float = 0.002
-    least_spare: float = 1.2e-5
     slack: float = 0.3
 
 
@@ -244,13 +182,11 @@ class SpaceSmoothPathSettings:
         samples: of a span between which the path is proved as if it were linear.
         feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
             so that none is bent on a span on which the tube holds it [u].
-        looks: places for every keyframe of the motion at which the room of the path is looked at.
         refinements: how often legs of the control polygon are halved.
     """
 
     samples: int = 4
     feed: float = 0.12
-    looks: int = 5
     refinements: int = 16
 
 
@@ -260,35 +196,19 @@ class SpaceStepSettings:
 
     Attributes:
         margin: gap that steps keep beyond contact [u].
-        reach: gap from which on walls are left out [u].
-        pair_reach: the same of links to each other [u].
         share: of the gap beyond the margin that one step may use.
-        pull: weight that draws out what lies within the margin.
         turn: largest turn of a link in a step [rad].
-        travel: farthest way of a joint in a step [u].
         feed: farthest way of the base in a step [u].
         bends: weight on the curve's curvature, as bends of a nominal link.
-        evenness: weight on its differences from knot to knot.
-        spare_turn: of the joint limits that rows leave [rad].
-        ridge: on every unknown, so that the program has one answer.
         planes: most half-spaces that a link is given.
-        backtracks: how often a step is halved before it is given up.
     """
 
     margin: float = 0.06
-    reach: float = 0.35
-    pair_reach: float = 0.35
     share: float = 0.5
-    pull: float = 30.0
     turn: float = 0.15
-    travel: float = 1.5
     feed: float = 0.3
     bends: float = 1e-4
-    evenness: float = 1e-4
-    spare_turn: float = 0.005
-    ridge: float = 1e-8
     planes: int = 14
-    backtracks: int = 4
 
 
 @dataclass(frozen=True)
@@ -296,10 +216,8 @@ class SpaceGuideSettings:
     """Of what leads the tip.
 
     Attributes:
-        leash: how far the target may be ahead of the tip [u].
         onto_track: weight on their distance from it.
         advance: how far it moves on at a time [u].
-        patience: steps without progress before a guide is given up.
         approach: length of the straight end of a path along the wanted direction [u].
         settle_steps: most steps from the end of a path onto the goal.
         settle_growth: by how much the weight of the goal grows from step to step.
@@ -309,10 +227,8 @@ class SpaceGuideSettings:
         exact: distance at which the arm counts as on the goal, as a share of the arm's length, and turn [rad].
     """
 
-    leash: float = 1.5
     onto_track: float = 0.1
     advance: float = 0.4
-    patience: int = 60
     approach: float = 3.0
     settle_steps: int = 60
     settle_growth: float = 0.5
@@ -327,24 +243,12 @@ class WaySettings:
     """Of the ways that the tip may take.
 
     Attributes:
-        cells: of the grids that they are looked for in, the coarse one first.
-        finest: size that their cells have at least [u].
-        nearness: what a way along a wall costs more than one far away, as a multiple; tried in turn.
         margins: shares of the margin with which the grid is free; tried in turn until there is a way.
-        close: share of the margin that steps keep where the whole of it has failed.
         approaches: lengths of the straight end along the wanted direction, tried in turn [u].
-        far: distance from which on walls do not make a way dearer [u].
-        around: how far beyond everything in the scene ways may go [u]; there is nothing to go round farther out.
     """
 
-    cells: tuple[int, ...] = (200_000, 1_500_000, 8_000_000)
-    finest: float = 0.12
-    nearness: tuple[float, ...] = (3.0, 20.0)
     margins: tuple[float, ...] = (1.0, 0.0)
-    close: float = 0.4
     approaches: tuple[float, ...] = (3.0, 0.0, 1.5, 6.0)
-    far: float = 2.0
-    around: float = 4.0
 
 
 @dataclass(frozen=True)
@@ -359,16 +263,10 @@ class FollowableWaySettings:
         apart: a radius is tried beside others if it is less than this share of each that is greater, and they of it.
         step: length of the arcs of which a way is made [u].
         bends: of the arcs, as shares of the tightest one; straight ones come first.
-        azimuths: towards which arcs bend.
         place_bin: states in one bin count as one: size of its places [u].
         direction_bins: half the number of bins along each side of the six faces of directions.
-        landing: from how near two arcs to the goal are tried [u].
         most_states: that are looked at.
         cells: of the grids that they are looked for in, in turn.
-        approaches: lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links
-            where these are longer.
-        prices: tried in turn: what a way along a wall costs more than one far away, as a multiple, and the share of the
-            margin with which the grid is free.
     """
 
     tightest: float = 1.5
@@ -376,14 +274,10 @@ class FollowableWaySettings:
     apart: float = 0.9
     step: float = 1.0
     bends: tuple[float, ...] = (0.5, 1.0)
-    azimuths: int = 8
     place_bin: float = 0.5
     direction_bins: int = 2
-    landing: float = 6.0
     most_states: int = 20_000
     cells: tuple[int, ...] = (200_000, 1_500_000)
-    approaches: tuple[float, ...] = (1.0, 0.0)
-    prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -392,16 +286,10 @@ class SlideSettings:
 
     Attributes:
         step: of the feed from keyframe to keyframe [u].
-        knots: of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation
-            takes (measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do).
-        grazing: a motion led by the tip that keeps less than this share of the wanted gap is slid instead if it can be;
-            the optimisation seldom makes room for such a one.
         room: share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing.
     """
 
     step: float = 0.5
-    knots: tuple[int, ...] = (11, 16, 22)
-    grazing: float = 0.1
     room: float = 0.5
 
 

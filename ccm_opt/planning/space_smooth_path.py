@@ -22,6 +22,9 @@ from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.space_arm import SpaceArm, joint_positions
 
+_LOOKS = 5
+"""Places for every keyframe of the motion at which the room of the path is looked at."""
+
 _USER_SAMPLES = 32
 """Of a span at which users' constraints are looked at, which are not proved between; taste."""
 _LOST_ROOM = 0.02
@@ -241,7 +244,7 @@ class _Room:
     @property
     def _looks(self) -> FloatArray:
         """Places of a path at which is looked: a fed arm's has many more spans than its motion has keyframes."""
-        return np.linspace(0.0, 1.0, self.task.settings.smooth_path.looks * self.keyframes + 1)
+        return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
         """Where a path lacks more, but for a small share of the wanted room."""

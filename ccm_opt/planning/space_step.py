@@ -16,6 +16,23 @@ from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_REACH = 0.35
+"""Gap from which on walls are left out [u]."""
+_PAIR_REACH = 0.35
+"""The same of links to each other [u]."""
+_PULL = 30.0
+"""Weight that draws out what lies within the margin."""
+_TRAVEL = 1.5
+"""Farthest way of a joint in a step [u]."""
+_EVENNESS = 1e-4
+"""Weight on its differences from knot to knot."""
+_SPARE_TURN = 0.005
+"""Of the joint limits that rows leave [rad]."""
+_RIDGE = 1e-8
+"""On every unknown, so that the program has one answer."""
+_BACKTRACKS = 4
+"""How often a step is halved before it is given up."""
+
 _TRAVEL_NEAR_WALLS = 0.8
 """The same where walls or other links are within reach."""
 _STILL_TURNS = 0.01
@@ -110,7 +127,7 @@ class SpaceStepper:
             upper = np.append(upper, own.upper)
             pulls = [*pulls, own.pull]
         matrix = np.ascontiguousarray(np.vstack(rows))
-        hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], settings.ridge)
+        hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], _RIDGE)
         sense = np.zeros(len(upper), dtype=np.intc)
         if self.user is not None:
             sense[len(clear.target) + len(low) :] = EQUAL * (own.lower == own.upper)
@@ -123,7 +140,7 @@ class SpaceStepper:
     def _scaled(self, pose: SpacePose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
         """The step no longer than its linearisation is good for."""
         settings = self.settings.step
-        travel = _TRAVEL_NEAR_WALLS if near_walls else settings.travel
+        travel = _TRAVEL_NEAR_WALLS if near_walls else _TRAVEL
         turns = np.linalg.norm(pose.chain.turning @ delta, axis=1)
         moves = np.linalg.norm(pose.chain.moving @ delta, axis=1)
         excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (travel * self.unit))
@@ -138,7 +155,7 @@ class SpaceStepper:
     def _taken(self, pose: SpacePose, delta: FloatArray) -> SpacePose:
         """The pose after as much of a step as is certified."""
         settings = self.settings
-        for k in range(settings.step.backtracks + 1):
+        for k in range(_BACKTRACKS + 1):
             trial = self.onto_equations(self.pose(pose.v + delta * 0.5**k))
             if not self.within_limits(trial.q) or (self.user is not None and not self.user.keeps(pose.q, trial.q)):
                 continue
@@ -173,7 +190,7 @@ class SpaceStepper:
     def _clearance_rows(self, pose: SpacePose) -> tuple[SpaceTerm, list[SpaceTerm]]:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         settings = self.settings.step
-        reach = self.kept + self.margin + settings.reach * self.unit
+        reach = self.kept + self.margin + _REACH * self.unit
         mounted, begins = self.curve.arm.mount_end
         planes = self.tree.planes(pose.segments_beyond((mounted, begins)), reach, settings.planes)
         moving = pose.chain.moving
@@ -185,7 +202,7 @@ class SpaceStepper:
         arm = self.curve.arm
         if arm.self_collision:
             near = self.certificate.motion.near_pairs(
-                pose.chain.points, 2.0 * arm.radius + self.margin + settings.pair_reach * self.unit
+                pose.chain.points, 2.0 * arm.radius + self.margin + _PAIR_REACH * self.unit
             )
             first = near.first_at[:, None, None]
             second = near.second_at[:, None, None]
@@ -196,14 +213,14 @@ class SpaceStepper:
         matrix = np.concatenate(rows)
         spare = np.concatenate(gaps) - self.margin
         missing = spare < 0.0
-        pull = SpaceTerm(matrix[missing], -spare[missing], settings.pull / self.unit**2)
+        pull = SpaceTerm(matrix[missing], -spare[missing], _PULL / self.unit**2)
         return SpaceTerm(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
 
     def _limit_rows(self, pose: SpacePose) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Rows of the coordinates, and what they may lose and gain."""
         arm = self.curve.arm
         # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
-        spare = np.append(np.full(2 * arm.links, self.settings.step.spare_turn), np.zeros(len(arm.base_axes)))
+        spare = np.append(np.full(2 * arm.links, _SPARE_TURN), np.zeros(len(arm.base_axes)))
         low = np.minimum(arm.lower_limits + spare - pose.q, 0.0)
         high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
         return pose.slopes, low, high
@@ -221,7 +238,7 @@ class SpaceStepper:
             SpaceTerm(turning, np.zeros(len(turning)), _STILL_TURNS * scale),
             SpaceTerm(moving, np.zeros(len(moving)), _STILL_MOVES * scale / self.unit**2),
             SpaceTerm(curvature, -curvature @ pose.v, settings.bends),
-            SpaceTerm(across, -across @ pose.v, settings.evenness),
+            SpaceTerm(across, -across @ pose.v, _EVENNESS),
         ]
 
     @cached_property

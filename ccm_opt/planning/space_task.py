@@ -21,6 +21,12 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.space_arm import SpaceArm, exposed_links, joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_LEAD = 0.04
+"""Of the path parameter, by which planning keeps a constraint before and behind its interval; taste."""
+_LEAST_SPARE = 1.2e-5
+"""The same where a start or a goal of the whole arm has no more than twice as much [u]; measured: a straight arm of a
+metre is lifted off a table 1.5 µm below it, and hardly off one at 1 µm."""
+
 
 @dataclass(frozen=True, eq=False)
 class SpaceTask:
@@ -92,7 +98,7 @@ class SpaceTask:
     @property
     def least_spare(self) -> float:
         """No smaller gap is proved [m]."""
-        return self.settings.certificate.least_spare * self.unit
+        return _LEAST_SPARE * self.unit
 
     def _room(self, q: FloatArray, most: float) -> float:
         """Least gap of a configuration beyond the clearance, or between its links, up to so much [m]."""
@@ -200,7 +206,7 @@ def space_task(
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,
-        user=None if terms is None else SpaceUserLimit.of(arm, terms, settings.schedule.lead),
+        user=None if terms is None else SpaceUserLimit.of(arm, terms, _LEAD),
     )
 
 

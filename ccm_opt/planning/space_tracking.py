@@ -25,6 +25,13 @@ from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
+_PLACES = 101
+"""Of the motion that are looked at; taste."""
+_STEPS = 61
+"""Of the path parameter; taste."""
+_EVEN = 0.02
+"""Least growth of the one where the other grows alone, as a share; taste."""
+
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
     """How far each configuration of a motion is along it, by the length of the joint path, shape (K,)."""
@@ -42,15 +49,15 @@ def schedule(motion: SpaceMotion, user: SpaceUserLimit, slowness: FloatArray, se
         settings: how finely is looked.
     """
     share = shares_of(motion, slowness)
-    s = np.linspace(0.0, 1.0, settings.places)
+    s = np.linspace(0.0, 1.0, _PLACES)
     q = np.column_stack([np.interp(s, share, column) for column in motion.configurations.T])
-    u = np.union1d(np.linspace(0.0, 1.0, settings.steps), user.breaks)
+    u = np.union1d(np.linspace(0.0, 1.0, _STEPS), user.breaks)
     missed = np.stack([_missed(user, q, float(place)) for place in u], axis=1)
     price = settings.price * missed + np.abs(s[:, None] - u[None, :])
     rows, columns = _cheapest(price)
     # Where u stands still in the plan it grows a little, and so does the motion where that stands still.
-    grown = (1.0 - settings.even) * u[columns] + settings.even * s[rows]
-    moved = (1.0 - settings.even) * s[rows] + settings.even * u[columns]
+    grown = (1.0 - _EVEN) * u[columns] + _EVEN * s[rows]
+    moved = (1.0 - _EVEN) * s[rows] + _EVEN * u[columns]
     return np.asarray(np.interp(share, moved, grown))
 
 

@@ -14,6 +14,11 @@ from ccm_opt.planning.pose import Pose, Term, pose_in
 from ccm_opt.planning.settings import GoalSettings, MotionSettings
 from ccm_opt.scene.contact_finder import ContactFinder
 
+_POLISH_STEPS = 12
+"""Most steps of Newton's method. Taste: it converges in four or never."""
+_BACKTRACKS = 6
+"""Halvings of a step before it is given up. Taste."""
+
 _ITERATIONS_A_ROW = 8
 """Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
 Taste."""
@@ -95,7 +100,7 @@ class Stepper:
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
         """Backtrack until every limit's true check holds; the linearised rows promise that for small steps only."""
-        for k in range(self.settings.step.backtracks):
+        for k in range(_BACKTRACKS):
             # Halving always ends well in theory, for δ = 0 is feasible; after a few halvings the gain is not worth the
             # check.
             v = pose.v + delta * 0.5**k
@@ -276,7 +281,7 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
     Solves min ½ δᵀ(AᵀA + ε)δ subject to J δ = e until the error is below the tolerance; returns the last iterate,
     whose error the caller checks.
     """
-    for _ in range(goal.settings.polish_steps):
+    for _ in range(_POLISH_STEPS):
         pose = pose_in(space, v)
         rows, error = goal.tip_equations(space, pose)
         of_tip = len(error)

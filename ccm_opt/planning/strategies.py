@@ -28,6 +28,9 @@ from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
 from ccm_opt.planning.tree_search import TREES, search_by_trees
 from ccm_opt.robot.arm import Arm
 
+_MOST_LINKS = 48
+"""Arms with more links are not planned so. Taste: a pose costs by the links."""
+
 _AMPLE = 0.9
 """Share of the joints' limits with which guides get to a goal if an arc does. Measured: at 0.98, what steps use unless
 an end asks for more, guides do not reach in 13 s goals for which an arc needs 0.96 of them."""
@@ -254,7 +257,7 @@ class ConnectStrategy:
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The motion that joins the trees."""
         budgets = self._budgets(task)
-        if task.arm.links > task.settings.connect.most_links or task.deadline.passed():
+        if task.arm.links > _MOST_LINKS or task.deadline.passed():
             return None
         run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1], nominal_links)
         search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
@@ -344,7 +347,7 @@ class PortfolioStrategy:
         return None
 
     def _divided(self, task: MotionTask) -> bool:
-        return task.arm.links <= task.settings.connect.most_links and ConnectStrategy(Turn.MIDDLE).applies(task)
+        return task.arm.links <= _MOST_LINKS and ConnectStrategy(Turn.MIDDLE).applies(task)
 
 
 @dataclass(frozen=True)

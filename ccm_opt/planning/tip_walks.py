@@ -32,6 +32,18 @@ from ccm_opt.planning.step import GoalPose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
+_RUN_IN = (2.0, 1.0, 0.5, 0.0)
+"""Straight run onto the goal along its heading, in nominal links; the longest that is free. Taste."""
+_RUN_IN_SAMPLES = 9
+"""Places of the run that have to be free. Taste."""
+_FARTHEST = 0.3
+"""At most, likewise. Taste."""
+_PLACES_DRAWN = 16
+"""Places drawn at once when a free one is looked for. Taste."""
+_NEARNESS = 0.17
+"""How much rather walks begin at poses whose tip is near the goal: distance from it at which they begin 1/e as often as
+at the goal, as a share of the arm's length. Taste."""
+
 _FROM_START = 0.35
 """How often a walk begins at the start, and not where another has come to. Measured: with a tenth fewer fields are
 solved, and with none but these, too."""
@@ -97,17 +109,17 @@ class TipWays:
         place = member.position
         if member.heading is None:
             return place, place
-        for links in self.settings.run_in:
+        for links in _RUN_IN:
             entry = place - links * self.arm.length / NOMINAL_LINKS * unit_vector(member.heading)
-            if self.free_space.contains(np.linspace(entry, place, self.settings.run_in_samples)).all():
+            if self.free_space.contains(np.linspace(entry, place, _RUN_IN_SAMPLES)).all():
                 return entry, place
         return place, place
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
         """A place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
         settings = self.settings
-        angles = rng.uniform(-np.pi, np.pi, settings.places_drawn)
-        distances = self.arm.length * rng.uniform(settings.nearest, settings.farthest, settings.places_drawn)
+        angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
+        distances = self.arm.length * rng.uniform(settings.nearest, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
         reached = np.linalg.norm(places - self.arm.base, axis=1) < self.arm.length
         free = np.flatnonzero(self.free_space.contains(places) & reached)
@@ -267,7 +279,7 @@ class TipWalks:
             return 0
         reached = self.reached
         distances = reached.tip_distances(self.runs[0].goal.position) / reached.length
-        weights = np.exp(-distances / self.settings.nearness) / (1.0 + np.array(reached.uses))
+        weights = np.exp(-distances / _NEARNESS) / (1.0 + np.array(reached.uses))
         node = int(self.rng.choice(len(reached), p=weights / weights.sum()))
         reached.uses[node] += 1
         return node

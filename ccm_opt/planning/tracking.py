@@ -15,6 +15,9 @@ from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import GoalPose, Stepper, smoothness_terms
 
+_STILL_WEIGHT = 0.02
+"""Weight of standing still. Taste."""
+
 
 @dataclass(frozen=True)
 class ReferenceMotion:
@@ -114,7 +117,7 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
         turn = np.clip(target - pose.headings, -settings.largest_turn, settings.largest_turn)
         terms = [
             Term(space.matrix, turn, settings.pull_weight * space.nominal_per_link),
-            Term(space.matrix, np.zeros(len(turn)), settings.still_weight * space.nominal_per_link),
+            Term(space.matrix, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
             *smoothness_terms(space, pose.v, smoothness.bending, smoothness.jerk),
         ]
         pose = stepper.step(pose, space.jacobians(pose.headings), terms)

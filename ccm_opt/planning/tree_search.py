@@ -23,6 +23,11 @@ from ccm_opt.planning.settings import TreeSettings
 from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_STEPS = 250
+"""Of the longest extension. Taste."""
+_SATURATED = 80
+"""Extensions in a row that add no node before the search is given up. Taste."""
+
 _CONNECTION_PATIENCE = 5
 """The same for a connection of the trees; what it does not reach, an extension may. Taste."""
 _NODE_INTERVAL = 10
@@ -177,7 +182,7 @@ class TreeSearch:
     def _exhausted(self) -> bool:
         """Whether the trees reach nothing new, or are as large as they may become."""
         settings = self.task.settings
-        return self.rejected >= settings.saturated or self.extensions >= settings.most_extensions
+        return self.rejected >= _SATURATED or self.extensions >= settings.most_extensions
 
     def _draw_root(self) -> None:
         """Add a pose at the goal, if there is another, and try to reach it at once."""
@@ -210,7 +215,7 @@ class TreeSearch:
         # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
         stepper = task.steppers[int(self.rng.integers(len(task.steppers)))]
         try:
-            return follow(stepper, LimitedGuide(guide, task.settings.steps), pose, task.deadline, patience)
+            return follow(stepper, LimitedGuide(guide, _STEPS), pose, task.deadline, patience)
         except Stalled as stalled:
             return stalled.poses
 
@@ -286,7 +291,7 @@ class TreeSearch:
 
     def ended(self) -> str:
         """Why the growth ended, in words."""
-        if self.rejected >= self.task.settings.saturated:
+        if self.rejected >= _SATURATED:
             limit = "until they reached nothing new"
         elif self._exhausted:
             limit = f"by all of {self.extensions} extensions"

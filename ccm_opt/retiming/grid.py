@@ -7,6 +7,9 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, GridSettings
 
+_MOST_INTERVALS = 1500
+"""Most grid intervals, whatever the number of knots. Taste; it bounds the time."""
+
 _EVEN_SHARE = 0.3
 """Share of the intervals that is spread evenly over the spans, for those where the path turns rather than moves; the
 others go by length. Taste."""
@@ -37,7 +40,7 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
     """
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
     # Two intervals a span at least, however many keyframes there are, up to a bound.
-    count = min(max(settings.intervals, 2 * (len(knots) - 1)), settings.most_intervals)
+    count = min(max(settings.intervals, 2 * (len(knots) - 1)), _MOST_INTERVALS)
     lengths = span_lengths(spline, knots)
     even = _EVEN_SHARE
     share = (1.0 - even) * lengths / np.sum(lengths) + even * np.diff(knots)

@@ -55,6 +55,16 @@ from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile
 from ccm_opt.retiming.timed_path import PathLimits
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings, SamplingSettings, SmoothingSettings
 
+_TIGHTENINGS = 3
+"""Rounds after which rows are tightened where a limit was passed between grid points; after later rounds speed is
+bounded there. Measured on the random paths of ``tests/test_retiming.py``: a few in a hundred need more."""
+_ROUNDS = 10
+"""Most runs of TOPP-RA. Measured on the same paths: with friction three or four are usual."""
+_SETTLED = 2e-3
+"""Relative change of the duration from round to round by which friction counts as known. Taste."""
+_UNSEEN_FLOOR = 5e-4
+"""The same as a share of what the acceleration limit allows over the whole motion. Derived: so is this."""
+
 _GRID_SHARE = 0.99
 """Share of every limit used at the grid points. Taste: it leaves room for what is passed between them."""
 _NEGLIGIBLE = 1.004
@@ -292,12 +302,12 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
     duration = np.inf
     stretched: list[SpeedProfile] = []
 
-    for number in range(settings.rounds):
+    for number in range(_ROUNDS):
         tangent = rows.with_friction(speed, _FRICTION_SHARE)
         profile = fastest_profile(tangent, bounds.slack(tangent), bounds.cap, settings)
         check = check_profile(profile, dense, substeps, settings.dense_share)
         stretched.append(profile.slowed(check.stretch))
-        settled = rows.d is None or abs(profile.duration - duration) <= settings.settled * duration
+        settled = rows.d is None or abs(profile.duration - duration) <= _SETTLED * duration
         if check.stretch <= _NEGLIGIBLE and settled:
             break
 
@@ -305,9 +315,9 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
             # Rows must not be tightened for friction that the tangent missed: the next tangent will not miss it.
             between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), _FRICTION_SHARE)
             check = check_profile(profile, between, substeps, settings.dense_share)
-        bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
+        bounds = bounds.tightened_by(check) if number < _TIGHTENINGS else bounds.capped_by(check, profile)
         # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
-        share = 1.0 if number < settings.tightenings else _TANGENT_SHARE
+        share = 1.0 if number < _TIGHTENINGS else _TANGENT_SHARE
         slowed = speed + share * (np.sqrt(profile.squared) - speed)
         # A tangent at a high speed holds for too much friction at a low one, and may bring the path almost to a stop.
         speed = np.maximum(slowed, _LEAST_TANGENT * speed)
@@ -496,7 +506,7 @@ def halved_where_unseen(
     unseen = unseen_gains(samples)
     gained = np.sum(np.abs(np.diff(samples.velocity, axis=0)), axis=0)
     duration = samples.time[-1]
-    allowed = settings.unseen_share * gained + settings.unseen_floor * duration * acceleration
+    allowed = settings.unseen_share * gained + _UNSEEN_FLOOR * duration * acceleration
     hiding = np.sum(unseen, axis=0) > allowed
     if not hiding.any():
         return None

@@ -32,6 +32,20 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
+_LEAST_SAMPLES = 100
+"""Steps of a short motion, whatever the time between them. Taste."""
+_MOST_NUMBERS = 30_000_000
+"""Steps times coordinates of the arm; a motion of more is not sampled. Taste: an array of them has a quarter of a
+gigabyte, and a fed arm of 24 links moves for 40 minutes."""
+_SPARE_SHARE = 0.5
+"""Share of the gap that a path is certified to spare that chords between samples may use. Derived: the other half is
+the verifier's, whose bounds are not sharp."""
+_CUTTINGS = 8
+"""Most rounds of cutting steps, for chords and again for accelerations. Measured: the first leaves few steps too long
+for chords."""
+_STANDING = 1e-9
+"""Path length in joint space below which a path counts as standing still [rad]. Taste, above rounding."""
+
 _BESIDE_JUMP = 0.02
 """Share of a step by which such a sample is at least away from its neighbours. Derived: nearer than this to a sample, a
 jump adds less than 4 %."""
@@ -54,7 +68,7 @@ class Chords:
     @classmethod
     def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
         """Within a share of the gap that a path is certified to spare; where it spares none, within a hair."""
-        return cls(link_length, max(settings.spare_share * path.spare, settings.hair))
+        return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
 
 
 class Profile(Protocol):
@@ -94,11 +108,11 @@ def sample_motion(
     Raises:
         RetimingError: the motion is too slow to be sampled like this.
     """
-    most = settings.most_numbers // spline.c.shape[1]
+    most = _MOST_NUMBERS // spline.c.shape[1]
     if profile.duration / step > most:
         raise _too_slow(profile.duration, step, most)
     # The small number keeps rounding from adding a step where the duration is a whole number of them.
-    count = max(int(np.ceil(profile.duration / step - 1e-9)), settings.least_samples)
+    count = max(int(np.ceil(profile.duration / step - 1e-9)), _LEAST_SAMPLES)
     time = np.linspace(0.0, profile.duration, count + 1)
     if chords is not None:
         time = near_the_path(spline, profile, time, chords, coordinates, settings)
@@ -155,7 +169,7 @@ def near_the_path(
     """Sample times with more between them where chords would leave the path; no step is cut into too many pieces."""
     # Bounds the number of samples: a path with a kink would otherwise be cut for ever.
     shortest = np.min(np.diff(time)) / settings.most_pieces
-    for _ in range(settings.cuttings):
+    for _ in range(_CUTTINGS):
         # The sag falls with the square of the step, so a step is cut into as many pieces as the root says.
         share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
@@ -357,7 +371,7 @@ def retime(
     largest = settings.sampling.step if step is None else step
 
     # A path that goes nowhere has no grid; its rows are still asked whether the arm can be held there.
-    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < settings.standing:
+    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < _STANDING:
         timing.rows(np.linspace(0.0, 1.0, 2))
         return _standing(path.spline, largest).trajectory(columns, "rest")
 
@@ -439,7 +453,7 @@ class _Timing:
     def _with_all_seen(self, samples: MotionSamples, profile: SpeedProfile | SmoothProfile) -> MotionSamples:
         """The samples, with more between them where accelerations swing unseen."""
         settings = self.settings.sampling
-        for _ in range(settings.cuttings):
+        for _ in range(_CUTTINGS):
             time = halved_where_unseen(samples, self.path.bounds.acceleration, settings)
             if time is None:
                 break

@@ -8,23 +8,18 @@ class FreeSpaceSettings:
     """How finely free space is drawn, how many classes of paths are looked at, and how regions are chosen.
 
     Attributes:
-        mitre_limit: distance of a grown corner's tangent, as a multiple of the inflation. Derived: with 1.02, turns
-            below 22° need one vertex only, and nothing is given away but 2 % of the inflation.
         corner_quad_segs: sides of the polygon round a quarter of a turn at corners, in place of tangents; 0 for
             tangents and circles of few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
         dent: depth up to which dents of free space are filled, as a share of the inflation. Taste.
         edge_samples: points on each edge of the triangulation, ends included, between which paths are measured before
             any is drawn taut. Taste; a walk costs its square.
         bisections: times that a straight piece which meets a wall is halved before the shortest walk is taken. Taste.
-        stations: evenly spaced sample places along a taut string, beside its vertices and crossings. Taste.
     """
 
-    mitre_limit: float = 1.02
     corner_quad_segs: int = 0
     dent: float = 0.02
     edge_samples: int = 7
     bisections: int = 6
-    stations: int = 200
 
 
 DEFAULT_FREE_SPACE = FreeSpaceSettings()

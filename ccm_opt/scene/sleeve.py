@@ -22,6 +22,9 @@ from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.triangulation import WALL, Triangulation
 
+_STATIONS = 200
+"""Evenly spaced sample places along a taut string, beside its vertices and crossings. Taste."""
+
 _LEAST_SQUARENESS = 1e-3
 """Squareness that a chord is credited with where the string only touches it. Taste."""
 
@@ -289,7 +292,7 @@ class TautString:
     @cached_property
     def stations(self) -> FloatArray:
         """Arc lengths of the sample places, increasing, vertices and crossings among them, shape (s,) [m]."""
-        even = np.linspace(0.0, self.length, self.settings.stations)
+        even = np.linspace(0.0, self.length, _STATIONS)
         return np.unique(np.concatenate((even, self.knots, self.crossings)))
 
     @cached_property

@@ -237,10 +237,6 @@ class SpaceReachSettings:
             all of the map without.
         drawn: poses that are drawn, each of which is a beginning in the cell of its tip. Taste: a thousandth of a
             second each; they find what lies beyond narrow places.
-        steps: most steps from a pose in the cell beside onto a place. Measured: of those that arrive nearly all take
-            less.
-        progress: share of the way left that four steps may leave, or the place is given up. Taste.
-        attempts: cells beside from which a place is tried in vain before its cell counts as not found. Taste: all.
         seen: room that is looked at, as a share of the arm's length; above it gaps are not told apart. Taste.
         most_cells: of a grid; more are refused. Derived: some minutes of work and 10 MB of arrays.
     """
@@ -248,9 +244,6 @@ class SpaceReachSettings:
     step: float = 1.0 / 8.0
     directions: int = 0
     drawn: int = 300
-    steps: int = 40
-    progress: float = 0.9
-    attempts: int = 6
     seen: float = 0.05
     most_cells: int = 200_000
 

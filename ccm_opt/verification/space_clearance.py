@@ -26,6 +26,9 @@ from ccm_opt.verification.stretch_proof import (
 from ccm_opt.verification.verification_settings import VerificationSettings
 from ccm_opt.verification.wall_clearance import gap_beyond, touch_beside_mount
 
+_PROBES = 8
+"""Moments at which the nearest surface is looked for first. Taste."""
+
 
 def check_contact(
     motion: SpaceChainMotion, settings: VerificationSettings, proof: SpaceProofSettings = DEFAULT_SPACE_PROOF
@@ -301,7 +304,7 @@ class SurfaceProof:
     def prove(self, least: float, settings: VerificationSettings, proof: SpaceProofSettings) -> Verdict:
         """Prove that all links keep a gap."""
         samples = len(self.motion.time)
-        few = np.unique(np.linspace(0, samples - 1, proof.probes).astype(int)).astype(np.float64)
+        few = np.unique(np.linspace(0, samples - 1, _PROBES).astype(int)).astype(np.float64)
         # At a few moments the nearest surface is looked for alone, to know how far the search must look.
         moments = self._of_all_links(TimeStretches(few, few), least, settings, None)
         if moments.nearest.gap < least:

@@ -34,8 +34,6 @@ class VerificationSettings:
         held_tolerance: bend of a held joint that is rounding [rad]. Derived.
         passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
             hole of a guide tube [rad]. Taste.
-        along: sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between
-            two samples it goes aside by far less than any tolerance of contact.
         start_tolerance: largest error of a joint at the start [rad]. Taste.
         rest_share: share of the velocity limit that counts as rest. Taste.
         curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on. Taste.
@@ -63,7 +61,6 @@ class VerificationSettings:
     inside: float = 1e-8
     held_tolerance: float = 1e-9
     passing_tolerance: float = 1e-6
-    along: float = 1e-6
     start_tolerance: float = 1e-6
     rest_share: float = 1e-6
     curve_tip_tolerance: float = 1e-3

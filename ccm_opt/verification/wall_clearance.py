@@ -18,6 +18,10 @@ from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.stretch_proof import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_ALONG = 1e-6
+"""Sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between two samples it
+goes aside by far less than any tolerance of contact."""
+
 _MANY_EDGES = 64
 """Walls with as many edges are looked at in runs of them first. Taste."""
 _EDGES_A_RUN = 16
@@ -344,7 +348,7 @@ def _prove(
         travel = nodes.half[pairs.node] * arm.link_length * motion.turned[interval, pairs.link + 1]
         # A link that slides along itself sweeps a longer one, and goes aside by next to nothing.
         aslant = motion.aslant[interval, pairs.link]
-        carried = np.where(aslant <= settings.along, nodes.half[pairs.node] * motion.carried_by[interval], 0.0)
+        carried = np.where(aslant <= _ALONG, nodes.half[pairs.node] * motion.carried_by[interval], 0.0)
         ahead = carried[:, None] * unit_rows(end - start)
         start = start - ahead
         end = end + ahead

@@ -22,6 +22,12 @@ from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.points import DrivenArm, MovingPoint, point_of
 from ccm_opt.solution import JointTrajectory
 
+_LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
+"""Shares of every limit to brake with, the first with which all samples keep the limits: between the places that are
+checked, the planned motion's own accelerations change. Taste."""
+_LEAST_TIME = 4e-3
+"""Braking from the planned rate to rest takes at least this, however slowly the axes move [s]. Taste."""
+
 _CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Places in a step at which the limits are held, from 0 to 1. Taste."""
 _LONGEST_TIME = 60.0
@@ -68,7 +74,7 @@ def braked(
 
     # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
     # last share is taken as it comes, for the verifier has the last word.
-    for caution in settings.limit_shares:
+    for caution in _LIMIT_SHARES:
         tail = _fall(replace(planned, caution=caution), float(trajectory.time[kept]), step)
         if planned.keeps_limits(tail):
             break
@@ -168,7 +174,7 @@ class _PlannedMotion:
         with np.errstate(divide="ignore", invalid="ignore"):
             # The lower end of each interval of α. A slope of 0 bounds nothing: its end is not finite, and left out.
             ends = (self.caution * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
-        least = float(np.max(ends[np.isfinite(ends)], initial=-1.0 / self.settings.least_time))
+        least = float(np.max(ends[np.isfinite(ends)], initial=-1.0 / _LEAST_TIME))
         return min(max(least, self._least_change_of_points(x, velocity, unbraked, first)), 0.0)
 
     def _least_change_of_points(

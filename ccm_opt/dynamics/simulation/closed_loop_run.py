@@ -31,6 +31,12 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
+_STRAYED = 0.1
+"""Error of a joint above which the arm does not follow its plan [rad]. Taste."""
+_LOST = 1.0
+"""Error of a joint at which the arm has left its plan for good and the run is stopped [rad]. Taste: a joint that is off
+by a whole radian follows nothing."""
+
 _CHUNK_STEPS = 200
 """Steps in one call of the loop. Taste: a call costs microseconds, and a state that is not finite is noticed when its
 call ends."""
@@ -234,10 +240,10 @@ def simulate(
     strayed: RunFault | None = None
     lost: RunFault | None = None
     for steps in run.steps(state, options, _CHUNK_STEPS):
-        lost = first_far_off(steps, settings.lost)
+        lost = first_far_off(steps, _LOST)
         sound = steps if lost is None else steps_before(steps, lost)
         full = full or first_saturation(sound, most)
-        strayed = strayed or first_far_off(sound, settings.strayed)
+        strayed = strayed or first_far_off(sound, _STRAYED)
         record.add(sound)
         if lost is not None:
             break

@@ -129,15 +129,10 @@ class SimulationSettings:
         largest_bend: bend up to which an arm of Z-Y-X balls is simulated out of its plane [rad]. Derived: at 90° the
             ball is singular, and at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link; taste beyond
             that.
-        strayed: error of a joint above which the arm does not follow its plan [rad]. Taste.
-        lost: error of a joint at which the arm has left its plan for good and the run is stopped [rad]. Taste: a joint
-            that is off by a whole radian follows nothing.
         advised_damping: advised derivative gain over the least stable one. Taste.
     """
 
     largest_bend: float = 1.3
-    strayed: float = 0.1
-    lost: float = 1.0
     advised_damping: float = 1.2
 
 
@@ -151,14 +146,9 @@ class BrakingSettings:
 
     Attributes:
         step: largest time between two samples while braking [s]. Taste.
-        limit_shares: shares of every limit to brake with, the first with which all samples keep the limits: between the
-            places that are checked, the planned motion's own accelerations change. Taste.
-        least_time: braking from the planned rate to rest takes at least this, however slowly the axes move [s]. Taste.
     """
 
     step: float = 2e-3
-    limit_shares: tuple[float, ...] = (0.97, 0.93, 0.87, 0.8)
-    least_time: float = 4e-3
 
 
 DEFAULT_BRAKING = BrakingSettings()

@@ -39,6 +39,14 @@ from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.solution import JointPath
 
+_PLANNING_SHARE = 0.9
+"""Share of the time limit that planning may use; timing and verification need the rest. Taste."""
+_RESHAPING_SHARE = 0.25
+"""Share of the time limit that one change of shape may use. Taste."""
+_PUT_OFF = 2
+"""Motions that are put off before the shortest of them is taken, and others that are tried where one grazes walls.
+Taste: looking for one costs as much as making its path."""
+
 _SAME_POSE = 1e-7
 """Bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below anything that
 shows."""
@@ -144,7 +152,7 @@ def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> I
         pose = JointPose(bends, end.feed)
         if query.path_of(pose) is None:
             continue
-        keyframes = _reshaper(query, query.settings.reshaping_share).keyframes(end, bends, query.feed.hole)
+        keyframes = _reshaper(query, _RESHAPING_SHARE).keyframes(end, bends, query.feed.hole)
         if keyframes is not None:
             rest = np.tile(pose.configuration(query.arm), (1 + _SEPARATION, 1))
             yield StraightenedEnd(np.concatenate((keyframes[:-1], rest)), pose)
@@ -287,7 +295,7 @@ class FeedPlanner:
 
     def _of_members(self, problem: Problem, feed: Feed) -> JointPath:
         """Plan in units of the arm, to whichever member of the goal is reached."""
-        deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
+        deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
         members = member_problems(problem, feed, self.settings)
         if len(members) == 1:
             return self._planned(members[0], feed, deadline)
@@ -369,12 +377,12 @@ class _FeedSearch:
             # A motion that is much longer than it might be waits for a few others: perhaps one of them is better.
             if self.finishing.is_long(motion):
                 put_off.append(motion)
-                path = self._first_path(put_off) if len(put_off) > self.query.settings.put_off else None
+                path = self._first_path(put_off) if len(put_off) > _PUT_OFF else None
             else:
                 path = self.finishing.path(motion)
             best = self._better(best, path)
             # So does one that grazes walls.
-            if best is not None and (others >= self.query.settings.put_off or not self.finishing.grazes(best)):
+            if best is not None and (others >= _PUT_OFF or not self.finishing.grazes(best)):
                 return best
             if self.query.deadline.passed():
                 break
@@ -408,7 +416,7 @@ class _FeedSearch:
         yield from straight_to_goal(query, self.finishing.task, self.finishing.space)
         at_once_first = query.goal is not None and end_bends_at_hole
         if at_once_first:
-            yield from reshaping_at_once(query, query.settings.reshaping_share)
+            yield from reshaping_at_once(query, _RESHAPING_SHARE)
 
         starts = straightened(query, query.start, query.start_path)
         if query.goal is None:
@@ -421,7 +429,7 @@ class _FeedSearch:
                     yield motion.between(start, goal)
 
         if not at_once_first:
-            yield from reshaping_at_once(query, query.settings.reshaping_share)
+            yield from reshaping_at_once(query, _RESHAPING_SHARE)
 
     def _between(self, query: FeedQuery) -> Iterator[ProposedMotion]:
         """Motions between ends from which the arm can be drawn back.
@@ -471,7 +479,7 @@ class _FeedSearch:
     def _reshaping_to(self, query: FeedQuery, paths: list[LeaderPath]) -> Iterator[ProposedMotion]:
         """Motions that change shape to that of some paths."""
         for path in paths:
-            yield from reshaping(query, path, query.settings.reshaping_share)
+            yield from reshaping(query, path, _RESHAPING_SHARE)
 
     def _leaders(self, query: FeedQuery) -> Iterator[LeaderPath]:
         """Leaders' paths, most promising first."""

@@ -32,6 +32,13 @@ from ccm_opt.problem import Limits, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointPath
 
+_LONG = 2.5
+"""Times the duration of the straight line between its ends from which on a motion is put off. Taste."""
+_GRAZING = 0.5
+"""Share of the wanted gap, or of what the ends have of it, below which a path waits for a few others. Taste."""
+_ROOM_SAMPLES = 200
+"""Places of a path at which its room is measured. Taste."""
+
 _WORTH_SHORTENING = 1.2
 """Times the duration of the straight line between its ends from which on a motion is optimised. Taste: a motion that
 follows its leader without drawing back is as long as its feed."""
@@ -166,7 +173,7 @@ class FedPaths:
         spline = certified_spline(motion.headings, self.task.certificate, settings)
         if spline is None:
             return None
-        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        u = np.linspace(0.0, 1.0, _ROOM_SAMPLES)
         if any(limit.misses_path(spline(u), u).any() for limit in self.task.user_limits):
             return None
         return SmoothPath(spline, spare_kept(spline, self.task.certificate, settings))
@@ -231,7 +238,7 @@ class Finishing:
     def is_long(self, proposed: ProposedMotion) -> bool:
         """Whether a motion lasts much longer than the straight line between its ends."""
         motion = self._motion(proposed)
-        return duration_estimate(motion) > self.query.settings.long * _straight_line(motion)
+        return duration_estimate(motion) > _LONG * _straight_line(motion)
 
     def _motion(self, proposed: ProposedMotion) -> Motion:
         poses = self.query.arm.poses(proposed.keyframes)
@@ -307,7 +314,7 @@ class Finishing:
         """Whether a path passes walls much closer than its ends lie and than is wanted."""
         ends = self.query.arm.poses(path.spline(np.array([0.0, 1.0])))
         most = min(self.task.wanted_gap, self.task.least_gap(ends))
-        return self._room(path) < self.query.settings.grazing * most
+        return self._room(path) < _GRAZING * most
 
     def _time_for_room(self, path: JointPath) -> float:
         """The least duration of a path [s], longer by the room that it lacks: half the room counts as √2 times."""
@@ -325,14 +332,14 @@ class Finishing:
 
     def _cost(self, path: JointPath) -> float:
         """What the user's costs make of a path: their weighted means over its samples."""
-        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        u = np.linspace(0.0, 1.0, _ROOM_SAMPLES)
         poses = self.query.arm.poses(path.spline(u))
         costs = () if self.terms is None else self.terms.all_costs
         return float(sum(cost.cost.weight * np.mean(cost.values(poses, u)[cost.applies(u)]) for cost in costs))
 
     def _room(self, path: JointPath) -> float:
         """Least gap along a path, as far as the wanted gap sees [m]."""
-        samples = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        samples = np.linspace(0.0, 1.0, _ROOM_SAMPLES)
         return self.task.least_gap(self.query.arm.poses(path.spline(samples)))
 
 

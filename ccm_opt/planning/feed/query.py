@@ -29,6 +29,9 @@ from ccm_opt.scene.bad_pose import refuse_bad_pose
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.workspace import Workspace
 
+_SPARE_AT_ENDS = 0.5
+"""Share of the narrower end's gap that the certificate may ask for along the motion. Taste."""
+
 _CONTACT_REACH = 0.02
 """Contacts of a pose nearer than this are listed, as a share of the arm's length. Taste."""
 
@@ -101,7 +104,7 @@ class FeedMotions:
         """The certificate that motions must pass."""
         # Ends that touch may be left by motions that touch no deeper; else a little more than contact is asked for.
         contact = allowed_contact(self.arm, self.workspace)
-        wanted = self.settings.spare_at_ends * self.gap - contact
+        wanted = _SPARE_AT_ENDS * self.gap - contact
         spare = np.clip(wanted, -contact, self.settings.spare * self.arm.length)
         return Certificate(self.arm, self.workspace, float(spare))
 

@@ -20,6 +20,9 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_chain import HELD_TOLERANCE
 from ccm_opt.robot.points import DrivenArm
 
+_MOST_STEPS = 40
+"""At most. Taste; from a chord's length ahead it needs four or five."""
+
 _LEAST_SLOPE = 0.2
 """Slope of distance over arc length that it assumes at least. Taste; a path that bends less than a U-turn has more."""
 _FEED_STEP = 1.0 / 8.0
@@ -100,7 +103,7 @@ class LeaderPath:
         sign = np.sign(chord)
         least_slope = _LEAST_SLOPE
         guess = arc + chord  # no chord is longer than its arc, so the root lies further on
-        for _ in range(self.chords.most_steps):
+        for _ in range(_MOST_STEPS):
             apart = self.positions(guess) - here
             distance = np.hypot(apart[..., 0], apart[..., 1])
             slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance

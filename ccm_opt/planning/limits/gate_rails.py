@@ -27,6 +27,13 @@ from ccm_opt.scene.workspace import Workspace
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import Sweep
 
+_NEWTON_STEPS = 5
+"""Most steps onto the middles. Taste."""
+_LARGEST_TURN = 0.15
+"""A pose that needs larger turns of links to cross in the middle is left as it is [rad]. Taste."""
+_RIDGE = 1e-9
+"""Share of the diagonal of the normal equations. Taste."""
+
 _SAME = 2e-3
 """Lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate differ by
 rounding."""
@@ -137,7 +144,7 @@ class GateLines:
         moved = coordinates.copy()
         exact = settings.exact * space.arm.length
         off = np.full(len(moved), np.inf)
-        for _ in range(settings.newton_steps):
+        for _ in range(_NEWTON_STEPS):
             headings = space.headings(moved)
             found = self.crossings(space.arm.points(headings), settings.across * space.nominal_length)
             off = np.abs(found.aside).max(axis=1, initial=0.0)
@@ -148,11 +155,11 @@ class GateLines:
             normal = np.einsum("kgp,khp->kgh", spread, slopes)
             # Lines that nothing crosses ask for nothing; the ridge is for two lines that are crossed by one short link.
             size = np.einsum("kgg->kg", normal)
-            normal += np.eye(len(self.middles)) * np.where(found.crossed, settings.ridge * size, 1.0)[..., None]
+            normal += np.eye(len(self.middles)) * np.where(found.crossed, _RIDGE * size, 1.0)[..., None]
             by = np.linalg.solve(normal, -found.aside[..., None])[..., 0]
             moved += np.einsum("kg,kgp->kp", by, spread)
         turned = np.abs((moved - coordinates) @ space.matrix.T).max(axis=1)
-        kept = (off <= 10.0 * exact) & (turned <= settings.largest_turn)
+        kept = (off <= 10.0 * exact) & (turned <= _LARGEST_TURN)
         return np.where(kept[:, None], moved, coordinates)
 
     # ------------------------------------------------------------ links in gates

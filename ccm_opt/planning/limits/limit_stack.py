@@ -24,6 +24,9 @@ from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import Sweep
 
+_PLAY = 0.5
+"""That part, in planning margins. Taste."""
+
 _CLOSING_SHARE = 0.5
 """Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
 each other close it at most together."""
@@ -276,7 +279,7 @@ def assembled_limits(
     """
     drawn: tuple[Limit, ...] = ()
     if gates is not None:
-        drawn = (GateRails(rails, gates, settings.rails.play * finder.margin, settings.rails),)
+        drawn = (GateRails(rails, gates, _PLAY * finder.margin, settings.rails),)
     return (
         ContactLimit(finder, certificate, settings, wanted_gap, gates),
         TurnLimit(),

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from ccm_opt.ik.row_set import RowSet, RowValues
     from ccm_opt.planning.swept_motion import Sweep
 
+_JOINT_SHARE = 0.995
+"""Share of a joint limit to which bends beyond that are brought back; what splines overshoot stays below the limit.
+Taste."""
+
 _KNOT_RESERVES = 4.0
 """Reserves to which a knot of the smooth path is moved that has less than half of that. Measured: with 2 a path at the
 edge of a camera's view was refused, with 4 it is laid."""
@@ -195,7 +199,7 @@ class UserLimit(Limit):
             change = -values.equations
             if gaps:
                 slopes, change = self.missed(space, headings)
-                limits = self.settings.joint_share * space.bend_limits
+                limits = _JOINT_SHARE * space.bend_limits
                 turned, back = overbent(limits, space.bends(headings), held, self.settings.met)
                 slopes = np.vstack((slopes, turned @ space.matrix[: space.arm.links]))
                 change = np.append(change, back)

@@ -17,6 +17,11 @@ from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.swept_motion import Sweep
 
+_ITERATIONS = 200
+"""Of IPOPT. Taste."""
+_SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
+"""Shares of the way to the solution that are tried until one is certified. Taste."""
+
 _SOLUTIONS = 2
 """Of the nonlinear program, the sweep regions renewed between them. Taste."""
 _WIDER = 2.0
@@ -44,7 +49,7 @@ def interior_point(program: MotionProgram, coordinates: FloatArray) -> FloatArra
 def _certified_part(program: MotionProgram, sweep: Sweep, solution: FloatArray) -> FloatArray:
     """As much of the way to the solution as is certified."""
     change = solution - sweep.coordinates
-    for share in program.settings.interior_point.shortenings:
+    for share in _SHORTENINGS:
         moved = Sweep(program.space, program.ended(sweep.coordinates + share * change))
         if program.feasible(moved, sweep) and len(program.failures(moved.headings)) == 0:
             return moved.coordinates
@@ -85,7 +90,7 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
         "g": ca.vertcat(inequalities, ends, tie, bends),
     }
     options = {
-        "ipopt.max_iter": settings.iterations,
+        "ipopt.max_iter": _ITERATIONS,
         "ipopt.tol": settings.tolerance,
         "ipopt.print_level": 0,
         "print_time": False,

@@ -25,6 +25,9 @@ from ccm_opt.planning.settings import ObjectiveSettings
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
+_RIDGE = 1e-8
+"""Weight on changes of all coordinates, so that the metric is definite. Taste."""
+
 _SHAPE_CHANGE = 0.1
 """Share of that weight on changes of the curvature from keyframe to keyframe. Taste."""
 _SECOND_HEADING = 0.1
@@ -100,7 +103,7 @@ class Objective:
     @cached_property
     def _ridge(self) -> FloatArray:
         # Coordinates after those of the curve blend the goal in; they have another unit and a weight of their own.
-        return np.diag(np.where(self.space.of_shape, self.settings.ridge, self.settings.blend))
+        return np.diag(np.where(self.space.of_shape, _RIDGE, self.settings.blend))
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:

@@ -22,6 +22,17 @@ from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
+_LEG_DEPTH = 2
+"""Bisections that a leg of the thinned motion may need for its certificate. Taste."""
+_FIRST_STRIDE = 16
+"""Keyframes that a leg of the thinned motion skips at first. Taste."""
+_REACH = 2.5
+"""Walls and links farther apart than this many links make no rows. Taste."""
+_FIRST_ROUNDS = 5
+"""Steps at many keyframes, before the motion is thinned again. Taste."""
+_ROOM_SAMPLES = 5
+"""Places beside each leg between keyframes at which the room of a smooth path is measured. Taste."""
+
 _GATE_INTERVALS = (40, 60, 90, 135)
 """The same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for about sixty."""
 _GATE_HALVINGS = 3
@@ -112,7 +123,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
         if task.optimiser == "interior-point":
             return _with_keyframes(motion, interior_point(program, keyframes), motion.u)
         many = len(keyframes) - 1 > settings.many * settings.intervals
-        taken = min(left, settings.first_rounds) if many else left
+        taken = min(left, _FIRST_ROUNDS) if many else left
         before = keyframes
         length = travel(motion)
         motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
@@ -226,8 +237,8 @@ def thinned(
         return np.column_stack([np.interp(u, motion.u, column) for column in motion.coordinates.T]), u
 
     # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
-    judged = partial(certificate.failures, depth=settings.leg_depth)
-    few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), settings.first_stride)
+    judged = partial(certificate.failures, depth=_LEG_DEPTH)
+    few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), _FIRST_STRIDE)
 
     turns = np.diff(space.drives(space.headings(few[:, :-1])), axis=0)
     keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
@@ -262,7 +273,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
         task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
         task.goal_headings is not None,
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
-        task.limits(task.finder(margin * length, settings.reach * link + task.wanted_gap), task.wanted_gap),
+        task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap),
         np.zeros(0),
         settings.active * link + task.wanted_gap,
         task.deadline,
@@ -397,5 +408,5 @@ def _enough_room(motion: Motion, task: MotionTask) -> float:
 
 def _room(headings: FloatArray, task: MotionTask) -> float:
     """Least gap of the spline near keyframes, shape (K, links) [m]."""
-    samples = places_along(len(headings), task.settings.optimisation.room_samples)
+    samples = places_along(len(headings), _ROOM_SAMPLES)
     return task.least_gap(clamped_spline(headings)(samples))

@@ -22,6 +22,11 @@ from ccm_opt.planning.settings import OptimisationSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.swept_motion import Sweep
 
+_DAMPING_RIDGE = 1e-3
+"""Damping of coordinates beside that of the turns. Taste."""
+_SLACK_CURVATURE = 1e-6
+"""Curvature of slack, so that the Hessian is definite. Taste."""
+
 _QP_TOLERANCE = 1e-5
 """Of the QP's solution. Taste."""
 _QP_GAP = 1e-3
@@ -151,7 +156,7 @@ class KeyframeProgram:
         diagonal, beside = self._row_blocks()
         own = k == m
         blocks[own, :p, :p] += diagonal[1:]
-        blocks[own, p, p] = self.settings.slack_curvature
+        blocks[own, p, p] = _SLACK_CURVATURE
         # ½ c (δ_{k+1} − δ_k)²: +c on both diagonal blocks, −c between them.
         neighbours = np.abs(m - k) == 1
         blocks[neighbours, :p, :p] -= beside[np.minimum(k, m)[neighbours]]
@@ -172,7 +177,7 @@ class KeyframeProgram:
 
         # Levenberg–Marquardt damping, measured in turns of the links: it holds back what moves the arm, not whatever
         # has a large coordinate.
-        diagonal += self.damping * (matrix.T @ matrix + self.settings.damping_ridge * np.eye(matrix.shape[1]))
+        diagonal += self.damping * (matrix.T @ matrix + _DAMPING_RIDGE * np.eye(matrix.shape[1]))
         diagonal[1:] += beside
         diagonal[:-1] += beside
         for model in self._cost_models:

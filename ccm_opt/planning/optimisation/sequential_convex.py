@@ -24,6 +24,25 @@ from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
+_LACK = 0.03
+"""Share of the wanted gap that an interval may lack without its slack becoming dearer. Taste."""
+_LACK_RISE = 2.0
+"""Rise of the price of slack where an interval lacks room, step by step. Taste."""
+_WORTH = 3e-3
+"""Share of the objective that a round has to gain. Taste."""
+_PATIENCE = 2
+"""Rounds in a row that may gain less. Taste."""
+_PRICE_RISE = 4.0
+"""Its rise where the certificate fails. Taste."""
+_FIRST_DAMPING = 0.3
+"""Weight on the squared turns of the first step. Taste."""
+_REFUSED_GROWTH = 6.0
+"""Growth of the damping after a refused step. Taste."""
+_SHORTENINGS = (1.0, 0.5, 0.25)
+"""Shares of a step that are tried until one is certified. Taste."""
+_SUFFICIENT = 0.1
+"""Share of the foreseen gain at which a step is taken. Taste."""
+
 _WALL_DISTANCE = 0.03
 """Walls farther than this beyond the planning margin cost nothing where clearance is weighed, as a share of the arm's
 length. Taste."""
@@ -185,7 +204,7 @@ def sequential_convex(
 
     sweep = Sweep(program.space, coordinates)
     prices = np.full(len(sweep.turns), settings.price)
-    iterate = _Iterate(sweep, RowCurvature.none(sweep), settings.first_damping, prices)
+    iterate = _Iterate(sweep, RowCurvature.none(sweep), _FIRST_DAMPING, prices)
     idle = 0
     if rounds is None:
         rounds = settings.moved_rounds if moved else settings.rounds
@@ -199,12 +218,12 @@ def sequential_convex(
             if before > worth_afresh:
                 break
             worth_afresh = (1.0 - _WORTH_AFRESH) * before
-            iterate = _Iterate(iterate.sweep, RowCurvature.none(iterate.sweep), settings.first_damping, prices)
+            iterate = _Iterate(iterate.sweep, RowCurvature.none(iterate.sweep), _FIRST_DAMPING, prices)
             continue
         iterate = following
         # One meagre round often comes before good ones, while damping or prices find their size.
-        idle = idle + 1 if iterate.gained < settings.worth * before else 0
-        done = idle >= settings.patience if enough is None else enough(iterate.sweep)
+        idle = idle + 1 if iterate.gained < _WORTH * before else 0
+        done = idle >= _PATIENCE if enough is None else enough(iterate.sweep)
         if done or program.deadline.passed():
             break
     return iterate.sweep.coordinates
@@ -246,8 +265,8 @@ def _round(program: MotionProgram, objective: Objective, iterate: _Iterate) -> _
         # A price for each interval: one for all would either leave a bottleneck uncertified or freeze the rest of the
         # motion.
         prices = iterate.prices.copy()
-        prices[failing] *= settings.price_rise
-        damping = settings.refused_growth * max(iterate.damping, settings.raised_damping)
+        prices[failing] *= _PRICE_RISE
+        damping = _REFUSED_GROWTH * max(iterate.damping, settings.raised_damping)
         iterate = replace(iterate, damping=damping, prices=prices)
     return None
 
@@ -263,7 +282,7 @@ def _part_taken(
     settings = program.settings.optimisation
     start = problem.sweep
     failed = _NONE
-    shares: list[float | FloatArray] = list(settings.shortenings)
+    shares: list[float | FloatArray] = list(_SHORTENINGS)
     if program.yielding and step.solved:
         shares.insert(0, _yielding_shares(program, start, step.change))
 
@@ -279,7 +298,7 @@ def _part_taken(
         gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
         # The certificate costs most and is asked last.
         # Negated, so that a gain that is NaN, for a cost of the user that is not finite there, is refused.
-        if not gain > settings.sufficient or not program.feasible(sweep, start):
+        if not gain > _SUFFICIENT or not program.feasible(sweep, start):
             continue
         failing = program.failures(sweep.headings)
         if len(failing) == 0:
@@ -288,10 +307,10 @@ def _part_taken(
             curvature = RowCurvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
             # Where longer steps failed, slack was too cheap, even though this shorter one passes.
             prices = problem.prices.copy()
-            prices[failed] *= settings.price_rise
-            lacking = _worst_rows(rows, sweep) > settings.lack * program.wanted_gap
+            prices[failed] *= _PRICE_RISE
+            lacking = _worst_rows(rows, sweep) > _LACK * program.wanted_gap
             if program.wanted_gap > 0.0:
-                prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], _HIGHEST_LACK_PRICE)
+                prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], _HIGHEST_LACK_PRICE)
             gained = _cost(problem, start) - _cost(problem, sweep)
             return _Iterate(sweep, curvature, _damping(problem.damping, share, gain, settings), prices, gained), failed
         failed = failing

@@ -72,14 +72,9 @@ class ToleranceSettings:
     """Numbers of the search for the largest errors that a motion survives.
 
     Attributes:
-        stride: no point of the arm travels farther between the samples that are looked at first than this many link
-            lengths. Measured on the problems of the package: with a quarter of it fed arms take two to three times as
-            long, and more gains nothing.
         precision: share by which the certified error may stay below the least one that the bound refuses at some
             pose. Taste.
-        probes: poses at which the nearest wall of every link, and all pairs of links, are looked up first. Taste.
         solved: cases at one level of halving for which the error is solved exactly. Taste.
-        tightenings: how often at one level. Taste.
         solved_share: share of the gap without errors that may be left when it is solved. Derived: well below the
             precision.
         depth: most halvings of a stretch of time. Derived: the sag falls four-fold at each, down to rounding.
@@ -96,11 +91,8 @@ class ToleranceSettings:
         least_time: that a search is given in any case [s]. Taste.
     """
 
-    stride: float = 0.4
     precision: float = 2e-3
-    probes: int = 64
     solved: int = 12
-    tightenings: int = 3
     solved_share: float = 2e-4
     depth: int = 20
     most_cases: int = 20_000

@@ -17,6 +17,9 @@ from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings
 from ccm_opt.verification.tolerance.moving_chain import Columns, MovingChain
 
+_TIGHTENINGS = 3
+"""How often at one level. Taste."""
+
 _COARSE_FAN = (0.2, 0.45, 0.8, 1.2)
 """Directions beside that of the shortest line in which a chain and its target are parted, to either side [rad]. Taste:
 errors bend the place where a chain may be, so the shortest line need not be the best."""
@@ -90,7 +93,7 @@ class LargestError:
         Args:
             poses: cases that stand still.
         """
-        for _ in range(self._settings.tightenings):
+        for _ in range(_TIGHTENINGS):
             _, gap = best_directions(poses, self.upper)
             short = np.flatnonzero(gap < 0.0)
             if len(short) == 0:
