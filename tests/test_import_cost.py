@@ -10,35 +10,16 @@ import pytest
 from .conftest import PROBLEMS
 
 HEAVY = ("casadi", "toppra", "matplotlib")
-PLANAR_ALONE = (
-    "ccm_opt.diagnosis.passages",
-    "ccm_opt.driver.planning_run",
-    "ccm_opt.driver.settings",
-    "ccm_opt.viz.scene_data",
-    "ccm_opt.io.drawing",
-    "ccm_opt.scene.free_space",
-    "ccm_opt.scene.triangulation",
-    "ccm_opt.baseline",
-    "ccm_opt.planning.settings",
-    "ccm_opt.planning.planner_settings",
-    "ccm_opt.planning.own_units",
-    "ccm_opt.verification.tolerance.survived_errors",
-    "ccm_opt.verification.verifier",
-)
+PLANAR_ALONE = ("ccm_opt.baseline.hill_climbing_planner", "ccm_opt.driver.planning_run", "ccm_opt.viz.scene_data")
 """What a solve in space has no use for."""
 SELDOM = (
     "ccm_opt.compare",
-    "ccm_opt.diagnosis.explain",
     "ccm_opt.diagnosis.way_search",
-    "ccm_opt.diagnosis.relaxation",
-    "ccm_opt.driver.user_terms",
     "ccm_opt.driver.pareto",
-    "ccm_opt.viz.failure_page",
-    "ccm_opt.retiming.paul",
-    "ccm_opt.ik.contradictions",
     "ccm_opt.ik.term_checks",
+    "ccm_opt.viz.failure_page",
 )
-"""What only failures, users' terms, and other commands and timings need."""
+"""What only failures, users' terms and other commands need."""
 
 
 def loaded_after(code: str) -> set[str]:
@@ -93,13 +74,9 @@ def test_a_solve_in_space_loads_neither_the_plane_nor_what_explains_failures(tmp
 
 @pytest.mark.planning
 def test_a_solve_in_the_plane_loads_neither_space_planners_nor_other_methods(tmp_path: Path) -> None:
-    """A plan in the plane is made without the planner in space, the paper's planner and Paul's transitions."""
+    """A plan in the plane is made without the planner in space and the paper's planner."""
     loaded = loaded_after(command(["solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures", "--out", str(tmp_path)]))
-    assert not loaded & {
-        "ccm_opt.planning.space_planner",
-        "ccm_opt.baseline.hill_climbing_planner",
-        "ccm_opt.retiming.paul",
-    }
+    assert not loaded & {"ccm_opt.planning.space_planner", "ccm_opt.baseline.hill_climbing_planner"}
 
 
 def test_what_the_laws_name_is_there() -> None:
