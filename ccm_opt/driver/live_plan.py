@@ -24,6 +24,7 @@ from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.motion_task import Motion
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import JointPath, Solution
 
 
@@ -105,7 +106,10 @@ class LivePlan:
 
     def __post_init__(self) -> None:
         problem = self.problem
-        expect(problem, Problem, "a ccm_opt.Problem", "problems in space are planned live by LivePlanInSpace")
+        given: object = problem
+        if isinstance(given, SpaceProblem):
+            raise ProblemError(f"'{given.name}' is a problem in space, which LivePlanInSpace plans live")
+        expect(given, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
         expect_arguments(settings=self.settings)
         expect(self.live, LiveSettings, "LiveSettings for live=")
         if not self.suits(problem):
