@@ -91,7 +91,7 @@ def test_nothing_is_left_running_when_the_watcher_is_killed(tmp_path: Path) -> N
     """A run whose watcher dies, even by SIGKILL, ends with it, though its planner hangs."""
     (tmp_path / "p.toml").write_text((ROOT / "problems" / "open-space.toml").read_text())
     script = (
-        "from ccm_opt.compare import supervision as s; from ccm_opt.compare.runs import Task;"
+        "from ccm_opt.compare import running as s; from ccm_opt.compare.runs import Task;"
         "from ccm_opt.compare.suites import cases_of_files; from pathlib import Path;"
         f"case = cases_of_files([Path({str(tmp_path / 'p.toml')!r})])[0];"
         "process = s._process(); print(process._process.pid, flush=True);"
