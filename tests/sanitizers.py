@@ -60,7 +60,7 @@ def main(arguments: list[str]) -> int:
         }
         tests = arguments or [f"tests/test_{module}.py" for module in MODULES]
         # A library that is none of the sanitizers' is not told of here.
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:faulthandler", *tests]
+        command = [sys.executable, "-m", "pytest", "-q", "-n0", "-p", "no:faulthandler", *tests]
         code = subprocess.run(command, cwd=root, env=environment, check=False).returncode
     print("sanitizers: no finding" if code == 0 else f"sanitizers: pytest ended with {code}")
     return code

@@ -193,25 +193,25 @@ def test_what_passes_between_two_samples_is_seen() -> None:
     assert check.worst < 0.0
 
 
-@settings(max_examples=20)
+@settings(max_examples=3)
 @given(seed=seeds)
 def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> None:
     """A link that may be off by more than its gap to a ball touches it; at another time, or another link, does not."""
     rng = np.random.default_rng(seed)
     arm = space_arm(4, radius=0.01)
-    positions = np.zeros((80, 8))
-    positions[:, 0] = np.linspace(0.0, rng.uniform(0.3, 1.0), 80)
-    motion = SpaceChainMotion(arm, 0.005 * np.arange(80), positions)
+    positions = np.zeros((20, 8))
+    positions[:, 0] = np.linspace(0.0, rng.uniform(0.3, 1.0), 20)
+    motion = SpaceChainMotion(arm, 0.005 * np.arange(20), positions)
     gap = rng.uniform(1e-5, 0.01)
     ball = SphereBody(np.array([3.5 * arm.link_length, -0.03 - gap, 0.0]), 0.02)
     workspace = SpaceWorkspace(None, (SpaceObstacle("ball", ball),))
     for interval, link, by, passed in (
         (0, 3, -1e-7, True),
         (0, 3, 2e-6, False),
-        (78, 3, 2e-6, True),
+        (18, 3, 2e-6, True),
         (0, 1, 2e-6, True),
     ):
-        off = np.zeros((79, 4))
+        off = np.zeros((19, 4))
         off[interval, link] = gap + by
         assert check_surfaces(replace(motion, deviation=off), workspace, SETTINGS).passed is passed
 
