@@ -49,11 +49,12 @@ def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         watched = Path(folder) / LIBRARY.name
         build(watched, Path(folder) / "objects", FLAGS)
-        told = [*find_compiler(), "-print-file-name=libasan.so"]
-        runtime = subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip()
+        # Oracles in C++ throw exceptions, which the sanitizer hands on to a library that must be there before it looks.
+        asked = [[*find_compiler(), f"-print-file-name={name}"] for name in ("libasan.so", "libstdc++.so")]
+        found = [subprocess.run(each, capture_output=True, text=True, check=True).stdout.strip() for each in asked]
         environment = os.environ | {
             "CCM_OPT_NATIVE": str(watched),
-            "LD_PRELOAD": runtime,
+            "LD_PRELOAD": ":".join(found),
             "PYTHONMALLOC": "malloc",
             "ASAN_OPTIONS": "detect_leaks=0:abort_on_error=1",
             "UBSAN_OPTIONS": "print_stacktrace=1",

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -54,6 +54,7 @@ def table(*shape: int) -> st.SearchStrategy[FloatArray]:
 
 
 @attack
+@example(vertices=np.eye(6, 3), rounding=np.nan, segments=np.zeros((4, 2, 3)), reach=1.0)
 @given(vertices=table(6, 3), rounding=numbers, segments=table(4, 2, 3), reach=numbers)
 def test_surfaces(vertices: FloatArray, rounding: float, segments: FloatArray, reach: float) -> None:
     """Meshes beyond single precision are refused before a tree is built; any segment and reach may be asked for."""
@@ -67,6 +68,7 @@ def test_surfaces(vertices: FloatArray, rounding: float, segments: FloatArray, r
         with suppress(ProblemError):
             tree = SurfaceTree.of(scene)
             assert np.all(np.isfinite(scene.triangles))
+            assert np.all(np.isfinite(scene.rounding))
             tree.distances(segments, reach, 1e-3)
             tree.nearest(segments, reach, 2)
             tree.planes(segments, reach)

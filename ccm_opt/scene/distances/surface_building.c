@@ -88,8 +88,8 @@ static int best_cut(const Bin *bins)
 
 static inline int bin_of(const Item *item, int axis, float low, float scale)
 {
-    int bin = (int)((centre(item, axis) - low) * scale);
-    return bin < CUTS ? bin : CUTS - 1;
+    float place = (centre(item, axis) - low) * scale;
+    return place < (float)CUTS ? (place > 0.0F ? (int)place : 0) : CUTS - 1;
 }
 
 /* How many of some items belong into the first half; they are moved to the front. */

@@ -222,7 +222,8 @@ class SurfaceTree:
         """
         if len(soup) == 0:
             return cls(np.zeros(0, dtype=np.intp), None, settings)
-        farthest = max(float(np.abs(soup.triangles).max()), float(np.abs(soup.rounding).max()))
+        # Python's own max passes over what is no number.
+        farthest = float(np.maximum(np.abs(soup.triangles).max(), np.abs(soup.rounding).max()))
         if not farthest <= LARGEST:
             raise ProblemError(
                 f"the scene reaches to {farthest:g} m, at most {LARGEST:g} m are taken: is its unit meant?"
