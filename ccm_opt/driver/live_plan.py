@@ -108,7 +108,7 @@ class LivePlan:
         problem = self.problem
         given: object = problem
         if isinstance(given, SpaceProblem):
-            raise ProblemError(f"'{given.name}' is a problem in space, which LivePlanInSpace plans live")
+            raise ProblemError(f"'{given.name}': problems in space are planned live by LivePlanInSpace")
         expect(given, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
         expect_arguments(settings=self.settings)
         expect(self.live, LiveSettings, "LiveSettings for live=")
