@@ -145,26 +145,29 @@ def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
 def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
     """Of triangles that are there for the second time those of bodies that touch: each has its own there.
 
-    From the border of such a piece inwards: of edges that one undecided triangle alone has, it is needed if most lack
-    a partner without it, and needless if they do not. What is left, such as whole bodies told twice, is needless.
+    Every piece of an edge must have an even number of triangles. So one that alone is undecided at a piece is needed if
+    the piece has an odd number without it, and needless if not; from there on inwards. What is left, such as whole
+    bodies told twice, is needless.
     """
-    open_ones = edges.where(edges.unpaired())
-    decided = np.zeros(0, dtype=np.intp)
-    while len(again.face) and len(open_ones.face):
-        count = len(open_ones.face)
-        line = _lines(vertices, open_ones.joined(again), reach, overlapping=True)
-        lacks = np.isin(line[count:], line[:count])
-        _, edge, times = np.unique(again.keys(len(vertices)), return_inverse=True, return_counts=True)
-        vote = np.where(times[edge.ravel()] == 1, np.where(lacks, 1, -1), 0).reshape(-1, 3)
-        ripe = np.any(vote, axis=1)
-        if not ripe.any():
+    lone = edges.where(edges.unpaired())
+    both = _HalfEdges(lone.start, lone.end, np.full_like(lone.face, -1)).joined(again)
+    pieces = _split(vertices, both, reach)
+    _, piece = np.unique(pieces.keys(len(vertices)), return_inverse=True)
+    known = pieces.face < 0
+    odd = np.bincount(piece[known], minlength=piece.max(initial=-1) + 1) % 2
+    face, piece = pieces.face[~known], piece[~known]
+    decided = []
+    while len(face):
+        single = np.bincount(piece, minlength=len(odd))[piece] == 1
+        if not single.any():
             break
-        needed = np.repeat(vote.sum(axis=1) > 0, 3)
-        decided = np.concatenate((decided, again.face[needed][::3]))
-        open_ones = _cut(vertices, open_ones.joined(again.where(needed)), reach)
-        open_ones = open_ones.where(open_ones.unpaired())
-        again = again.where(np.repeat(~ripe, 3))
-    return decided
+        numbers, vote = np.unique(face[single], return_inverse=True)
+        needed = numbers[np.bincount(vote, np.where(odd[piece[single]] == 1, 1, -1)) > 0]
+        decided.append(needed)
+        odd = (odd + np.bincount(piece[np.isin(face, needed)], minlength=len(odd))) % 2
+        open_ones = ~np.isin(face, numbers)
+        face, piece = face[open_ones], piece[open_ones]
+    return np.concatenate((np.zeros(0, dtype=np.intp), *decided))
 
 
 def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
@@ -188,8 +191,15 @@ def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
     odd = edges.unpaired()
     if not 0 < len(odd) <= _MOST_OPEN:
         return edges
-    start, end = edges.start[odd], edges.end[odd]
-    line = _lines(vertices, edges.where(odd), reach)
+    kept = np.ones(len(edges.start), dtype=np.bool_)
+    kept[odd] = False
+    return edges.where(kept).joined(_split(vertices, edges.where(odd), reach))
+
+
+def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
+    """Cut edges at the vertices of those that lie on the same line and hang together with them."""
+    start, end = edges.start, edges.end
+    line = _lines(vertices, edges, reach)
     # Each line's places, in order along it.
     way = vertices[end] - vertices[start]
     length = np.linalg.norm(way, axis=1)
@@ -212,29 +222,25 @@ def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
     straight = off[line] <= reach
     steps = np.where(straight, np.abs(to_rank - from_rank), 1)
     # One half-edge from each place to the next, the way the whole one runs.
-    whole = np.repeat(np.arange(len(odd)), steps)
+    whole = np.repeat(np.arange(len(start)), steps)
     step = np.arange(len(whole)) - np.repeat(np.cumsum(steps) - steps, steps)
     ahead = np.sign(to_rank - from_rank)[whole]
     here = from_rank[whole] + step * ahead
     cut = straight[whole]
-    parts = _HalfEdges(
+    return _HalfEdges(
         np.where(cut, in_order[here], start[whole]),
         np.where(cut, in_order[np.where(cut, here + ahead, here)], end[whole]),
-        edges.face[odd][whole],
+        edges.face[whole],
     )
-    kept = np.ones(len(edges.start), dtype=np.bool_)
-    kept[odd] = False
-    return edges.where(kept).joined(parts)
 
 
-def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float, *, overlapping: bool = False) -> IntArray:
+def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
     """Number the lines that edges lie on: edges that share a vertex and run along each other are on one.
 
     Args:
         vertices: shape (v, 3).
         edges: any.
         reach: by which an edge may be off a line.
-        overlapping: whether edges that go on where another ends are on other lines.
     """
     count = len(edges.start)
     at = np.concatenate((edges.start, edges.end))
@@ -252,8 +258,6 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float, *, overlapping
         # The end of the shorter lies on the line of the longer.
         off = np.linalg.norm(np.cross(way[one], way[other]), axis=1)
         along = off <= reach * np.maximum(length[one], length[other])
-        if overlapping:
-            along &= np.einsum("ij,ij->i", way[one], way[other]) > 0.0
         joined.append(np.column_stack((edge[one[along]], edge[other[along]])))
     pairs = np.concatenate(joined) if joined else np.zeros((0, 2), dtype=np.intp)
     return _components(pairs[:, 0], pairs[:, 1], count)
@@ -265,23 +269,47 @@ def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
     counts = np.diff(np.append(begins, len(order)))
     crowded = np.repeat(counts > 2, counts)
     if crowded.any():
-        some = order[crowded]
-        group = np.repeat(np.arange(np.count_nonzero(counts > 2)), counts[counts > 2])
-        size = np.bincount(group)
-        back = edges.start[some] > edges.end[some]
-        # The first that runs forth with the first that runs back, unless the mesh is turned every which way.
-        sign = np.sign(edges.end[order] - edges.start[order])
-        balanced = (size % 2 == 0)[group] & (not np.any(np.add.reduceat(sign, begins)[counts % 2 == 0]))
-        by_way = np.lexsort((edges.face[some], back & balanced, group))
-        place = np.arange(len(some)) - (np.cumsum(size) - size)[group]
-        half = (size // 2)[group]
-        slot = np.where(balanced, np.where(place < half, 2 * place, 2 * (place - half) + 1), place)
-        paired_up = np.empty_like(some)
-        paired_up[np.arange(len(some)) - place + slot] = some[by_way]
-        order[crowded] = paired_up
+        order[crowded] = _paired_up(edges, order[crowded], counts[counts > 2], order[~crowded])
     alone = (begins + counts - 1)[counts % 2 == 1]
     paired = order[np.delete(np.arange(len(order)), alone)] if len(alone) else order
     return paired[::2], paired[1::2], order[alone]
+
+
+def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntArray) -> IntArray:
+    """Order the half-edges of edges with more than two so that pairs stand together, an odd one last of its edge.
+
+    Those of one patch, whose triangles hang together over edges of two, belong to one body and are paired first.
+
+    Args:
+        edges: all half-edges.
+        some: those to order, edge by edge.
+        counts: how many each of these edges has.
+        others: those of all other edges, edge by edge.
+    """
+    edge = np.repeat(np.arange(len(counts)), counts)
+    two = others[np.isin(others, edges.unpaired(), invert=True)]
+    patch = _components(edges.face[two[::2]], edges.face[two[1::2]], int(edges.face.max()) + 1)[edges.face[some]]
+    patch[_last_of_odd(edge, patch)] = len(edges.face)
+    _, group = np.unique(edge * (len(edges.face) + 1) + patch, return_inverse=True)
+    # The first that runs forth with the first that runs back, unless the mesh is turned every which way.
+    back = edges.start[some] > edges.end[some]
+    size = np.bincount(group)
+    balanced = (2 * np.bincount(group, back) == size)[group]
+    by_way = np.lexsort((edges.face[some], back & balanced, group))
+    place = np.arange(len(some)) - (np.cumsum(size) - size)[group[by_way]]
+    half = (size // 2)[group[by_way]]
+    slot = np.where(balanced[by_way], np.where(place < half, 2 * place, 2 * (place - half) + 1), place)
+    paired_up = np.empty_like(some)
+    paired_up[np.arange(len(some)) - place + slot] = some[by_way]
+    return paired_up
+
+
+def _last_of_odd(edge: IntArray, patch: IntArray) -> IntArray:
+    """Return the last half-edge of each patch that has an odd number of them at an edge."""
+    order = np.lexsort((patch, edge))
+    changes = (np.diff(edge[order], append=-1) != 0) | (np.diff(patch[order], append=-1) != 0)
+    ends = np.flatnonzero(changes)
+    return np.asarray(order[ends[np.diff(ends, prepend=-1) % 2 == 1]])
 
 
 def _turned_alike(
