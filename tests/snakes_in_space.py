@@ -10,7 +10,7 @@ from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask, tip_box
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -92,7 +92,7 @@ def least_gaps(arm: SpaceArm, soup: SurfaceSoup, keyframes: FloatArray, samples:
     share = np.linspace(0.0, 1.0, samples, endpoint=False)[:, None]
     q = np.concatenate([a + share * (b - a) for a, b in pairwise(keyframes)])
     q = np.concatenate((q, keyframes[-1:]))
-    points = joint_positions(arm, q)
+    points = arm.joint_positions_at(q)
     # The mount may touch walls: the link that leaves it counts from there.
     hidden = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
     begins = points[:, :-1] + hidden[:, None] * (points[:, 1:] - points[:, :-1])

@@ -9,7 +9,7 @@ from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.curve_space import CurveSpace
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -57,7 +57,7 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
 
 def problem_at(arm: SpaceArm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProblem:
     """A problem whose goal is where the tip of a pose is."""
-    goal = SpaceTipGoal(joint_positions(arm, q)[-1], link_rotations(arm, q)[-1, :, 0])
+    goal = SpaceTipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
     rates = np.ones(3 * arm.links)
     fed = {"feed_velocity": 0.1, "feed_acceleration": 0.5} if arm.base_axes else {}
     limits = Limits(rates, 4.0 * rates, **fed)

@@ -15,8 +15,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates, planar_coordinates
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.retiming_paths import even_limits, make_path, random_control, slim_arm
+from tests.space_arms import space_arm
 
 TWO_A_JOINT = Coordinates(
     names=("yaw 1", "bend 1", "yaw 2", "bend 2", "rail", "lift"),
@@ -58,6 +60,23 @@ def test_poses_and_configurations_are_inverse_and_stand_in_the_same_place(seed: 
     np.testing.assert_allclose(arm.points(arm.poses(q)), points, atol=1e-12)
     pose = JointPose.from_configuration(q[0], arm.coordinates)
     np.testing.assert_array_equal(pose.configuration(arm), q[0])
+
+
+@pytest.mark.parametrize("arm", [fed_arm(), space_arm(6)], ids=["plane", "space"])
+def test_joints_follow_from_link_rotations_in_either_dimension(arm: Arm | SpaceArm) -> None:
+    """Each link lies along the first column of its rotation, and the straight arm along its direction."""
+    q = np.random.default_rng(3).normal(0.0, 0.5, (2, 3, len(arm.coordinates)))
+    d = arm.dimension
+    rotations = arm.link_rotations(q)
+    assert rotations.shape == (2, 3, arm.links, d, d)
+    first = arm.base + arm.coordinates.advance(q)[..., None] * arm.direction
+    steps = arm.link_length * rotations[..., 0]
+    points = first[..., None, :] + np.concatenate((0.0 * steps[..., :1, :], np.cumsum(steps, axis=-2)), axis=-2)
+    np.testing.assert_allclose(arm.joint_positions_at(q), points, atol=1e-12)
+    straight = np.zeros(len(arm.coordinates))
+    np.testing.assert_allclose(arm.link_rotations(straight)[-1, :, 0], arm.direction, atol=1e-12)
+    np.testing.assert_allclose(arm.embedded(arm.direction), arm.base_rotation[:, 0], atol=1e-12)
+    np.testing.assert_array_equal(arm.embedded(arm.base), arm.base_position)
 
 
 @given(st.integers(0, 2**32 - 1))

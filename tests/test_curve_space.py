@@ -11,7 +11,6 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.robot.curve_space import CurveSpace, bend_matrix, chain_at
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.oracles.chains import ChainByNumpy
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 
@@ -89,14 +88,14 @@ def test_a_chain_agrees_with_kinematics_and_finite_differences(seed: int, links:
     v = space.nearest(space.offset) + random.normal(0.0, 0.3, space.dimension)
     state = chain_at(space, v)
     np.testing.assert_allclose(state.q, space.configurations(v), atol=1e-12)
-    np.testing.assert_allclose(state.positions, joint_positions(space.arm, state.q), atol=1e-12)
-    np.testing.assert_allclose(state.rotations, link_rotations(space.arm, state.q), atol=1e-12)
+    np.testing.assert_allclose(state.positions, space.arm.joint_positions_at(state.q), atol=1e-12)
+    np.testing.assert_allclose(state.rotations, space.arm.link_rotations(state.q), atol=1e-12)
     direction = random.normal(size=space.dimension)
     h = 1e-6
     ahead, behind = (space.configurations(v + sign * h * direction) for sign in (1.0, -1.0))
-    moved = (joint_positions(space.arm, ahead) - joint_positions(space.arm, behind)) / (2.0 * h)
+    moved = (space.arm.joint_positions_at(ahead) - space.arm.joint_positions_at(behind)) / (2.0 * h)
     np.testing.assert_allclose(state.jacobian @ direction, moved, atol=1e-7 * links)
-    turned = (link_rotations(space.arm, ahead) - link_rotations(space.arm, behind)) / (2.0 * h)
+    turned = (space.arm.link_rotations(ahead) - space.arm.link_rotations(behind)) / (2.0 * h)
     spin = turned @ np.swapaxes(state.rotations, 1, 2)
     np.testing.assert_allclose(
         state.omega @ direction, np.stack((spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]), axis=1), atol=1e-7 * links

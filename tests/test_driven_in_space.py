@@ -17,7 +17,7 @@ from ccm_opt.retiming import retime
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
 from ccm_opt.robot.points import point_of
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointPath
 
 from .retiming_paths import make_path
@@ -50,7 +50,7 @@ def test_frames_agree_with_the_kinematics(seed: int) -> None:
     q = random.normal(0.0, 0.4, (5, len(arm.coordinates)))
     angles = revolute_angles(arm, q[:, arm.coordinates.bends])
     positions = joint_positions_3d(arm, angles, arm.coordinates.advance(q))
-    assert np.allclose(positions, joint_positions(arm, q), atol=1e-14)
+    assert np.allclose(positions, arm.joint_positions_at(q), atol=1e-14)
     assert np.array_equal(bends_from_revolutes(arm, angles), q[:, arm.coordinates.bends])
 
 
@@ -106,7 +106,7 @@ def test_torques_hold_the_arm_by_its_weight() -> None:
     torques = InverseDynamics(arm, GRAVITY)(revolute_angles(arm, q), rest, rest)
 
     def energy(pose: FloatArray) -> float:
-        points = joint_positions(arm, pose)
+        points = arm.joint_positions_at(pose)
         return float(-np.sum(arm.masses[:, None] * 0.5 * (points[1:] + points[:-1]) * GRAVITY))
 
     h = 1e-6

@@ -62,9 +62,9 @@ def test_members_on_the_way_are_free_and_within_tolerance(seed: int) -> None:
     assert isinstance(goal, TipGoal)
     ends = tip_goal(problem, goal)
     room = FreeSpace(problem.workspace, problem.arm.radius)
-    hole = problem.arm.base + problem.arm.hole * problem.arm.feed_direction
+    hole = problem.arm.base + problem.arm.hole * problem.arm.direction
     others = goal_members(replace(problem.arm, base=hole), ends, room)
-    begin = hole + problem.arm.link_length * problem.arm.feed_direction
+    begin = hole + problem.arm.link_length * problem.arm.direction
     spacing = 0.5 * problem.arm.link_length
     found = members_on_way(problem.arm, ends, room, begin, others, spacing, 0.0)
     assert found

@@ -22,7 +22,6 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.oracles.followable_search import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
@@ -198,7 +197,7 @@ def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
         low, high = arm.limits_at(base)
         q = random.uniform(low, high)
         q[2 * arm.links :] = base
-        tip = joint_positions(arm, q)[-1]
+        tip = arm.joint_positions_at(q)[-1]
         assert np.all(tip >= box[0] - 1e-9)
         assert np.all(tip <= box[1] + 1e-9)
 
@@ -216,7 +215,7 @@ def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None
     assert walls > 0.0
     assert pairs > 0.0
     if task.goal is not None:
-        assert joint_positions(task.arm, q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
+        assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
 
 
 @pytest.mark.parametrize("family", ["double-back", "pipe-three-bends"])
@@ -228,7 +227,7 @@ def test_few_long_links_go_through_tight_bends(family: str) -> None:
     q = find_motion(task).configurations
     assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
     assert task.goal is not None
-    assert joint_positions(task.arm, q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
+    assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
 
 
 def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:

@@ -12,7 +12,6 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.following.deviation import leader_deviation, leaders_path
 from ccm_opt.planning.planner_settings import DeviationSettings
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions
 from tests.snakes_in_space import snake
 
 THERE_AND_BACK = """
@@ -80,7 +79,7 @@ def test_the_deviation_is_that_of_all_samples(seed: int) -> None:
     assert found is not None
 
     poses = positions[np.linspace(0, len(positions) - 1, 30).astype(int)]
-    joints = joint_positions(ARM, poses)
+    joints = ARM.joint_positions_at(poses)
     path = leaders_path(ARM, poses, joints)
     assert path[0] == pytest.approx(ARM.base + ARM.hole * ARM.direction)
     distances = []

@@ -97,7 +97,7 @@ def test_a_carried_arm_is_certified_where_it_is() -> None:
         passed = certified(fed, workspace, *poses)
         assert not (passed and gap <= 0.0), f"certified at a gap of {1e3 * gap:.3f} mm"
         assert passed or gap < GENEROUS, f"refused at a gap of {1e3 * gap:.3f} mm"
-        there = replace(arm, base=arm.base + carried[1] * arm.link_length * arm.feed_direction)
+        there = replace(arm, base=arm.base + carried[1] * arm.link_length * arm.direction)
         still = certified(fed, workspace, poses[1], poses[1])
         assert still == certified(there, workspace, poses[1, :-1], poses[1, :-1])
         verdicts[passed] += 1

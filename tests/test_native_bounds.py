@@ -27,7 +27,6 @@ from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_pose import Chains
 from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.robot.curve_space import CurveSpace, chain_at
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder
@@ -90,12 +89,12 @@ def test_places_beyond_are_refused_in_words(far: float) -> None:
 def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
     """Bends of any size have places, or none; no interval of what is no number is proved, however deep."""
     arm = snake(LINKS)
-    joint_positions(arm, q)
+    arm.joint_positions_at(q)
     chain = Chains(arm).at(q, np.outer(other, [1.0, 2.0]))
     space = CurveSpace.of(arm)
     chain_at(space, np.resize(q, space.dimension))
     motion = LinkMotion(arm)
-    motion.bows(link_rotations(arm, other), q)
+    motion.bows(arm.link_rotations(other), q)
     motion.near_pairs(chain.points, 0.1)
     motion.nearest_pairs(np.stack((chain.points, chain.points)), np.inf)
     for points in (np.outer(np.arange(LINKS + 1), q[:3]), np.resize(other, (LINKS + 1, 3))):
@@ -111,8 +110,8 @@ def test_arrays_of_another_shape_are_refused() -> None:
     motion = LinkMotion(arm)
     tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
     refused = (
-        lambda: joint_positions(arm, np.zeros(2 * LINKS - 1)),
-        lambda: link_rotations(arm, np.zeros((3, 2))),
+        lambda: arm.joint_positions_at(np.zeros(2 * LINKS - 1)),
+        lambda: arm.link_rotations(np.zeros((3, 2))),
         lambda: Chains(arm).at(np.zeros(3), np.zeros((3, 1))),
         lambda: motion.bows(np.zeros((LINKS - 1, 3, 3)), np.zeros(2 * LINKS)),
         lambda: motion.near_pairs(np.zeros((LINKS, 3)), 1.0),
@@ -202,7 +201,7 @@ def test_dynamics(states: FloatArray, feed: float, computed: bool) -> None:
 def test_nothing_is_asked_of_nothing() -> None:
     """Empty arrays are answered by empty ones."""
     arm = snake(LINKS)
-    assert joint_positions(arm, np.zeros((0, 2 * LINKS))).shape == (0, LINKS + 1, 3)
+    assert arm.joint_positions_at(np.zeros((0, 2 * LINKS))).shape == (0, LINKS + 1, 3)
     tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
     assert len(tree.distances(np.zeros((0, 2, 3)), 1.0)) == 0
     assert len(tree.planes(np.zeros((0, 2, 3)), 1.0).gap) == 0

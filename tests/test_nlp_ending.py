@@ -16,7 +16,6 @@ from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Limits
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -48,7 +47,7 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     before = poses.gap(found.configurations[-1])
     after = poses.gap(motion.configurations[-1])
     assert after >= min(before, 0.9 * problem.wanted_gap)
-    tip = joint_positions(problem.arm, motion.configurations[-1])[-1]
+    tip = problem.arm.joint_positions_at(motion.configurations[-1])[-1]
     assert tip == pytest.approx(problem.goal.position, abs=1e-7)
     assert len(task.certificate.failures(motion.configurations)) == 0
     held = problem.arm.held_bends(motion.configurations[:, -1])

@@ -13,7 +13,7 @@ from ccm_opt.planning.space_slide import feeds_to_end, slid_along
 from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from tests.space_arms import space_arm
 
 LENGTH = 0.9
@@ -62,7 +62,7 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
 ) -> None:
     """All joints beyond where bends are free are on it; those in the tube are straight; the tip reaches its end."""
     arm = fed_arm(links)
-    start = joint_positions(arm, np.zeros(2 * links + 1))
+    start = arm.joint_positions_at(np.zeros(2 * links + 1))
     track = SpaceTipTrack.along(start, bent_way(radius, turn, azimuth))
     feeds = feeds_to_end(arm, track, 0.0, 0.02)
     configurations = slid_along(arm, track, feeds)
@@ -70,11 +70,11 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
     for q in configurations:
         held = arm.held_bends(float(q[-1]))
         assert np.max(np.abs(q[:-1][held]), initial=0.0) < 1e-9
-        points = joint_positions(arm, q)
+        points = arm.joint_positions_at(q)
         places = float(q[-1]) + arm.link_length * np.arange(links + 1) - arm.hole
         free = FREE_AFTER * arm.length / NOMINAL_LINKS + arm.link_length
         assert np.max(off_track(track, points[places > free]), initial=0.0) < 2e-3
-    tip = joint_positions(arm, configurations[-1])[-1]
+    tip = arm.joint_positions_at(configurations[-1])[-1]
     assert np.linalg.norm(tip - track.corners[-1]) < 0.01
 
 

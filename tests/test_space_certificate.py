@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_settings import SpaceCertificateSettings
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
@@ -28,9 +27,9 @@ def test_no_point_moves_faster_than_its_bound(seed: int, links: int, size: float
     arm = snake(links)
     before = rng.normal(size=2 * links) * 0.5
     after = before + rng.normal(size=2 * links) * size / np.sqrt(links)
-    bows = LinkMotion(arm).bows(link_rotations(arm, 0.5 * (before + after)), after - before)
+    bows = LinkMotion(arm).bows(arm.link_rotations(0.5 * (before + after)), after - before)
     t = np.linspace(0.0, 1.0, 400)[:, None]
-    points = joint_positions(arm, before + t * (after - before))
+    points = arm.joint_positions_at(before + t * (after - before))
     speeds = np.linalg.norm(np.diff(points, axis=0), axis=2) * 399.0
     chords = np.linalg.norm(points[-1] - points[0], axis=1)
     assert np.all(speeds.max(axis=0) <= chords + 0.5 * bows + 1e-9)
@@ -48,9 +47,9 @@ def test_c_and_numpy_agree_on_bounds_and_pairs(seed: int, links: int) -> None:
     q = rng.normal(size=2 * links) * 0.6
     compiled = LinkMotion(arm)
     turns = rng.normal(size=2 * links) * 0.2
-    rotations = link_rotations(arm, q)
+    rotations = arm.link_rotations(q)
     assert compiled.bows(rotations, turns) == pytest.approx(bows_by_numpy(arm, rotations, turns), abs=1e-12)
-    points = joint_positions(arm, q)
+    points = arm.joint_positions_at(q)
     one = compiled.near_pairs(points, 0.3)
     other = near_pairs_by_numpy(arm, points, 0.3)
     assert sorted(zip(one.first, one.second, strict=True)) == sorted(zip(other.first, other.second, strict=True))

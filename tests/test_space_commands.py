@@ -8,7 +8,6 @@ from ccm_opt.io.folder import write_solution
 from ccm_opt.io.reading_back import load_any_problem
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import dh_table, frame_transforms, revolute_angles
-from ccm_opt.robot.space_arm import joint_positions
 
 from .command_runs import CommandLine, brightness
 from .space_files import binary_stl, written
@@ -50,7 +49,7 @@ def test_described_parameters_put_the_tip_where_the_arm_has_it(folder: Path, run
     frames = frame_transforms(arm, revolute_angles(arm, pose[: 2 * arm.links]))
     carried = pose[-1] * arm.direction
     assert len(dh_table(arm)) == 3 * arm.links
-    assert frames[-1, :3, 3] + carried == pytest.approx(joint_positions(arm, pose)[-1], abs=1e-12)
+    assert frames[-1, :3, 3] + carried == pytest.approx(arm.joint_positions_at(pose)[-1], abs=1e-12)
 
 
 def test_simulate_follows_and_draws_from_two_sides(folder: Path, run: CommandLine) -> None:

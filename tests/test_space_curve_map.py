@@ -11,7 +11,6 @@ from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.space_pose import Chains
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends, straight_at_exit
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy
 from tests.snakes_in_space import snake
@@ -58,12 +57,12 @@ def test_slopes_and_chains_are_derivatives(seed: int, links: int, carried: bool)
         ahead = curve.configuration(v + step * np.eye(len(v))[k])
         behind = curve.configuration(v - step * np.eye(len(v))[k])
         assert slopes[:, k] == pytest.approx((ahead - behind) / (2.0 * step), abs=1e-6)
-        moved = (joint_positions(arm, ahead) - joint_positions(arm, behind)) / (2.0 * step)
+        moved = (arm.joint_positions_at(ahead) - arm.joint_positions_at(behind)) / (2.0 * step)
         assert chain.moving[:, :, k] == pytest.approx(moved, abs=1e-6)
     other = space_chain_by_numpy(arm, q, slopes)
     for name in ("points", "rotations", "turning", "moving"):
         assert getattr(chain, name) == pytest.approx(getattr(other, name), abs=1e-12)
-    assert chain.points == pytest.approx(joint_positions(arm, q), abs=1e-12)
+    assert chain.points == pytest.approx(arm.joint_positions_at(q), abs=1e-12)
 
 
 @given(seeds, st.integers(4, 40))
@@ -147,7 +146,7 @@ def test_a_fed_arm_follows_its_own_shape() -> None:
     v[curve.feed_column] = (0.5 + 4.0 * arm.link_length) / scale
     after = curve.configuration(v)
     assert after[:40] == pytest.approx(before[8:48], abs=1e-12)
-    assert joint_positions(arm, after)[:-4] == pytest.approx(joint_positions(arm, before)[4:], abs=1e-9)
+    assert arm.joint_positions_at(after)[:-4] == pytest.approx(arm.joint_positions_at(before)[4:], abs=1e-9)
 
 
 @given(seeds, st.integers(4, 40), st.floats(0.0, 0.8))

@@ -26,7 +26,7 @@ from ccm_opt.errors import UnreachableGoal, sentences
 from ccm_opt.problem import Tolerances
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -124,8 +124,8 @@ def test_no_pose_in_space_is_out_of_reach(seed: int, limit: float, base: float, 
     bends = np.where(rng.random((8, 2)) < 0.4, 1.0, rng.uniform(-1.0, 1.0, (8, 2)))
     bends *= rng.choice([-1.0, 1.0], 2) * np.append([base], np.full(7, limit))[:, None]
     q = arm.configuration(bends, 0.0)
-    tip = joint_positions(arm, q)[-1]
-    direction = link_rotations(arm, q)[-1, :, 0] if asked else None
+    tip = arm.joint_positions_at(q)[-1]
+    direction = arm.link_rotations(q)[-1, :, 0] if asked else None
     problem = problem_of(arm, SpaceTipGoal(tip, direction))
     refuse_impossible_in_space(replace(problem, workspace=SpaceWorkspace(None)))
 
@@ -297,7 +297,7 @@ def test_tolerances_move_no_link_farther_than_is_granted(seed: int) -> None:
     bends = rng.uniform(-0.5, 0.5, (8, 2))
     pose = WholeSpacePose("goal", "goal", arm.configuration(bends, 0.0), 0.05)
     moved: FloatArray = arm.configuration(bends + rng.uniform(-0.05, 0.05, (8, 2)), 0.0)
-    away = np.linalg.norm(joint_positions(arm, moved) - joint_positions(arm, pose.q), axis=1)
+    away = np.linalg.norm(arm.joint_positions_at(moved) - arm.joint_positions_at(pose.q), axis=1)
     assert np.all(away[1:] <= pose.link_play(arm) + 1e-12)
 
 

@@ -21,7 +21,6 @@ from ccm_opt.io.glb import quaternions
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import link_rotations
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges, thinned
 from ccm_opt.solution.space_solution import roll_against
@@ -196,7 +195,7 @@ def test_the_film_of_solids_turns_links_as_they_turn() -> None:
     random = np.random.default_rng(3)
     arm = turned_arm(random, 4)
     path = np.linspace(-1.0, 1.0, 80)[:, None] * random.normal(0.0, 1.2, len(arm.coordinates))
-    rotations = link_rotations(arm, path)[:, 3]
+    rotations = arm.link_rotations(path)[:, 3]
     found = quaternions(rotations)
     x, y, z, w = found.T
     along = np.stack((1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)), axis=1)

@@ -17,7 +17,6 @@ from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
 from ccm_opt.ik.space_pose_task import SpacePoseSettings
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceTipGoal
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -43,7 +42,7 @@ def numbers_of(expression: ca.SX) -> FloatArray:
 
 def least_gap(scene: Clutter, q: FloatArray) -> float:
     """Gap of a pose to balls and boxes by samples of its links, each to the surfaces in closed form."""
-    points = joint_positions(scene.problem.arm, q)
+    points = scene.problem.arm.joint_positions_at(q)
     shares = np.linspace(0.0, 1.0, 41)[:, None, None]
     places = (points[:-1] + shares * np.diff(points, axis=0)).reshape(-1, 3)
     gaps = []
@@ -64,8 +63,8 @@ def test_a_found_pose_is_at_its_goal_within_limits_and_has_more_room(solved: tup
     goal = scene.problem.goal
     assert isinstance(goal, SpaceTipGoal)
     assert goal.direction is not None
-    np.testing.assert_allclose(joint_positions(arm, found.q)[-1], goal.position, atol=1e-8)
-    np.testing.assert_allclose(link_rotations(arm, found.q)[-1, :, 0], goal.direction, atol=1e-7)
+    np.testing.assert_allclose(arm.joint_positions_at(found.q)[-1], goal.position, atol=1e-8)
+    np.testing.assert_allclose(arm.link_rotations(found.q)[-1, :, 0], goal.direction, atol=1e-7)
     assert np.all(np.abs(found.q) <= arm.upper_limits)
     before = least_gap(scene, scene.seed)
     after = least_gap(scene, found.q)
@@ -83,7 +82,7 @@ def test_links_point_as_the_curve_does_over_their_length(solved: tuple[Clutter, 
     arc = np.linspace(0.0, curve.length, arm.links + 1)
     chords = np.diff(curve.positions_at(arc), axis=0)
     along = chords / np.linalg.norm(chords, axis=1, keepdims=True)
-    links = link_rotations(arm, found.q)[..., 0]
+    links = arm.link_rotations(found.q)[..., 0]
     sharpest = float(np.linalg.norm(curve.curvature_at(np.linspace(0.0, curve.length, 300)), axis=1).max())
     turn = sharpest * arm.link_length
     assert np.max(np.arccos(np.clip(np.sum(links * along, axis=1), -1.0, 1.0))) < 0.1 * turn
@@ -118,7 +117,7 @@ def test_a_pose_in_a_plane_stays_in_it() -> None:
     arm = space_arm(12, 1.0 / 12.0, 0.01)
     q = np.zeros(24)
     q[0::2] = 0.1
-    middle = joint_positions(arm, q)[6]
+    middle = arm.joint_positions_at(q)[6]
     ball = SphereBody(middle + np.array([-0.05, 0.05, 0.0]), 0.05)
     workspace = SpaceWorkspace(None, (SpaceObstacle("ball", ball),))
     found = goal_pose(problem_at(arm, workspace, q), q, SurfaceTree.of(workspace.soup))
@@ -133,7 +132,7 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
     q = np.zeros(25)
     q[24] = 0.27  # the joints of the first three links are in the tube
     q[6:24:2] = 0.08
-    beside = joint_positions(arm, q)[8] + np.array([0.0, -0.033, 0.0])
+    beside = arm.joint_positions_at(q)[8] + np.array([0.0, -0.033, 0.0])
     workspace = SpaceWorkspace(None, (SpaceObstacle("ball", SphereBody(beside, 0.02)),))
     tree = SurfaceTree.of(workspace.soup)
     problem = problem_at(arm, workspace, q)
@@ -159,7 +158,7 @@ def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
         if before > 0.0005:
             break
     assert 0.0 < before < 0.006
-    sides = link_sides(arm, poses.tree, 0.0, poses.wanted_gap, joint_positions(arm, q), poses.settings)
+    sides = link_sides(arm, poses.tree, 0.0, poses.wanted_gap, arm.joint_positions_at(q), poses.settings)
     assert sides.most > 0
     found = poses.best(q)
     assert found is not None
@@ -174,7 +173,7 @@ def test_drives_can_hold_the_pose_that_is_found() -> None:
 
     def bears(q: FloatArray) -> FloatArray:
         def energy(bends: FloatArray) -> float:
-            points = joint_positions(arm, bends)
+            points = arm.joint_positions_at(bends)
             return float(-(arm.masses @ (0.5 * (points[1:] + points[:-1]) @ gravity)))
 
         return np.array([(energy(q + step) - energy(q - step)) / 2e-6 for step in 1e-6 * np.eye(len(q))])
@@ -234,4 +233,4 @@ def test_quaternions_are_scipys(seed: int) -> None:
     arm = space_arm(5)
     bends = random.uniform(-0.8, 0.8, (5, 2))
     turned = Rotation.from_quat(link_quaternions(bends), scalar_first=True).as_matrix()
-    np.testing.assert_allclose(turned, link_rotations(arm, bends.ravel()), atol=1e-12)
+    np.testing.assert_allclose(turned, arm.link_rotations(bends.ravel()), atol=1e-12)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.coordinates import space_coordinates
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from tests.oracles.chains import positions_of_links, rotations_by_numpy
 from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
 
@@ -55,8 +55,8 @@ def test_joints_are_where_pinocchio_puts_them(seed: int, links: int, fed: bool) 
     frames = [data.oMi[number] for number in range(2 + fed, model.njoints, 2)]
     tip = frames[-1].act(np.array([arm.link_length, 0.0, 0.0]))
     points = np.array([*(frame.translation for frame in frames), tip])
-    np.testing.assert_allclose(joint_positions(arm, q), points, atol=1e-12)
-    np.testing.assert_allclose(link_rotations(arm, q), [frame.rotation for frame in frames], atol=1e-12)
+    np.testing.assert_allclose(arm.joint_positions_at(q), points, atol=1e-12)
+    np.testing.assert_allclose(arm.link_rotations(q), [frame.rotation for frame in frames], atol=1e-12)
 
 
 @given(SEEDS)
@@ -69,7 +69,7 @@ def test_bends_about_the_vertical_are_the_plane(seed: int) -> None:
     q[:, 1:16:2] = 0.0
     flat = planar_twin(arm).joint_positions_at(np.column_stack((q[:, 0:16:2], q[:, 16])))
     along = arm.base_rotation[:, :2]
-    np.testing.assert_allclose(joint_positions(arm, q), arm.base + flat @ along.T, atol=1e-12)
+    np.testing.assert_allclose(arm.joint_positions_at(q), arm.base + flat @ along.T, atol=1e-12)
 
 
 @given(SEEDS)
@@ -81,8 +81,8 @@ def test_an_arm_turned_as_a_whole_turns_its_joints(seed: int) -> None:
     turn = random_rotation(random)
     other = space_arm(5, base=turn @ arm.base, direction=turn @ arm.direction, up=turn @ arm.up, feed=FEED_OF_TESTS)
     q = random_q(random, arm, 2, 3)
-    np.testing.assert_allclose(joint_positions(other, q), joint_positions(arm, q) @ turn.T, atol=1e-12)
-    np.testing.assert_allclose(link_rotations(other, q), turn @ link_rotations(arm, q), atol=1e-12)
+    np.testing.assert_allclose(other.joint_positions_at(q), arm.joint_positions_at(q) @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(other.link_rotations(q), turn @ arm.link_rotations(q), atol=1e-12)
 
 
 @given(SEEDS)
@@ -92,7 +92,7 @@ def test_the_bound_on_travel_holds(seed: int) -> None:
     random = np.random.default_rng(seed)
     arm = turned_arm(random, 5, feed=FEED_OF_TESTS)
     first, second = random_q(random, arm, 2)
-    moved = np.linalg.norm(joint_positions(arm, second) - joint_positions(arm, first), axis=1).max()
+    moved = np.linalg.norm(arm.joint_positions_at(second) - arm.joint_positions_at(first), axis=1).max()
     assert moved <= arm.coordinates.travel(second - first, arm.link_length) + 1e-12
 
 
@@ -105,8 +105,8 @@ def test_compiled_poses_agree_with_numpy(seed: int, fed: bool) -> None:
     q = random_q(random, arm, 4, 6)
     for part in (q[0, 0], q, q[:, ::2], q[:0]):
         rotations = rotations_by_numpy(arm, part)
-        np.testing.assert_allclose(link_rotations(arm, part), rotations, atol=1e-13)
-        np.testing.assert_allclose(joint_positions(arm, part), positions_of_links(arm, part, rotations), atol=1e-13)
+        np.testing.assert_allclose(arm.link_rotations(part), rotations, atol=1e-13)
+        np.testing.assert_allclose(arm.joint_positions_at(part), positions_of_links(arm, part, rotations), atol=1e-13)
 
 
 def test_joints_that_have_not_passed_the_hole_are_held_straight() -> None:

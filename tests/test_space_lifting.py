@@ -13,7 +13,6 @@ from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.snakes_in_space import balls, snake, task_of
 
 NOTHING_NEAR = balls(np.array([[0.0, 0.0, 9.0]]), 0.01)
@@ -31,7 +30,7 @@ def begun(random: np.random.Generator, links: int, *, fed: bool) -> SpaceTask:
         curve, _ = CurveMap.through(arm, start)
         v = np.concatenate((random.uniform(-2.5, 2.5, 2), random.normal(0.0, 0.1, curve.dimension - 2)))
         start = curve.configuration(v)
-    tip = joint_positions(arm, start)[-1]
+    tip = arm.joint_positions_at(start)[-1]
     return task_of(arm, NOTHING_NEAR, SpaceTipPose(tip, None, 1e-3, 1e-2), start=start)
 
 
@@ -73,18 +72,18 @@ def lies_along(random: np.random.Generator, task: SpaceTask, *, fed: bool) -> bo
     few = coarse_task(task)
     assert few is not None
     np.testing.assert_array_equal(few.start[2 * NOMINAL_LINKS :], task.start[2 * links :])
-    at_start = joint_positions(few.arm, few.start) - places_along(joint_positions(task.arm, task.start))
+    at_start = few.arm.joint_positions_at(few.start) - places_along(task.arm.joint_positions_at(task.start))
     found = coarse_motion(random, few, fed=fed)
     last = found.configurations[-1]
-    tip, direction = joint_positions(few.arm, last)[-1], link_rotations(few.arm, last)[-1, :, 0]
+    tip, direction = few.arm.joint_positions_at(last)[-1], few.arm.link_rotations(last)[-1, :, 0]
     goal = SpaceTipPose(tip, direction, 1e-3, 1e-2)
     lifted = lifted_motion(task_of(task.arm, NOTHING_NEAR, goal, start=task.start), found)
     if lifted is None:
         return False
     own = lifted.curve.configurations(lifted.unknowns)
     pairs = zip(own, found.configurations, strict=True)
-    apart = [places_along(joint_positions(task.arm, fine)) - joint_positions(few.arm, q) for fine, q in pairs]
+    apart = [places_along(task.arm.joint_positions_at(fine)) - few.arm.joint_positions_at(q) for fine, q in pairs]
     # The last pose is moved onto the goal, by the feed too.
     np.testing.assert_allclose(own[:-1, 2 * links :], found.configurations[:-1, 2 * NOMINAL_LINKS :], atol=1e-12)
-    assert np.linalg.norm(joint_positions(task.arm, lifted.configurations[-1])[-1] - tip) < 1e-6
+    assert np.linalg.norm(task.arm.joint_positions_at(lifted.configurations[-1])[-1] - tip) < 1e-6
     return bool(np.max(np.linalg.norm([at_start, *apart], axis=-1)) < NEAR)

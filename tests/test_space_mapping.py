@@ -16,7 +16,7 @@ from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.mapping import map_curve
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.robot.space_mapping import (
     curve_of_coordinates,
@@ -48,15 +48,15 @@ def test_joints_give_the_bends_back(seed: int, fed: bool) -> None:
     random = np.random.default_rng(seed)
     arm = turned_arm(random, 7, base_limit=1.5, feed=FEED_OF_TESTS if fed else None)
     q = random.uniform(arm.lower_limits, arm.upper_limits, (3, len(arm.coordinates)))
-    np.testing.assert_allclose(configuration_from_positions(arm, joint_positions(arm, q)), q, atol=1e-9)
-    found = bends_from_directions(arm, link_rotations(arm, q)[..., 0])
+    np.testing.assert_allclose(configuration_from_positions(arm, arm.joint_positions_at(q)), q, atol=1e-9)
+    found = bends_from_directions(arm, arm.link_rotations(q)[..., 0])
     np.testing.assert_allclose(found, arm.bend_pairs(q), atol=1e-9)
 
 
 def test_positions_that_are_no_pose_are_refused() -> None:
     """A wrong shape, another base, and links of another length."""
     arm = space_arm(3)
-    points = joint_positions(arm, np.zeros(6))
+    points = arm.joint_positions_at(np.zeros(6))
     with pytest.raises(ProblemError, match="shape"):
         configuration_from_positions(arm, points[:-1])
     with pytest.raises(ProblemError, match="base"):
@@ -107,9 +107,9 @@ def test_even_joints_lie_on_the_curve_and_the_tip_of_the_smooth_mapping_too(seed
     curve = curve_for(random, arm)
     points = curve_points_in_space(curve, 24)
     even = map_space_curve(arm, curve, "even-joints")
-    np.testing.assert_allclose(joint_positions(arm, even)[::2], points[::2], atol=1e-9)
+    np.testing.assert_allclose(arm.joint_positions_at(even)[::2], points[::2], atol=1e-9)
     smooth = map_space_curve(arm, curve, "least-squares")
-    np.testing.assert_allclose(joint_positions(arm, smooth)[-1], points[-1], atol=1e-9)
+    np.testing.assert_allclose(arm.joint_positions_at(smooth)[-1], points[-1], atol=1e-9)
     sharpest = float(np.linalg.norm(curve.curvature_at(np.linspace(0.0, curve.length, 200)), axis=1).max())
     assert shape_error_in_space(arm, curve, even) < 0.3 * sharpest * arm.link_length**2 + 1e-9
     assert shape_error_in_space(arm, curve, smooth) < 0.3 * sharpest * arm.link_length**2 + 1e-9
@@ -125,15 +125,15 @@ def test_the_smooth_mapping_is_scipys_minimum() -> None:
     weight = DEFAULT_MAPPING.regularisation * arm.link_length**2
 
     def cost(q: FloatArray) -> float:
-        apart = joint_positions(arm, q) - points
-        cosines = np.clip(np.sum(link_rotations(arm, q)[:, :, 0] * means, axis=1), -1.0, 1.0)
+        apart = arm.joint_positions_at(q) - points
+        cosines = np.clip(np.sum(arm.link_rotations(q)[:, :, 0] * means, axis=1), -1.0, 1.0)
         return 1e4 * float(np.sum(apart[1:-1] ** 2) + weight * np.sum(np.arccos(cosines) ** 2))
 
     found = map_space_curve(arm, curve, "least-squares")
-    tip = {"type": "eq", "fun": lambda q: 10.0 * (joint_positions(arm, q)[-1] - points[-1])}
+    tip = {"type": "eq", "fun": lambda q: 10.0 * (arm.joint_positions_at(q)[-1] - points[-1])}
     start = found + random.normal(0.0, 0.01, 12)
     best = minimize(cost, start, method="SLSQP", constraints=[tip], options={"ftol": 1e-14, "maxiter": 500})
-    np.testing.assert_allclose(joint_positions(arm, best.x), joint_positions(arm, found), atol=2e-5)
+    np.testing.assert_allclose(arm.joint_positions_at(best.x), arm.joint_positions_at(found), atol=2e-5)
 
 
 @given(SEEDS, st.booleans())

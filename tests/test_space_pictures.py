@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 
 from ccm_opt.problem import Limits, Tolerances
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.viz.space_plan import ArmSection, draw_goals_in_space, section_along
@@ -28,7 +27,7 @@ def section_beside(body: Body, base: tuple[float, float, float]) -> ArmSection:
         SpaceJointPose(np.zeros((4, 2))),
         SpaceTipGoal(np.array([0.3, 0.0, 0.0])),
     )
-    return section_along(problem, joint_positions(arm, np.zeros(len(arm.coordinates))), 9, 1.0)
+    return section_along(problem, arm.joint_positions_at(np.zeros(len(arm.coordinates))), 9, 1.0)
 
 
 def test_a_section_measures_the_room_across_the_arm() -> None:

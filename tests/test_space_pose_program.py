@@ -15,7 +15,6 @@ from ccm_opt.ik.space_pose_solver import CurveNumbers, SpacePoseQuestion, link_q
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask
 from ccm_opt.problem.space_problem import SpaceTipGoal
 from ccm_opt.robot.curve_space import CurveSpace
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.space_arms import FEED_OF_TESTS, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -35,7 +34,7 @@ def question(seed: int, *, fed: bool = False) -> SpacePoseQuestion:
     space = CurveSpace.of(arm, 9)
     v = random.normal(0.0, 0.3, space.dimension)
     q = np.clip(space.configurations(v), arm.lower_limits, arm.upper_limits)
-    points, rotations = joint_positions(arm, q), link_rotations(arm, q)
+    points, rotations = arm.joint_positions_at(q), arm.link_rotations(q)
     link = np.array([3, 6])
     normals = rotations[link, :, 1]
     offsets = np.sum(normals * points[link], axis=1) - np.array([0.004, 0.006])
@@ -114,14 +113,14 @@ def test_holding_torques_are_the_slopes_of_the_potential_energy(seed: int) -> No
     gravity = random.normal(0.0, 5.0, 3)
 
     def energy(bends: FloatArray) -> float:
-        points = joint_positions(arm, bends)
+        points = arm.joint_positions_at(bends)
         centres = 0.5 * (points[1:] + points[:-1])
         return float(-(arm.masses @ (centres @ gravity)) - arm.payload * points[-1] @ gravity)
 
     steps = 1e-6 * np.eye(2 * LINKS)
     slopes = np.array([(energy(q + step) - energy(q - step)) / 2e-6 for step in steps])
     links = link_quaternions(arm.bend_pairs(q))
-    points = (joint_positions(arm, q) - arm.base) @ arm.base_rotation / arm.length
+    points = (arm.joint_positions_at(q) - arm.base) @ arm.base_rotation / arm.length
     local = gravity @ arm.base_rotation
     weights = np.outer(arm.masses, local)
     payload = arm.payload * local
@@ -149,6 +148,6 @@ def test_sides_that_say_nothing_are_kept_anywhere() -> None:
     assert np.all(shares[~said] == 0.0)
     sides = asked.task.sides
     half = LinkSides(sides.link, sides.normals, sides.offsets, np.array([0.5, 1.0]))
-    points = joint_positions(asked.task.arm, asked.task.start)
+    points = asked.task.arm.joint_positions_at(asked.task.start)
     assert half.gap(asked.task.first_shares, points) == pytest.approx(0.006)
     assert half.joined(sides).most == 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, SphereBody, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -37,9 +37,9 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
     masses = random.uniform(0.1, 0.5, links)
     arm = turned_arm(random, links, feed=FEED_OF_TESTS, payload=0.3, masses=masses, **drives, **inertia)
     states = random.normal(0.0, 0.7, (3, 5, 2 * links + 1))
-    np.testing.assert_allclose(chain_of(arm, states[0]), joint_positions(arm, states[0]), atol=1e-13)
+    np.testing.assert_allclose(chain_of(arm, states[0]), arm.joint_positions_at(states[0]), atol=1e-13)
     along = LinkFrames.of(arm, states[0]).along
-    np.testing.assert_allclose(along, link_rotations(arm, states[0])[..., 0], atol=1e-13)
+    np.testing.assert_allclose(along, arm.link_rotations(states[0])[..., 0], atol=1e-13)
     gravity = random.normal(0.0, 9.0, 3)
     torques, force = efforts_in_space(arm, gravity, *states)
     revolutes = [revolute_angles(arm, state[:, :-1]) for state in states]
@@ -89,7 +89,7 @@ def dense_poses(motion: SpaceChainMotion, low: float, high: float, count: int = 
     at = np.linspace(low, high, count)
     samples = np.arange(len(motion.time))
     columns = [np.interp(at, samples, column) for column in motion.positions.T]
-    return joint_positions(motion.arm, np.stack(columns, axis=1))
+    return motion.arm.joint_positions_at(np.stack(columns, axis=1))
 
 
 @settings(max_examples=60)

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 import ccm_opt
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, look_at_cell
 from ccm_opt.problem.space_problem import SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, even_directions
 from ccm_opt.viz.space_views import SIDES, SeenScene
 
@@ -98,7 +97,7 @@ def test_every_pose_of_a_cell_is_sound() -> None:
     arm = problem.arm
     for (i, j, k), unknowns in flood.poses.items():
         pose = looker.stepper.pose(unknowns)
-        points = joint_positions(arm, pose.q)
+        points = arm.joint_positions_at(pose.q)
         assert points[-1] == pytest.approx([axes[0][i], axes[1][j], axes[2][k]], abs=1e-6)
         assert np.all(np.abs(pose.q) <= arm.bend_limits + 1e-9)
         segments = np.stack((points[:-1], points[1:]), axis=1)[1:]

@@ -12,7 +12,6 @@ from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions
 from tests.snakes_in_space import balls, snake, task_of
 
 WANTED = 0.02
@@ -65,7 +64,7 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
     for k, (before, after) in enumerate(zip(sweep.unknowns[:-1], sweep.unknowns[1:], strict=True)):
         least = np.inf
         for share in (0.5, 1.0, *numbers.between):
-            points = joint_positions(arm, stepper.curve.configuration((1.0 - share) * before + share * after))
+            points = arm.joint_positions_at(stepper.curve.configuration((1.0 - share) * before + share * after))
             axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
             least = min(least, float(np.min(stepper.tree.distances(axes, 1.0))))
         assert lacking[k] == pytest.approx(max(stepper.kept + WANTED - least, 0.0), abs=1e-9)

@@ -23,7 +23,6 @@ from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid
@@ -46,7 +45,7 @@ def judged(task: SpaceTask, soup: SurfaceSoup, motion: SpaceMotion) -> None:
 
 def ends_at(task: SpaceTask, motion: SpaceMotion, goal: SpaceTipPose) -> None:
     """A motion ends at a goal of the tip."""
-    points = joint_positions(task.arm, motion.configurations[-1])
+    points = task.arm.joint_positions_at(motion.configurations[-1])
     assert points[-1] == pytest.approx(goal.position, abs=1e-7)
     if goal.direction is not None:
         along = (points[-1] - points[-2]) / task.arm.link_length
@@ -187,7 +186,7 @@ def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:
     unknowns[:, 0] = 0.8 * np.concatenate((np.linspace(0.0, 0.8, 5), np.full(4, 0.8)))
     unknowns[:, 1] = 0.8 * np.concatenate((np.zeros(5), np.linspace(0.2, 0.8, 4)))
     configurations = curve.configurations(unknowns)
-    inside = joint_positions(arm, curve.configuration(0.7 * unknowns[3] + 0.3 * unknowns[5]))[-1]
+    inside = arm.joint_positions_at(curve.configuration(0.7 * unknowns[3] + 0.3 * unknowns[5]))[-1]
     soup = balls(inside[None], 0.02)
     kept, _ = least_gaps(arm, soup, configurations)
     assert kept > 0.0
@@ -207,7 +206,7 @@ def test_the_tip_passes_the_places_on_the_way() -> None:
     via = np.array([0.6, -0.4, -0.2])
     task = task_of(snake(16), SurfaceSoup.joined([]), GOAL, via=(via,))
     motion = find_motion(task)
-    tips = joint_positions(task.arm, motion.configurations)[:, -1]
+    tips = task.arm.joint_positions_at(motion.configurations)[:, -1]
     assert np.linalg.norm(tips - via, axis=1).min() < 1.5 * task.unit
 
 

@@ -10,7 +10,6 @@ from ccm_opt.compare.suites import SPACE_SUITES, Case, cases_of_suite
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
@@ -25,7 +24,7 @@ def tip_of(problem: SpaceProblem) -> SpaceTipGoal:
     """The goal of the tip, or where the tip is in the pose that is asked."""
     if isinstance(problem.goal, SpaceTipGoal):
         return problem.goal
-    return SpaceTipGoal(joint_positions(problem.arm, problem.goal.configuration(problem.arm))[-1])
+    return SpaceTipGoal(problem.arm.joint_positions_at(problem.goal.configuration(problem.arm))[-1])
 
 
 LONG_MADE = {"space-other-hole", "space-other-branch", "space-blades", "space-reach-in"}
@@ -54,7 +53,7 @@ def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
         goal = tip_of(problem)
         if goal.direction is not None:
             assert np.linalg.norm(goal.direction) == pytest.approx(1.0)
-        points = joint_positions(problem.arm, problem.start.configuration(problem.arm))
+        points = problem.arm.joint_positions_at(problem.start.configuration(problem.arm))
         tree = SurfaceTree.of(problem.workspace.soup)
         axes = np.stack((points[1:-1], points[2:]), axis=1)
         assert tree.distances(axes, 1.0).min() > problem.arm.radius

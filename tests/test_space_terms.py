@@ -15,7 +15,6 @@ from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.contradictions import GoalRegion, contradictions_in_space
 from ccm_opt.ik.quantities import SpaceQuantities
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 from tests.space_clutter import clutter
 
@@ -44,14 +43,14 @@ def test_quantities_in_space_are_those_of_the_kinematics(seed: int, fed: bool) -
     function = ca.Function("quantities", list(quantities.timed_symbols), list(parts))
     feed, feed_rate = (float(arm.coordinates.advance(row)) for row in (q, rate))
     found = [np.asarray(value) for value in function(q[:10], feed, 0.5, rate[:10], feed_rate)]
-    points = joint_positions(arm, q)
-    directions = link_rotations(arm, q)[..., 0]
+    points = arm.joint_positions_at(q)
+    directions = arm.link_rotations(q)[..., 0]
     np.testing.assert_allclose(found[0], points.T, atol=1e-12)
     np.testing.assert_allclose(found[1][:, 0], points[-1], atol=1e-12)
     np.testing.assert_allclose(found[2][:, 0], directions[-1], atol=1e-12)
     np.testing.assert_allclose(found[3][:, 0], 0.5 * (points[2] + points[3]), atol=1e-12)
     np.testing.assert_allclose(found[4][:, 0], directions[2], atol=1e-12)
-    moved = (joint_positions(arm, q + 1e-6 * rate)[-1] - joint_positions(arm, q - 1e-6 * rate)[-1]) / 2e-6
+    moved = (arm.joint_positions_at(q + 1e-6 * rate)[-1] - arm.joint_positions_at(q - 1e-6 * rate)[-1]) / 2e-6
     np.testing.assert_allclose(found[5][:, 0], moved, atol=1e-8)
     np.testing.assert_allclose(found[6][:, 0], -points[-1], atol=1e-12)
     np.testing.assert_allclose(found[7], arm.bend_pairs(q).T)
@@ -69,7 +68,7 @@ def test_terms_in_space_are_compiled_and_judged_at_configurations() -> None:
     terms = compile_terms(arm, [below], [])
     q = np.array([[0.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2]])
     (item,) = terms.hard_at_goal
-    height = joint_positions(arm, q[0])[-1, 2]
+    height = arm.joint_positions_at(q[0])[-1, 2]
     assert item.residuals(q, np.ones(1))[0] == pytest.approx(height - 0.1)
     assert item.residuals(q[:, :8], np.ones(1), 0.2)[0] == pytest.approx(height - 0.1)
     assert np.asarray(item.slopes(q[0], 1.0)).shape == (1, 9)
@@ -94,7 +93,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     arm = scene.problem.arm
     free = SpaceGoalPoses(scene.problem, scene.tree).best(scene.seed)
     assert free is not None
-    middle = joint_positions(arm, free.q)[6]
+    middle = arm.joint_positions_at(free.q)[6]
     least = float(middle[2]) + 0.01
 
     @ccm_opt.constraint(lower=least, where="goal")
@@ -103,7 +102,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
 
     kept = SpaceGoalPoses(scene.problem, scene.tree, terms=compile_terms(arm, [elbow_up], [])).best(scene.seed)
     assert kept is not None
-    assert joint_positions(arm, kept.q)[6, 2] >= least - 1e-6
+    assert arm.joint_positions_at(kept.q)[6, 2] >= least - 1e-6
 
     @ccm_opt.cost(weight=50.0, where="goal")
     def low_elbow(q: Any) -> Any:
@@ -111,7 +110,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
 
     pulled = SpaceGoalPoses(scene.problem, scene.tree, terms=compile_terms(arm, [], [low_elbow])).best(scene.seed)
     assert pulled is not None
-    assert joint_positions(arm, pulled.q)[6, 2] < middle[2]
+    assert arm.joint_positions_at(pulled.q)[6, 2] < middle[2]
     assert "user: low elbow" in pulled.answer.costs
 
 

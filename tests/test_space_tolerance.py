@@ -80,7 +80,7 @@ def test_no_error_of_the_joints_that_is_certified_touches(seed: int) -> None:
     random = np.random.default_rng(seed)
     q = near_the_limit(error)
     off = random.choice([-1.0, 1.0], q.shape) if seed % 2 else random.uniform(-1.0, 1.0, q.shape)
-    assert gap_of(joint_positions(plan().problem.arm, q + error.size * off)) >= 0.0
+    assert gap_of(plan().problem.arm.joint_positions_at(q + error.size * off)) >= 0.0
 
 
 def test_the_worst_errors_use_up_most_of_the_room_and_soon_touch() -> None:
@@ -101,12 +101,12 @@ def test_the_other_errors_are_what_moves_the_arm_so_far() -> None:
     assert errors["base position"].size == errors["walls"].size
     arm = plan().problem.arm
     heading = errors["base heading"]
-    points = joint_positions(arm, near_the_limit(heading))
+    points = arm.joint_positions_at(near_the_limit(heading))
     for axis in np.eye(3):
         for sign in (1.0, -1.0):
             assert gap_of(turned(points, arm.base, sign * heading.size * axis)) >= 0.0
     lengths = errors["link lengths"]
-    points = joint_positions(arm, near_the_limit(lengths))
+    points = arm.joint_positions_at(near_the_limit(lengths))
     for sign in (1.0, -1.0):
         grown = arm.base + (1.0 + sign * lengths.size / arm.link_length) * (points - arm.base)
         assert gap_of(grown) >= 0.0
@@ -135,8 +135,8 @@ def test_errors_move_links_by_no_more_than_their_levers(seed: int, fed: bool) ->
     off = size * random.uniform(-1.0, 1.0, len(q))
     off[: 2 * arm.links][(lower == 0.0)[: 2 * arm.links]] = 0.0
     off[2 * arm.links :] *= arm.link_length
-    points = joint_positions(arm, q)
-    away = np.linalg.norm(joint_positions(arm, q + off) - points, axis=1)
+    points = arm.joint_positions_at(q)
+    away = np.linalg.norm(arm.joint_positions_at(q + off) - points, axis=1)
     moved = moved_by_joint_errors(arm, points, size)
     assert np.all(np.maximum(away[:-1], away[1:]) <= moved + 1e-12)
 

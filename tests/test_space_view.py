@@ -20,7 +20,6 @@ from ccm_opt.cli.view.scene import SpaceScene
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.verification.space_verifier import verify_in_space
@@ -60,7 +59,7 @@ def test_poses_gaps_and_torques_are_those_of_the_plan() -> None:
     frames = frames_of(plan.problem, plan.trajectory, plan.joints)
     assert isinstance(frames, SpaceFrames)
     for k in (0, len(plan.trajectory.time) // 2, -1):
-        expected = joint_positions(plan.problem.arm, plan.trajectory.positions[k])
+        expected = plan.problem.arm.joint_positions_at(plan.trajectory.positions[k])
         np.testing.assert_allclose(frames.pose(plan.trajectory.time[k]), expected, atol=1e-12)
     first = int(np.ceil(plan.problem.arm.mount_length / plan.problem.arm.link_length))
     least = min(frames.gaps(at)[first:].min() for at in np.linspace(0.0, frames.duration, 200))
@@ -78,7 +77,7 @@ def test_a_plan_follows_its_goal_or_says_why_not() -> None:
     answer = live.move_goal((0.2, 0.32, 0.05), np.array([0.0, 2.0, 1.0]))
     assert answer.current
     assert all(check.passed for check in live.plan.checks)
-    tip = joint_positions(problem().arm, live.plan.trajectory.positions[-1])[-1]
+    tip = problem().arm.joint_positions_at(live.plan.trajectory.positions[-1])[-1]
     assert tip == pytest.approx([0.2, 0.32, 0.05], abs=1e-3)
     kept = live.plan
     refused = live.move_goal((0.35, -0.3, 0.0))
@@ -102,7 +101,7 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     assert live.plan.problem is live.problem
     assert live.problem.workspace.middle_of("box") == pytest.approx([0.35, -0.35, 0.0])
     # Halfway along the path that the middle of the arm takes.
-    on_the_way = joint_positions(problem().arm, first.trajectory.positions[len(first.trajectory.time) // 2])[-1]
+    on_the_way = problem().arm.joint_positions_at(first.trajectory.positions[len(first.trajectory.time) // 2])[-1]
     answer = live.move_obstacle("ball", on_the_way - live.problem.workspace.middle_of("ball"))
     if answer.current:
         assert all(check.passed for check in live.plan.checks)

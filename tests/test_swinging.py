@@ -7,7 +7,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_goal_poses import unbent_from
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.robot.space_arm import joint_positions
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 POST = boxes([([0.33, -0.02, -0.5], [0.37, 0.02, 0.5])])
@@ -45,7 +44,7 @@ def test_an_arm_is_unbent_as_far_as_walls_allow(walled: bool) -> None:
     curve, v = CurveMap.through(arm, task.start)
     stepper = task.stepper(curve)
     poses = unbent_from(stepper, stepper.pose(v), task.deadline)
-    ends = [np.linalg.norm(joint_positions(arm, pose.q)[-1]) for pose in (poses[0], poses[-1])]
+    ends = [np.linalg.norm(arm.joint_positions_at(pose.q)[-1]) for pose in (poses[0], poses[-1])]
     assert ends[1] > ends[0]
     assert (ends[1] > 0.999 * arm.length) != walled
     walls, _ = least_gaps(arm, WALL if walled else POST, np.stack([pose.q for pose in poses]))

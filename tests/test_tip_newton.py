@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.curve_space import CurveSpace, chain_at
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.tip_newton import TipNewton, TipTarget
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 
@@ -17,7 +17,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 def target_of(arm: SpaceArm, q: FloatArray) -> TipTarget:
     """Where the tip is in a configuration."""
-    return TipTarget(joint_positions(arm, q)[-1], link_rotations(arm, q)[-1, :, 0])
+    return TipTarget(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
 
 
 @given(SEEDS, st.booleans(), st.booleans())
@@ -36,7 +36,7 @@ def test_what_some_pose_reaches_is_reached_from_the_straight_arm(seed: int, fed:
     again = target_of(arm, found.q)
     assert np.linalg.norm(again.position - target.position) < 1e-8
     assert target.direction is not None
-    assert target.angle(link_rotations(arm, found.q)[-1, :, 0]) < 1e-8
+    assert target.angle(arm.link_rotations(found.q)[-1, :, 0]) < 1e-8
     assert np.all(found.q <= arm.upper_limits)
     assert np.all(found.q >= arm.lower_limits)
 
@@ -51,7 +51,7 @@ def test_what_is_out_of_reach_is_missed_by_no_more_than_scipy_can_mend(seed: int
     target = TipTarget(random.uniform(-1.0, 1.0, 3) + np.array([0.5, 0.0, 0.0]))
 
     def error(q: FloatArray) -> FloatArray:
-        return np.asarray(joint_positions(arm, q)[-1] - target.position)
+        return np.asarray(arm.joint_positions_at(q)[-1] - target.position)
 
     found = TipNewton.within_limits(space).solve(random.normal(0.0, 0.02, space.dimension), target)
     inside = np.clip(found.q, arm.lower_limits + 1e-9, arm.upper_limits - 1e-9)

@@ -10,7 +10,6 @@ from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.scene import SpaceWorkspace
 from tests.scenes import later
 from tests.space_arms import space_arm
@@ -41,7 +40,7 @@ def asked_for(direction: FloatArray, end: FloatArray) -> SpaceProblem:
     """In an empty room, a goal where the tip is in a configuration, with another direction."""
     arm = space_arm(LINKS, 0.1, 0.01)
     ones = np.ones(3 * LINKS)
-    goal = SpaceTipGoal(joint_positions(arm, end)[-1], direction)
+    goal = SpaceTipGoal(arm.joint_positions_at(end)[-1], direction)
     start = SpaceJointPose(np.zeros((LINKS, 2)))
     return SpaceProblem("turned", SpaceWorkspace(None, ()), arm, Limits(ones, ones), start, goal)
 
@@ -55,7 +54,7 @@ def test_the_least_turn_that_helps_is_told(seed: int) -> None:
     wanted = rng.normal(size=3)
     wanted /= np.linalg.norm(wanted)
     problem = asked_for(wanted, end)
-    taken = link_rotations(problem.arm, end)[-1, :, 0]
+    taken = problem.arm.link_rotations(end)[-1, :, 0]
     whole = angle(wanted, taken)
     least = float(rng.uniform(0.05, 1.0)) * whole
     solved: list[FloatArray] = []
@@ -89,7 +88,7 @@ def test_a_plan_without_a_direction_is_one_with_that_of_its_end() -> None:
     """Where no direction is found by searching anew, the one that the plan without any ends in is told all the same."""
     end = np.random.default_rng(7).normal(0.0, 0.4, 2 * LINKS)
     problem = asked_for(np.array([0.0, 0.0, 1.0]), end)
-    taken = link_rotations(problem.arm, end)[-1, :, 0]
+    taken = problem.arm.link_rotations(end)[-1, :, 0]
 
     def solve(changed: SpaceProblem) -> str:
         if direction_of(changed) is not None:

@@ -16,7 +16,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceStop, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.solution.space_solution import SpaceSolution
 
 POST = """
@@ -68,7 +67,7 @@ def free_motion() -> SpaceSolution:
 
 def tips(solution: SpaceSolution) -> FloatArray:
     """Places of the tip at the samples, by the kinematics, shape (T, 3) [m]."""
-    return np.asarray(joint_positions(solution.problem.arm, solution.trajectory.positions)[:, -1])
+    return np.asarray(solution.problem.arm.joint_positions_at(solution.trajectory.positions)[:, -1])
 
 
 def residual(solution: SpaceSolution, name: str) -> float:
@@ -106,8 +105,8 @@ def test_a_constraint_on_direction_and_middle_is_kept(fed: bool) -> None:
     solution = ccm_opt.solve(post(fed=fed), constraints=[Constraint("both", entries, lower=[-0.03, -0.002])])
     positions = solution.trajectory.positions
     arm = solution.problem.arm
-    assert float(np.min(link_rotations(arm, positions)[:, -1, 0, 0])) >= -0.03 - 1e-6
-    assert float(np.min(joint_positions(arm, positions)[:, 4, 2])) >= -0.002 - 1e-6
+    assert float(np.min(arm.link_rotations(positions)[:, -1, 0, 0])) >= -0.03 - 1e-6
+    assert float(np.min(arm.joint_positions_at(positions)[:, 4, 2])) >= -0.002 - 1e-6
 
 
 def ccm_opt_vertcat(*entries: Any) -> Any:
@@ -157,7 +156,7 @@ def test_equations_hold_between_keyframes_too() -> None:
     solution = ccm_opt.solve(post(), constraints=[Constraint("level", level_in_plane, lower=0.0, upper=0.0)])
     there = tips(solution)
     assert float(np.max(np.abs(there[:, 2] - there[:, 1] * 0.2 / 0.45))) <= 1e-6
-    directions = link_rotations(solution.problem.arm, solution.trajectory.positions)[:, -1, 2, 0]
+    directions = solution.problem.arm.link_rotations(solution.trajectory.positions)[:, -1, 2, 0]
     assert float(np.max(np.abs(directions))) <= 1e-6
 
 

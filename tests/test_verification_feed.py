@@ -161,7 +161,7 @@ def test_the_force_on_the_axis_is_newtons() -> None:
     centres = 0.5 * (points[:, 1:] + points[:, :-1])
     momentum = np.gradient(np.tensordot(centres, arm.masses, axes=(1, 0)), trajectory.time, axis=0)
     gravity = problem.simulation.gravity[[0, 2]] * arm.masses.sum()
-    force = (np.gradient(momentum, trajectory.time, axis=0) - gravity) @ arm.feed_direction
+    force = (np.gradient(momentum, trajectory.time, axis=0) - gravity) @ arm.direction
     motion = trajectory.positions, trajectory.velocities, trajectory.accelerations
     _, own = efforts_in_plane(arm, problem.simulation.gravity, *motion)
     np.testing.assert_allclose(own[3:-3], force[3:-3], atol=2e-3 * np.ptp(force))

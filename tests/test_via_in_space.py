@@ -13,7 +13,6 @@ from ccm_opt.planning.passed_places import first_missed, passings
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.robot.space_arm import joint_positions
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 seeds = st.integers(0, 2**32 - 1)
@@ -61,7 +60,7 @@ def test_an_optimised_motion_still_passes_a_place(links: int) -> None:
     task = replace(task_of(arm, boxes([]), GOAL, via=(ASIDE,)), via_reach=0.02)
     found = find_motion(task)
     better = optimise(found, task)
-    tips = joint_positions(arm, better.configurations)[:, -1]
+    tips = arm.joint_positions_at(better.configurations)[:, -1]
     assert first_missed(tips, ASIDE[None], 0.02) is None
     assert len(better.configurations) != len(found.configurations)
     assert tips[-1] == pytest.approx(GOAL.position, abs=1e-6)
@@ -76,6 +75,6 @@ def test_where_no_way_leads_past_a_place_it_is_a_goal_of_its_own(monkeypatch: py
     task = task_of(arm, soup, GOAL, via=(ASIDE,))
     motion = find_motion(task)
     assert motion.candidate == "from place to place"
-    tips = joint_positions(arm, motion.configurations)[:, -1]
+    tips = arm.joint_positions_at(motion.configurations)[:, -1]
     assert first_missed(tips, ASIDE[None], task.via_reach) is None
     assert min(least_gaps(arm, soup, motion.configurations)) > 0.0

@@ -18,7 +18,7 @@ from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTip
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.link_bodies import cylinder_inertia
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -266,7 +266,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
     arm = arm_of_links(links, LENGTH, RADIUS)
     start = _clear_pose(rng, arm)
     goal = _clear_pose(rng, arm)
-    axes = np.concatenate([_axes(joint_positions(arm, pose)) for pose in (start, goal)])
+    axes = np.concatenate([_axes(arm.joint_positions_at(pose)) for pose in (start, goal)])
     bodies: list[SpaceObstacle] = []
     while len(bodies) < count:
         body = _random_body(rng, _place_in_reach(rng))
@@ -274,7 +274,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
             bodies.append(SpaceObstacle(f"body {len(bodies)}", body))
     wide = 1.3 * LENGTH
     bounds = np.array([[-wide, -wide, -wide], [wide, wide, wide]])
-    tip = SpaceTipGoal(joint_positions(arm, goal)[-1], link_rotations(arm, goal)[-1, :, 0])
+    tip = SpaceTipGoal(arm.joint_positions_at(goal)[-1], arm.link_rotations(goal)[-1, :, 0])
     revolutes = 3 * links
     return SpaceProblem(
         name,
@@ -298,7 +298,7 @@ def _clear_pose(rng: np.random.Generator, arm: SpaceArm) -> FloatArray:
         q[1] = np.arcsin(rng.uniform(-1.0, 1.0))
         # A little inside the limits, so that no problem fails for rounding at its start or goal.
         q = np.asarray(np.clip(q, -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
-        points = joint_positions(arm, q)
+        points = arm.joint_positions_at(q)
         i, j = arm.distant_pairs
         apart = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
         if np.all(apart > 2.0 * arm.radius + KEPT_OFF):
@@ -412,7 +412,7 @@ def _shipped(file: Path) -> tuple[SpaceProblem, SurfaceTree]:
 
 def _stands_free(tree: SurfaceTree, arm: SpaceArm, start: SpaceJointPose, kept: float) -> bool:
     """Whether the arm beyond its mount keeps a distance at the start."""
-    points = joint_positions(arm, start.configuration(arm))
+    points = arm.joint_positions_at(start.configuration(arm))
     along = points[0] + (arm.mount_length + arm.radius) * arm.direction
     return float(tree.distances(np.stack((along, points[-1]))[None], kept).min()) >= kept
 

@@ -18,7 +18,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -368,8 +368,8 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
     start = ends[0] if len(ends) > 1 else straight
     if not _free(tree, arm, start):
         return None
-    position = joint_positions(arm, goal)[-1]
-    direction = link_rotations(arm, goal)[-1, :, 0] if site.directed else None
+    position = arm.joint_positions_at(goal)[-1]
+    direction = arm.link_rotations(goal)[-1, :, 0] if site.directed else None
     tip = SpaceTipGoal(position, direction, site.via)
     rates = np.ones(3 * links)
     limits = (
@@ -387,7 +387,7 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
 
 def _free(tree: SurfaceTree, arm: SpaceArm, q: FloatArray) -> bool:
     """Whether a configuration keeps the least gap from bodies, and links from each other."""
-    points = joint_positions(arm, q)
+    points = arm.joint_positions_at(q)
     first = int(np.ceil(arm.mount_length / arm.link_length))
     axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
     i, j = arm.distant_pairs

@@ -25,7 +25,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Finding
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import SpaceArm, exposed_links, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import CylinderBody
 from ccm_opt.scene.distances.enclosures import deepest_enclosure, segment_distances
 from ccm_opt.scene.distances.insides import depth_inside
@@ -167,7 +167,7 @@ def _touching(gaps: ObstacleGaps, segments: FloatArray, need: float) -> Iterator
 def _walls_touched(problem: SpaceProblem, gaps: ObstacleGaps, pose: WholeSpacePose) -> Iterator[Finding]:
     """Every obstacle that a pose touches, at the link that is deepest in it."""
     arm = problem.arm
-    first, segments = exposed_links(arm, joint_positions(arm, pose.q))
+    first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
     if not len(segments):
         return
     need = arm.radius + problem.workspace.clearance
@@ -224,7 +224,7 @@ def _self_touched(arm: SpaceArm, pose: WholeSpacePose) -> Iterator[Finding]:
     i, j = arm.self_pairs
     if len(i) == 0:
         return
-    points = joint_positions(arm, pose.q)
+    points = arm.joint_positions_at(pose.q)
     _, _, distances, _ = segment_distances(points[i], points[i + 1], points[j], points[j + 1])
     k = int(np.argmin(distances))
     overlap = 2.0 * arm.radius - float(distances[k])

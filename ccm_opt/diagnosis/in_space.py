@@ -24,7 +24,6 @@ from ccm_opt.diagnosis.ways_in_space import between, closed_in_space, wide_and_s
 from ccm_opt.errors import Finding
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME
 
@@ -266,7 +265,7 @@ def turned_direction(problem: SpaceProblem, end: FloatArray) -> Parameter | None
     if not isinstance(goal, SpaceTipGoal) or goal.direction is None:
         return None
     wanted = goal.direction / np.linalg.norm(goal.direction)
-    taken = link_rotations(problem.arm, end)[-1, :, 0]
+    taken = problem.arm.link_rotations(end)[-1, :, 0]
     whole = float(2.0 * np.arctan2(np.linalg.norm(taken - wanted), np.linalg.norm(taken + wanted)))
     if whole <= problem.tolerances.heading:
         return None
@@ -342,7 +341,7 @@ def wider_space_room(
 
 def _points(problem: SpaceProblem) -> FloatArray:
     """Joints and tips of all that a problem gives, shape (m, 3) [m]."""
-    poses = [joint_positions(problem.arm, pose.q) for pose in whole_space_poses(problem)]
+    poses = [problem.arm.joint_positions_at(pose.q) for pose in whole_space_poses(problem)]
     tips = [place.goal.position[None] for place in space_tip_places(problem)]
     return np.concatenate([*poses, *tips])
 

@@ -66,8 +66,8 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
     if arm.feed is None:
         return {}
     towards = place.goal.position - arm.base
-    along = float(towards @ arm.feed_direction)
-    aside = float(np.hypot(*(towards - along * arm.feed_direction)))
+    along = float(towards @ arm.direction)
+    aside = float(np.hypot(*(towards - along * arm.direction)))
     reach = arm.length + place.tolerances.position
     if aside > reach or along < arm.feed.high:
         return {}
@@ -254,7 +254,7 @@ def least_chord(links: int, length: float, bend: float) -> float:
 
 def _base_places(arm: Arm) -> shapely.Geometry:
     """All places of the base: the stretch over which it is carried, of no length when it is fixed."""
-    return shapely.LineString([arm.base + where * arm.feed_direction for where in arm.base_range])
+    return shapely.LineString([arm.base + where * arm.direction for where in arm.base_range])
 
 
 def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
@@ -271,10 +271,10 @@ def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
     feed = arm.feed
     if feed is None or feed.high > feed.hole:
         return None
-    hole = arm.base + feed.hole * arm.feed_direction
+    hole = arm.base + feed.hole * arm.direction
     towards = place.goal.position - hole
-    along = float(towards @ arm.feed_direction)
-    aside = float(np.hypot(*(towards - along * arm.feed_direction)))
+    along = float(towards @ arm.direction)
+    aside = float(np.hypot(*(towards - along * arm.direction)))
     reach = arm.length + feed.high - feed.hole
     in_tube = along <= place.tolerances.position and aside <= place.tolerances.position + ROUNDING
     if in_tube or reach <= 0.0:

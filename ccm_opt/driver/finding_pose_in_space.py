@@ -20,7 +20,6 @@ from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import PoseOutcome
 from ccm_opt.solution.space_solution import SpaceStaticPose
@@ -151,7 +150,7 @@ def _row_words(name: str, by: float) -> str:
 
 def _nearest(problem: SpaceProblem, pose: SpaceArmPose) -> str:
     """What is nearest to what in a pose, in words; empty where nothing is near."""
-    gaps = GapsAtSamples.of(problem, joint_positions(problem.arm, pose.q)[None])
+    gaps = GapsAtSamples.of(problem, problem.arm.joint_positions_at(pose.q)[None])
     clearance = problem.workspace.clearance
     to_walls = float(gaps.walls.gap[0]) - clearance
     to_itself = float(gaps.itself.gap[0])

@@ -44,7 +44,6 @@ from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution import JointPath, JointTrajectory, NearPlace, RoomRecord, SimulatedMotion
 from ccm_opt.solution.space_solution import SpaceSolution
 from ccm_opt.verification.left_unchecked import left_unchecked_of_arm
@@ -283,7 +282,7 @@ def room_in_space(
     rests = [0, *trajectory.stops, len(trajectory.time) - 1]
     even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
     samples = np.union1d(even, rests)
-    points = joint_positions(problem.arm, trajectory.positions[samples])
+    points = problem.arm.joint_positions_at(trajectory.positions[samples])
     # Far enough that the wanted gap, or the usual one, can be told from more.
     wanted = max(problem.wanted_gap, problem.default_gap)
     reach = max(problem.arm.link_length, _BEYOND_WANTED * wanted) + problem.workspace.clearance

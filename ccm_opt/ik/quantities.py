@@ -201,7 +201,7 @@ class Quantities(ArmQuantities):
         base = ca.SX(ca.DM(self.arm.base))
         # For a fixed arm the expression does not contain the feed at all.
         for _ in self.arm.base_axes:
-            base += self.base_feed * ca.DM(self.arm.feed_direction)
+            base += self.base_feed * ca.DM(self.arm.direction)
         steps = self.arm.link_length * ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
         points = [base]
         for link in range(self.arm.links):
@@ -364,7 +364,7 @@ class SpaceQuantities(ArmQuantities):
         point = ca.SX(ca.DM(self.arm.base))
         # For a fixed arm the expression does not contain the feed at all.
         for _ in self.arm.base_axes:
-            point += self.base_feed * ca.DM(self.arm.feed_direction)
+            point += self.base_feed * ca.DM(self.arm.direction)
         points = [point]
         for rotation in self.link_rotations:
             points.append(points[-1] + self.arm.link_length * rotation[:, 0])

@@ -16,7 +16,7 @@ from ccm_opt.ik.space_pose_program import SpacePoseProgram, SpacePoseSize, space
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, SpacePoseQuestion
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask, free_shares
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -196,7 +196,7 @@ class SpaceGoalPoses:
     def gap(self, q: FloatArray) -> float:
         """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
         arm = self.problem.arm
-        points = joint_positions(arm, q)
+        points = arm.joint_positions_at(q)
         reach = self.settings.reach * arm.length
         to_surfaces = self.tree.distances(held_segments(arm, points), reach)
         least = float(np.min(to_surfaces, initial=reach)) - arm.radius - self.problem.workspace.clearance
@@ -249,7 +249,7 @@ class SpaceGoalPoses:
 
     def _solved_within(self, start: FloatArray, near: FloatArray, drawn_with: SpacePoseSettings) -> SpaceArmPose:
         arm = self.problem.arm
-        points = joint_positions(arm, start)
+        points = arm.joint_positions_at(start)
         clearance = self.problem.workspace.clearance
         sides = link_sides(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
         limits = self._torque_limits

@@ -19,7 +19,7 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import PIECES, second_derivatives
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 _LIMIT_SHARE = 0.98
@@ -136,7 +136,7 @@ def start_values(arm: SpaceArm, q: FloatArray, curve: CurveNumbers, moment_scale
         values.append(np.concatenate(moments) / moment_scale)
     values += [curve.base_turn, turns.ravel(), means.ravel(), _curve_frames(curve.base_turn, turns, means).ravel()]
     bends = arm.bend_pairs(q)
-    points = (joint_positions(arm, q) - arm.base) @ arm.base_rotation / arm.length
+    points = (arm.joint_positions_at(q) - arm.base) @ arm.base_rotation / arm.length
     feed = arm.coordinates.advance(q) / arm.length
     return np.concatenate((*values, bends.ravel(), link_quaternions(bends).ravel(), points.ravel(), [feed]))
 
@@ -279,7 +279,7 @@ class SpacePoseQuestion:
         motions, whose offset from the curve stays all the way.
         """
         task = self.task
-        links = link_rotations(task.arm, task.start)
+        links = task.arm.link_rotations(task.start)
         means = self._near.directions(task.arm.links) @ self._rotation.T
         return np.asarray(np.einsum("nij,ni->nj", links[:, :, 1:], means))
 
@@ -340,8 +340,8 @@ class SpacePoseQuestion:
         task = self.task
         scale = self.program.curve.parts[0].moment_scale
         values = start_values(task.arm, task.start, self._near, scale)
-        last = link_rotations(task.arm, task.start)[-1, :, 0] @ self._rotation
-        gap = min(task.sides.gap(task.first_shares, joint_positions(task.arm, task.start)), task.wanted_gap)
+        last = task.arm.link_rotations(task.start)[-1, :, 0] @ self._rotation
+        gap = min(task.sides.gap(task.first_shares, task.arm.joint_positions_at(task.start)), task.wanted_gap)
         return np.concatenate((values, self._across.T @ last, [1.0], self._loads(), [gap / self._length]))
 
     def _loads(self) -> FloatArray:
@@ -350,7 +350,7 @@ class SpacePoseQuestion:
             return np.zeros(0)
         arm = self.task.arm
         weights, payload, limits = self._weights
-        points = (joint_positions(arm, self.task.start) - arm.base) @ self._rotation / self._length
+        points = (arm.joint_positions_at(self.task.start) - arm.base) @ self._rotation / self._length
         moments, torques = holding_loads(link_quaternions(arm.bend_pairs(self.task.start)), points, weights, payload)
         return np.concatenate((moments.ravel(), (torques / limits).ravel()))
 

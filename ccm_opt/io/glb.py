@@ -26,7 +26,7 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 from ccm_opt.solution import JointTrajectory
@@ -188,7 +188,7 @@ def _motions(arm: Arm | SpaceArm, q: FloatArray) -> Iterator[tuple[FloatArray, F
         positions = arm.joint_positions_at(q)
         yield from (_motion_of(positions[:, k : k + 2]) for k in range(arm.links))
     else:
-        positions, rotations = joint_positions(arm, q), link_rotations(arm, q)
+        positions, rotations = arm.joint_positions_at(q), arm.link_rotations(q)
         yield from ((positions[:, k], quaternions(rotations[:, k])) for k in range(arm.links))
 
 

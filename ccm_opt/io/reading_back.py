@@ -17,7 +17,7 @@ from ccm_opt.io.solution_json import SCHEMA
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
 from ccm_opt.robot.points import DrivenArm
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9
@@ -242,7 +242,7 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
 def _check_positions(motion: SavedMotion, positions: FloatArray, arm: DrivenArm, path: Path) -> None:
     """The stored positions must be those of the stored bends."""
     q = motion.trajectory.positions
-    expected = joint_positions(arm, q) if isinstance(arm, SpaceArm) else arm.joint_positions_at(q)
+    expected = arm.joint_positions_at(q)
     error = float(np.abs(positions - expected).max())
     if not error <= POSITION_TOLERANCE * arm.length:
         raise ProblemError(

@@ -167,7 +167,7 @@ def recorded_curves(folder: Path, problem: Problem) -> tuple[Configuration, ...]
             knots = arrays["segment_knots"]
             headings = arrays["base_headings"]
             feeds = arrays["keyframe_feeds"] if "keyframe_feeds" in arrays.files else np.zeros(len(headings))
-        base = problem.arm.base + feeds[:, None] * (problem.arm.feed_direction if problem.arm.feed else np.zeros(2))
+        base = problem.arm.base + feeds[:, None] * (problem.arm.direction if problem.arm.feed else np.zeros(2))
         turns = _turns(lengths, curvatures, knots)
         return tuple(
             _curve(

@@ -364,7 +364,7 @@ def _check_places(draft: _Draft, issues: Issues, drawing: ImportedDrawing | None
         whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
         workspace = build_workspace(draft.workspace, whole)
         arm = build_arm(draft.arm)
-        base = arm.base + feed_of(draft.start, arm) * arm.feed_direction
+        base = arm.base + feed_of(draft.start, arm) * arm.direction
         check_base(workspace, base.tolist(), issues, drawing)
 
 

@@ -110,7 +110,7 @@ class LinkSpace:
         np.cumsum((l * np.cos(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 1, :])
         if len(self.matrix) > links:
             # What carries the base carries all joints alike; it is counted in link lengths.
-            jacobians += np.multiply.outer(l * self.arm.feed_direction, self.matrix[links:].sum(axis=0))
+            jacobians += np.multiply.outer(l * self.arm.direction, self.matrix[links:].sum(axis=0))
         return jacobians
 
     def bends(self, headings: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import exposed_links, joint_positions
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME
@@ -62,8 +61,8 @@ def _what_is_bad(problem: SpaceProblem, task: SpaceTask, q: FloatArray, motion: 
 def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
     """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
     contact = contact_of(task, q)
-    joints = joint_positions(task.arm, q)
-    _, exposed = exposed_links(task.arm, joints)
+    joints = task.arm.joint_positions_at(q)
+    _, exposed = task.arm.exposed_links(joints)
     # An arm that touches nothing is inside of a closed body as a whole; of an open one both its ends tell.
     first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else task.arm.links
     found = deepest_enclosure(problem.workspace, np.concatenate((joints[first:], exposed[:1, 0])))
@@ -105,8 +104,8 @@ def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: Spac
 def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
     """What a configuration touches, or is nearer to than so much beyond contact [m], in words; empty where nothing."""
     arm = task.arm
-    points = joint_positions(arm, q)
-    first, segments = exposed_links(arm, points)
+    points = arm.joint_positions_at(q)
+    first, segments = arm.exposed_links(points)
     if len(segments):
         kept = arm.radius + task.clearance + beyond
         near = task.tree.nearest(segments, kept + arm.link_length)
@@ -195,7 +194,7 @@ class GapsAtSamples:
 
 def _walls(problem: SpaceProblem, tree: SurfaceTree, points: FloatArray, reach: float) -> NearestOfSamples:
     arm = problem.arm
-    link, exposed = exposed_links(arm, points)
+    link, exposed = arm.exposed_links(points)
     count = len(points)
     if link == arm.links or len(problem.workspace.soup) == 0:
         return _nothing(count, reach)

@@ -30,7 +30,6 @@ from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, 
 from ccm_opt.planning.space_tracking import tracked
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
 
@@ -59,7 +58,7 @@ def clamped_joints(problem: SpaceProblem, tree: SurfaceTree) -> int:
     count = max(1, int(np.ceil(first + share - STRAIGHT)))
     if arm.base_axes or share >= 1.0 - STRAIGHT or count >= arm.links or not _straight_at_ends(problem, count):
         return 0
-    points = joint_positions(arm, problem.start.configuration(arm))
+    points = arm.joint_positions_at(problem.start.configuration(arm))
     end = points[first] + share * (points[first + 1] - points[first])
     kept = arm.radius + problem.workspace.clearance
     # What a motion has to spare beyond contact is not there: no certificate would let the base turn.
@@ -216,7 +215,7 @@ def _missed_on(task: SpaceTask, spline: BSpline) -> Diagnosis | None:
         return None
     spans = len(spline.t) - 2 * spline.k - 1
     u = np.linspace(0.0, 1.0, spans * task.settings.smooth_path.samples + 1)
-    tips = joint_positions(task.arm, np.asarray(spline(u)))[:, -1]
+    tips = task.arm.joint_positions_at(np.asarray(spline(u)))[:, -1]
     missed = first_missed(tips, np.stack(task.via), task.via_reach)
     if missed is None:
         return None

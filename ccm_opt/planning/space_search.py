@@ -23,7 +23,6 @@ from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
-from ccm_opt.robot.space_arm import joint_positions
 
 _KNOTS = (11, 16, 22)
 """Of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation takes
@@ -194,7 +193,7 @@ class _Search:
         task = self.task
         arm = task.arm
         corners = np.vstack([part for part, _ in self._legs(way)])
-        track = SpaceTipTrack.along(joint_positions(arm, task.start), corners)
+        track = SpaceTipTrack.along(arm.joint_positions_at(task.start), corners)
         feeds = feeds_to_end(arm, track, float(task.start[-1]), task.settings.slide.step * task.unit)
         fitted = self._fitted_slide(slid_along(arm, track, feeds))
         if fitted is None:

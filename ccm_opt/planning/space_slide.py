@@ -17,7 +17,7 @@ from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.robot.biarc import free_shares_of_bends
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 
 _FINE = 0.02
 """Spacing of places at which the track is looked at for the next joint, in links."""
@@ -70,7 +70,7 @@ def feeds_to_end(arm: SpaceArm, track: SpaceTipTrack, start: float, step: float)
     farthest = max(min(start + track.end - track.start, arm.base_range[1]), start)
     before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
     feeds = np.concatenate(([start], before))
-    tips = joint_positions(arm, slid_along(arm, track, feeds))[1:, -1]
+    tips = arm.joint_positions_at(slid_along(arm, track, feeds))[1:, -1]
     last = float(before[np.argmin(np.linalg.norm(tips - track.corners[-1], axis=1))])
     return np.linspace(start, last, max(2, int(np.ceil((last - start) / step)) + 1))
 

@@ -20,7 +20,7 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 
 _LOOKS = 5
 """Places for every keyframe of the motion at which the room of the path is looked at."""
@@ -259,7 +259,7 @@ class _Room:
 def _lacking(task: SpaceTask, q: FloatArray) -> FloatArray:
     """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
     kept = task.arm.radius + task.clearance + task.wanted_gap
-    return distance_lacking(task.arm, task.tree, joint_positions(task.arm, q), kept)
+    return distance_lacking(task.arm, task.tree, task.arm.joint_positions_at(q), kept)
 
 
 def _samples(spline: BSpline, of_span: int) -> FloatArray:

@@ -18,7 +18,7 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm, exposed_links, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
@@ -103,8 +103,8 @@ class SpaceTask:
     def _room(self, q: FloatArray, most: float) -> float:
         """Least gap of a configuration beyond the clearance, or between its links, up to so much [m]."""
         arm = self.arm
-        points = joint_positions(arm, q)
-        _, axes = exposed_links(arm, points)
+        points = arm.joint_positions_at(q)
+        _, axes = arm.exposed_links(points)
         kept = arm.radius + self.clearance
         room = float(np.min(self.tree.distances(axes, kept + most), initial=kept + most)) - kept
         if arm.self_collision:

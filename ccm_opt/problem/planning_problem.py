@@ -41,6 +41,11 @@ class PlanningProblem:
     length_unit: LengthUnit
 
     @property
+    def dimension(self) -> int:
+        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        return self.arm.dimension
+
+    @property
     def contact_tolerance(self) -> float:
         """Gap that may be missing before a motion is refused, rounding as a rule [m]."""
         asked = self.verification.contact_tolerance

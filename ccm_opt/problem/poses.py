@@ -10,6 +10,7 @@ from ccm_opt.core.arguments import Arguments, finite_array
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import LengthUnit
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates
@@ -79,6 +80,16 @@ class TipGoal:
 
     position: FloatArray
     heading: float | None = None
+
+    @property
+    def direction(self) -> FloatArray | None:
+        """Where the last link points, a unit vector of shape (2,), or None when any direction will do."""
+        return None if self.heading is None else unit_vector(self.heading)
+
+    @property
+    def via(self) -> tuple[FloatArray, ...]:
+        """Places that the tip passes on its way; none in the plane."""
+        return ()
 
     @classmethod
     def at(

@@ -147,6 +147,11 @@ class Arm(LinkChain):
         )
 
     @property
+    def direction(self) -> FloatArray:
+        """Unit vector of the straight arm, along which a feed axis runs, shape (2,)."""
+        return unit_vector(self.base_heading)
+
+    @property
     def coordinates(self) -> Coordinates:
         """What the columns of a configuration are, c of them."""
         return planar_coordinates(self.links, tuple(FEED for _ in self.base_axes))
@@ -180,6 +185,10 @@ class Arm(LinkChain):
         """Position of the first ball in the world, shape (3,) [m]; the plane is x-z."""
         return np.array([self.base[0], 0.0, self.base[1]])
 
+    def embedded(self, points: FloatArray) -> FloatArray:
+        """World coordinates of points in the plane, which is x-z; shape (..., 2) to (..., 3) [m]."""
+        return np.stack((points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]), axis=-1)
+
     def headings(self, bends: FloatArray) -> FloatArray:
         """Link headings φ from joint bends, shape (..., links) [rad]."""
         return self.base_heading + np.cumsum(bends, axis=-1)
@@ -200,7 +209,7 @@ class Arm(LinkChain):
         positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
         if isinstance(feed, float) and feed == 0.0:  # what the planners' inner loops ask for
             return positions
-        return positions + np.asarray(feed)[..., None, None] * self.feed_direction
+        return positions + np.asarray(feed)[..., None, None] * self.direction
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Poses of configurations: link headings [rad], then the base in link lengths; both of shape (..., c)."""
@@ -231,14 +240,20 @@ class Arm(LinkChain):
         """
         return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
 
+    def link_rotations(self, q: FloatArray) -> FloatArray:
+        """Rotations plane ← link, whose first columns are the directions of the links, shape (..., links, 2, 2).
+
+        Args:
+            q: configurations, shape (..., c) [rad, m].
+        """
+        headings = self.headings(q[..., : self.links])
+        cos = np.cos(headings)
+        sin = np.sin(headings)
+        return np.stack((np.stack((cos, -sin), axis=-1), np.stack((sin, cos), axis=-1)), axis=-2)
+
     def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
         """The configuration of given bends [rad] and position of the base [m], shape (c,)."""
         return np.append(bends, [feed for _ in self.base_axes])
-
-    @property
-    def feed_direction(self) -> FloatArray:
-        """Unit vector of the base heading, along which a feed axis runs, shape (2,)."""
-        return unit_vector(self.base_heading)
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:

@@ -36,10 +36,16 @@ class LinkChain:
     links: int
     link_length: float
     radius: float
+    base: FloatArray
     self_collision: bool
     mount_length: float
     feed: Feed | None
     stray: float
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        return len(self.base)
 
     @property
     def length(self) -> float:
@@ -93,6 +99,22 @@ class LinkChain:
         # The small number keeps a mount of whole links from ending on the link before by rounding.
         link = min(int(length + 1e-9), self.links - 1)
         return link, min(max(length - link, 0.0), 1.0)
+
+    def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
+        """Index of the first link beyond the mount, and the axes of the links from its end on.
+
+        Args:
+            points: joints and tip of one pose or of several, shape (..., links + 1, d) [m].
+
+        Returns:
+            The index, and axes of shape (..., k, 2, d) [m]; none where the whole arm is mount.
+        """
+        first, share = self.mount_end
+        if share > 1.0 - ROUNDING:
+            return self.links, np.zeros((*points.shape[:-2], 0, 2, points.shape[-1]))
+        axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
+        axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
+        return first, axes
 
     @property
     def first_self_pair(self) -> int:

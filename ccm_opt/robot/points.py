@@ -15,7 +15,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 
 DrivenArm: TypeAlias = Arm | SpaceArm
 """An arm as its drives see it; what bends it and how is in its coordinates, where it begins in its base frame."""
@@ -88,7 +88,7 @@ class PointOnArm:
 
     def _carried(self, q: FloatArray) -> FloatArray:
         """How far the base is carried, shape (N, 2) [m]; linear, so it serves derivatives too."""
-        return np.asarray(self.arm.coordinates.advance(q)[:, None] * self.arm.feed_direction)
+        return np.asarray(self.arm.coordinates.advance(q)[:, None] * self.arm.direction)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class PointInSpace:
         Args:
             q: coordinates of the arm, shape (N, c) [rad, m].
         """
-        along = link_rotations(self.arm, q)[..., 0]
+        along = self.arm.link_rotations(q)[..., 0]
         return self.arm.base + self._carried(q) + self._summed(along)
 
     def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
@@ -171,7 +171,7 @@ class PointInSpace:
         return jerk
 
     def _axes(self, q: FloatArray) -> "_Axes":
-        rotations = link_rotations(self.arm, q)
+        rotations = self.arm.link_rotations(q)
         base = np.broadcast_to(self.arm.base_rotation[:, 2], (*q.shape[:-1], 1, 3))
         first = np.concatenate((base, rotations[..., :-1, :, 2]), axis=-2)
         return _Axes(first, rotations[..., 1], rotations[..., 0])

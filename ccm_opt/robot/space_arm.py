@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Axes
 from ccm_opt.robot.coordinates import FEED, Coordinates, space_coordinates
@@ -98,10 +98,42 @@ class SpaceArm(LinkChain):
         """Position of the first joint in the world, shape (3,) [m]."""
         return self.base
 
-    @property
-    def feed_direction(self) -> FloatArray:
-        """Unit vector along which a feed axis runs, shape (3,)."""
-        return self.direction
+    def embedded(self, points: FloatArray) -> FloatArray:
+        """World coordinates of points, which are their own; shape (..., 3) [m]."""
+        return points
+
+    def joint_positions_at(self, q: FloatArray) -> FloatArray:
+        """Positions of the joints and the tip in configurations, shape (..., links + 1, 3) [m].
+
+        Args:
+            q: shape (..., c) [rad, m].
+        """
+        return self._poses(q)[0]
+
+    def link_rotations(self, q: FloatArray) -> FloatArray:
+        """Rotations world ← link, R_i = R_(i−1) Rz(a_i) Ry(b_i), whose first columns are the directions of the links.
+
+        Args:
+            q: configurations, shape (..., c) [rad, m].
+
+        Returns:
+            Shape (..., links, 3, 3).
+        """
+        return self._poses(q)[1]
+
+    def _poses(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) of configurations of shape (..., c)."""
+        links = self.links
+        if q.shape[-1:] != (len(self.coordinates),):
+            raise ValueError(f"configurations have the shape {q.shape}; expected (..., {len(self.coordinates)})")
+        positions = np.empty((*q.shape[:-1], links + 1, 3))
+        rotations = np.empty((*q.shape[:-1], links, 3, 3))
+        NativeCall(
+            "space_poses",
+            poses=q.size // q.shape[-1], links=links, coordinates=q.shape[-1], link_length=self.link_length,
+            base=self.base, rotation=self.base_rotation, q=q, positions=positions, rotations=rotations,
+        )()  # fmt: skip
+        return positions, rotations
 
     def bend_pairs(self, q: FloatArray) -> FloatArray:
         """The two bends of every joint in configurations of shape (..., c), shape (..., links, 2) [rad]."""
@@ -132,57 +164,6 @@ class SpaceArm(LinkChain):
         base = np.broadcast_to(self.upper_limits[2 * self.links :], (*held.shape[:-1], len(self.base_axes)))
         lowest = np.broadcast_to(self.lower_limits[2 * self.links :], base.shape)
         return np.concatenate((-bends, lowest), axis=-1), np.concatenate((bends, base), axis=-1)
-
-
-def joint_positions(arm: SpaceArm, q: FloatArray) -> FloatArray:
-    """Positions of the joints and the tip in configurations of shape (..., c), shape (..., links + 1, 3) [m]."""
-    return _poses(arm, q)[0]
-
-
-def exposed_links(arm: SpaceArm, points: FloatArray) -> tuple[int, FloatArray]:
-    """Index of the first link beyond the mount, and the axes of the links from its end on.
-
-    Args:
-        arm: the arm.
-        points: joints and tip of one pose or of several, shape (..., links + 1, 3) [m].
-
-    Returns:
-        The index, and axes of shape (..., k, 2, 3) [m]; none where the whole arm is mount.
-    """
-    first, share = arm.mount_end
-    if share > 1.0 - ROUNDING:
-        return arm.links, np.zeros((*points.shape[:-2], 0, 2, 3))
-    axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
-    axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
-    return first, axes
-
-
-def link_rotations(arm: SpaceArm, q: FloatArray) -> FloatArray:
-    """Rotations world ← link, R_i = R_(i−1) Rz(a_i) Ry(b_i), whose first columns are the directions of the links.
-
-    Args:
-        arm: the arm.
-        q: configurations, shape (..., c) [rad, m].
-
-    Returns:
-        Shape (..., links, 3, 3).
-    """
-    return _poses(arm, q)[1]
-
-
-def _poses(arm: SpaceArm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) of configurations of shape (..., c)."""
-    links = arm.links
-    if q.shape[-1:] != (len(arm.coordinates),):
-        raise ValueError(f"configurations have the shape {q.shape}; expected (..., {len(arm.coordinates)})")
-    positions = np.empty((*q.shape[:-1], links + 1, 3))
-    rotations = np.empty((*q.shape[:-1], links, 3, 3))
-    NativeCall(
-        "space_poses",
-        poses=q.size // q.shape[-1], links=links, coordinates=q.shape[-1], link_length=arm.link_length,
-        base=arm.base, rotation=arm.base_rotation, q=q, positions=positions, rotations=rotations,
-    )()  # fmt: skip
-    return positions, rotations
 
 
 def bend_rotations(bends: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from ccm_opt.robot.inverse_kinematics import bends_from_directions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING, MappingSettings
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import PIECES
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -191,7 +191,7 @@ def curve_points_in_space(curve: SpaceConfiguration, links: int) -> FloatArray:
 
 def shape_error_in_space(arm: SpaceArm, curve: SpaceConfiguration, q: FloatArray) -> float:
     """Greatest distance of a joint from its own point of the curve, max |P_j − p(s_j)| [m]."""
-    apart = joint_positions(arm, q) - curve_points_in_space(curve, arm.links)
+    apart = arm.joint_positions_at(q) - curve_points_in_space(curve, arm.links)
     return float(np.linalg.norm(apart, axis=1).max())
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions, link_rotations
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import (
     JointTrajectory,
@@ -68,7 +67,7 @@ class SpaceSolution(SolutionOf[SpaceProblem]):
     @property
     def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
-        return joint_positions(self.problem.arm, self.trajectory.positions)
+        return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     @property
     def least_gap(self) -> float | None:
@@ -88,11 +87,11 @@ AnySolution: TypeAlias = Solution | SpaceSolution
 def goal_errors(problem: SpaceProblem, last: FloatArray) -> GoalErrors:
     """How the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
     arm = problem.arm
-    turn = link_rotations(arm, last)[-1]
+    turn = arm.link_rotations(last)[-1]
     roll = roll_against(arm.base_rotation, turn)
     if not isinstance(problem.goal, SpaceTipGoal):
         return GoalErrors(None, None, roll)
-    off = float(np.linalg.norm(joint_positions(arm, last)[-1] - problem.goal.position))
+    off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - problem.goal.position))
     wanted = problem.goal.direction
     return GoalErrors(off, None if wanted is None else angle_between(turn[:, 0], wanted), roll)
 
@@ -157,7 +156,7 @@ class SpaceStaticPose:
     @property
     def joint_positions(self) -> FloatArray:
         """Positions of the joints and the tip, shape (links + 1, 3) [m]."""
-        return joint_positions(self.problem.arm, self.pose.configuration)
+        return self.problem.arm.joint_positions_at(self.pose.configuration)
 
     @property
     def goal_errors(self) -> GoalErrors:

@@ -10,7 +10,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.viz.document import (
     COMMON,
     COMMON_IN_SPACE,
@@ -45,7 +44,7 @@ def pose_points(problem: Problem, pose: object) -> FloatArray | None:
     if isinstance(pose, CurvePose):
         curve = pose.configuration
         along = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
-        return np.asarray(along + pose.feed * arm.feed_direction if pose.feed else along)
+        return np.asarray(along + pose.feed * arm.direction if pose.feed else along)
     return None
 
 
@@ -82,7 +81,7 @@ def best_attempt(problem: AnyProblem, diagnosis: Diagnosis) -> FloatArray | None
     pose = np.asarray(found, dtype=float)
     if isinstance(problem, SpaceProblem):
         fits = len(pose) == 2 * problem.arm.links + len(problem.arm.base_axes)
-        return np.asarray(joint_positions(problem.arm, pose)) if fits else None
+        return np.asarray(problem.arm.joint_positions_at(pose)) if fits else None
     return problem.arm.joint_positions(pose) if len(pose) == problem.arm.links else None
 
 
@@ -123,8 +122,8 @@ def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
     """The place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
     arm = problem.arm
     low, high = arm.base_range
-    along = float(np.clip((np.array(place) - arm.base) @ arm.feed_direction, low, high)) if arm.feed else 0.0
-    return _listed(arm.base + along * arm.feed_direction)
+    along = float(np.clip((np.array(place) - arm.base) @ arm.direction, low, high)) if arm.feed else 0.0
+    return _listed(arm.base + along * arm.direction)
 
 
 def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
@@ -259,12 +258,12 @@ def _space_failure_data(problem: SpaceProblem, diagnosis: Diagnosis, settings: R
     goals = [
         goal.position
         if isinstance(goal, SpaceTipGoal)
-        else np.asarray(joint_positions(arm, goal.configuration(arm))[-1])
+        else np.asarray(arm.joint_positions_at(goal.configuration(arm))[-1])
         for goal in (stop.goal for stop in problem.goals)
     ]
     places = [finding.place for finding in diagnosis.findings if finding.place is not None]
     attempt = best_attempt(problem, diagnosis)
-    start = joint_positions(arm, problem.start.configuration(arm))
+    start = arm.joint_positions_at(problem.start.configuration(arm))
     seen = np.concatenate((start, goals, np.reshape(places, (-1, 3)), *(() if attempt is None else (attempt,))))
     return {
         "scene": space_scene_data(problem, seen, np.array(goals), settings),

@@ -13,7 +13,6 @@ from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.solution.solution import present_with
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
@@ -63,7 +62,7 @@ class SavedSpacePlan:
     @property
     def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
-        return joint_positions(self.problem.arm, self.trajectory.positions)
+        return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     @property
     def least_gap(self) -> float | None:

@@ -14,7 +14,6 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import joint_positions_3d
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.verification.survived_in_space import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
@@ -119,7 +118,7 @@ def _figure_in_space(
     reached = simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
     points = joint_positions_3d(problem.arm, simulated.angles[:reached], carried)
-    planned = joint_positions(problem.arm, trajectory.positions)
+    planned = problem.arm.joint_positions_at(trajectory.positions)
     between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
     window = window_of(problem, np.concatenate((planned, points)))
     figure, grid = _sheet(np.ptp(window, axis=0))
@@ -177,7 +176,7 @@ def space_tolerance_png(
         The content of a PNG file.
     """
     number = len(trajectory.time) - 1 if error.time is None else int(np.argmin(np.abs(trajectory.time - error.time)))
-    points = joint_positions(problem.arm, trajectory.positions[number])
+    points = problem.arm.joint_positions_at(trajectory.positions[number])
     moved = moved_by_joint_errors(problem.arm, points, error.size)
 
     def draw() -> Figure:

@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.surfaces import seen_triangles, sharp_edges, within
 from ccm_opt.viz.settings import REPORT, ReportSettings
@@ -41,7 +40,7 @@ def space_scene_data(
             "direction": arm.direction.tolist(),
             "up": arm.up.tolist(),
         },
-        "start": joint_positions(arm, problem.start.configuration(arm)).round(7).tolist(),
+        "start": arm.joint_positions_at(problem.start.configuration(arm)).round(7).tolist(),
         "bodies": [_body_data(each.name, each.body, share, extent, settings) for each in workspace.obstacles],
         "room": None if workspace.bounds is None else workspace.bounds.tolist(),
         "goals": _goals(problem, ends),

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.space_certificate import LinkPairs
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions, link_rotations
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -103,7 +103,7 @@ class SpaceCertificateByNumpy:
         return self._walls_clear(whole, self._looked_at, depth) and self._pairs_clear(whole, *pairs, depth)
 
     def _pose(self, q: FloatArray) -> _Pose:
-        return _Pose(q, joint_positions(self.arm, q), link_rotations(self.arm, q))
+        return _Pose(q, self.arm.joint_positions_at(q), self.arm.link_rotations(q))
 
     def _interval(self, first: _Pose, last: _Pose) -> _Interval:
         middle = self._pose(0.5 * (first.q + last.q))

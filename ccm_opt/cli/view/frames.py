@@ -11,7 +11,6 @@ from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointStates, JointTrajectory
 
@@ -121,12 +120,12 @@ class SpaceFrames:
     @cached_property
     def points(self) -> FloatArray:
         """Joints and tip at every sample, shape (T, links + 1, 3) [m]."""
-        return joint_positions(self.problem.arm, self.trajectory.positions)
+        return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     def pose(self, time: float) -> FloatArray:
         """Joints and tip at a time [s], shape (links + 1, 3) [m]."""
         columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
-        return joint_positions(self.problem.arm, np.array(columns))
+        return self.problem.arm.joint_positions_at(np.array(columns))
 
     def gaps(self, time: float) -> FloatArray:
         """Gap of every link beyond radius and clearance at a time, as far as is looked, shape (links,) [m]."""

@@ -356,7 +356,7 @@ class LeaderPaths:
         arm = self.problem.arm
         heading = self.goal.heading or 0.0
         back = self._last_link * unit_vector(heading)
-        return arm.base + straight * arm.feed_direction, self.goal.position - back
+        return arm.base + straight * arm.direction, self.goal.position - back
 
     @property
     def _last_link(self) -> float:
@@ -415,7 +415,7 @@ class LeaderPaths:
         first = min(arm.base_range[0], 0.0) - arm.link_length
         on_axis = np.arange(first, straight - 0.5 * spacing, arm.link_length)
 
-        points = [arm.base + on_axis[:, None] * arm.feed_direction, curve.positions_at(on_curve)]
+        points = [arm.base + on_axis[:, None] * arm.direction, curve.positions_at(on_curve)]
         headings = [np.full(len(on_axis), arm.base_heading), curve.heading_at(on_curve)]
         arcs = [on_axis, straight + on_curve]
         if self._last_link > 0.0:

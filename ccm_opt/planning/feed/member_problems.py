@@ -113,9 +113,9 @@ def member_problems(problem: Problem, feed: Feed, settings: FeedPlannerSettings 
     arm = problem.arm
     room = FreeSpace(problem.workspace, max(arm.radius + problem.workspace.clearance, SHORTEST))
     # What lies within reach begins at the hole, where the guide tube ends.
-    at_hole = replace(arm, base=arm.base + feed.hole * arm.feed_direction)
+    at_hole = replace(arm, base=arm.base + feed.hole * arm.direction)
     members = goal_members(at_hole, goal, room, fed=max(feed.high - feed.hole, 0.0))
-    beyond = at_hole.base + arm.link_length * arm.feed_direction
+    beyond = at_hole.base + arm.link_length * arm.direction
     spacing = _WAY_SPACING * arm.link_length
     off_corners = settings.curve.corner_distance * arm.length
     members = (*members_on_way(arm, goal, room, beyond, members, spacing, off_corners), *members)
@@ -152,7 +152,7 @@ def ends_of_tight_places(problem: Problem, beyond: float) -> list[float]:
 
 def _gaps(problem: Problem, arm: Arm, along: FloatArray) -> FloatArray:
     """How far the arm is from walls where its axis passes the axis of the feed, shape (m,) [m]."""
-    points = shapely.points(arm.base + along[:, None] * arm.feed_direction)
+    points = shapely.points(arm.base + along[:, None] * arm.direction)
     need = arm.radius + problem.workspace.clearance
     gaps = [shapely.distance(wall.core, points) - wall.rounding - need for wall in problem.workspace.walls]
     return np.asarray(np.min(gaps, axis=0))
@@ -239,7 +239,7 @@ def _with_held_links(problem: Problem, start: JointPose, first: int) -> Workspac
     if held < 1 or not arm.self_collision:
         return problem.workspace
     # Self-contact is measured between distant links only, so the last links in the guide tube are left out.
-    ends = arm.base + np.outer([start.feed, start.feed + held * arm.link_length], arm.feed_direction)
+    ends = arm.base + np.outer([start.feed, start.feed + held * arm.link_length], arm.direction)
     rounding = max(arm.radius - problem.workspace.clearance, 0.0)
     body = Obstacle("the arm in its guide tube", shapely.LineString(ends), rounding)
     return replace(problem.workspace, obstacles=(*problem.workspace.obstacles, body))
@@ -250,7 +250,7 @@ def part_of(arm: Arm, first: int, feed: float) -> Arm:
     values = {each.name: getattr(arm, each.name) for each in fields(arm)}
     values |= {
         "links": arm.links - first,
-        "base": arm.base + (feed + first * arm.link_length) * arm.feed_direction,
+        "base": arm.base + (feed + first * arm.link_length) * arm.direction,
         "base_limit": arm.base_limit if first == 0 else arm.joint_limit,
         "mount_length": max(arm.mount_length - first * arm.link_length, 0.0),
         "feed": None,

@@ -12,7 +12,7 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import arc_lengths, leg_headings
 from ccm_opt.planning.planner_settings import DEFAULT_DEVIATION, DeviationSettings
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm, joint_positions
+from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 
@@ -159,7 +159,7 @@ def leader_deviation(
         return None
     numbers = np.linspace(0, len(positions) - 1, min(settings.poses, len(positions)))
     poses = positions[np.unique(numbers.astype(int))]
-    joints = joint_positions(arm, poses)
+    joints = arm.joint_positions_at(poses)
     shares = (np.arange(settings.places_per_link) + 0.5) / settings.places_per_link
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
     along = np.add.outer(np.arange(arm.links), shares) * arm.link_length

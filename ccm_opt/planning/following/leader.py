@@ -154,7 +154,7 @@ def path_of_pose(
 
     off_axis = joints[first_bent + 1 :]
     if len(off_axis):
-        lead = float((off_axis[0] - arm.base) @ arm.feed_direction) - leaves
+        lead = float((off_axis[0] - arm.base) @ arm.direction) - leaves
         if lead < _LEAST_LEAD * l:
             return None
     return path_through(arm, leaves, off_axis, "own shape", settings=settings)
@@ -180,7 +180,7 @@ def path_through(
     """
     if len(points) == 0:
         return _axis_alone(arm, leaves, name, settings)
-    nodes = np.vstack((arm.base + leaves * arm.feed_direction, points))
+    nodes = np.vstack((arm.base + leaves * arm.direction, points))
     chords = arc_lengths(nodes)
 
     # The first derivative is that of the axis; at the end it is the heading's, or else the second derivative is zero.
@@ -191,7 +191,7 @@ def path_through(
     else:
         order = 1
         end = unit_vector(end_heading)
-    curve = CubicSpline(chords, nodes, bc_type=((1, arm.feed_direction), (order, end)))
+    curve = CubicSpline(chords, nodes, bc_type=((1, arm.direction), (order, end)))
 
     parameters = _parameters(chords, settings.samples_per_link)
     tangents = np.asarray(curve(parameters, 1))
@@ -209,7 +209,7 @@ def _parameters(chords: FloatArray, count: int) -> FloatArray:
 def _axis_alone(arm: Arm, leaves: float, name: str, settings: FollowingSettings) -> LeaderPath:
     """The feed axis up to an arc length [m]."""
     arc = np.append(_on_axis(arm, leaves), leaves)
-    points = arm.base + arc[:, None] * arm.feed_direction
+    points = arm.base + arc[:, None] * arm.direction
     return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name, settings.chords)
 
 
@@ -228,7 +228,7 @@ def _with_axis(
     headings -= whole_turns(headings[0] - arm.base_heading)
     return LeaderPath(
         np.concatenate((before, leaves + arc)),
-        np.concatenate((arm.base + before[:, None] * arm.feed_direction, points)),
+        np.concatenate((arm.base + before[:, None] * arm.direction, points)),
         np.concatenate((np.full(len(before), arm.base_heading), headings)),
         leaves,
         name,
