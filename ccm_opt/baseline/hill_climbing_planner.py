@@ -335,7 +335,7 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     spline = certified_spline(headings, follower.certificate)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
-        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm, follower.problem.workspace)))
+        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, follower.problem.workspace.clearance)))
     spare = spare_kept(spline, follower.certificate)
     return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name, spare=spare)
 

@@ -256,7 +256,7 @@ class OmplPlanner:
         spline = certified_spline(legs, certificate, self.settings.smooth)
         if spline is None:
             reason = "the motion leaves no room for a smooth path"
-            raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm, problem.workspace)))
+            raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, problem.workspace.clearance)))
         curves = tuple(nearest_curve(arm, pose) for pose in legs)
         spare = spare_kept(spline, certificate, self.settings.smooth)
         return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(legs), curves, NAME, spare=spare)

@@ -240,11 +240,9 @@ def short_of(problem: AnyProblem, best: SurvivedError) -> Diagnosis:
 
 
 def _advice(problem: AnyProblem) -> tuple[str, ...]:
-    if isinstance(problem, SpaceProblem):
-        return ("use a smaller arm.radius",) if problem.arm.radius > 0.0 else ()
     from ccm_opt.scene.bad_pose import room_advice  # noqa: PLC0415 - of walls in the plane
 
-    return room_advice(problem.arm, problem.workspace)
+    return room_advice(problem.arm.radius, problem.workspace.clearance)
 
 
 def _below(angle: float) -> str:

@@ -61,7 +61,7 @@ def no_pose(
 
 def _advice(problem: Problem) -> tuple[str, ...]:
     """What may help the search for a pose."""
-    room = room_advice(problem.arm, problem.workspace)
+    room = room_advice(problem.arm.radius, problem.workspace.clearance)
     free = isinstance(problem.goal, TipGoal) and problem.goal.heading is not None
     heading = ("leave goal.heading_deg out",) if free else ()
     return ("raise planner.routes", *room, "raise arm.joint_limit_deg", *heading)

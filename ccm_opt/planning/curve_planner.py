@@ -289,7 +289,7 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
         names = ", ".join(f"'{name}'" for limit in task.user_limits for name in limit.names)
         if names:
             reason = f"{reason} that keeps the joint limits and the constraints {names}"
-        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm, problem.workspace)))
+        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm.radius, problem.workspace.clearance)))
     control = problem.arm.bends(path.spline.c)
     curves = nearest_curves(problem.arm, motion.headings)
     keyframes = problem.arm.bends(motion.headings)

@@ -190,5 +190,5 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         depth = short_length(play - gap)
         reason = f"at the goal the {what} {depth} too near to '{problem.workspace.walls[k].name}'"
         move = "move the goal" if goal.heading is None else "move the goal or change its heading"
-        advice = (move, *room_advice(arm, problem.workspace))
+        advice = (move, *room_advice(arm.radius, problem.workspace.clearance))
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))

@@ -4,14 +4,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import short_length
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
-from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.tree_search import TREES
 from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
+
+TREES = "trees"
+"""Name of what trees find, among the names of candidates."""
 
 
 @dataclass(frozen=True)
@@ -21,20 +21,28 @@ class Failure:
     Attributes:
         candidate: its name.
         message: how far it came.
-        obstacle: the tightest contact there, in words.
         remaining: distance of the tip, or with a goal for the whole arm of the farthest joint, from the goal [m].
-        limit: what of the user's constraints is in the way, in words, or empty.
         tightest: link, counted from 1, name of what it nearly touches, and the gap [m]; None when nothing is near.
-        headings: of the links where it ended, shape (links,) [rad].
+        pose: where it ended, shape (c,) [rad, and what carries the base].
+        bends: of the joints there, shape (links,) or (links, 2) [rad].
+        limit: what of the user's constraints is in the way, in words, or empty.
     """
 
     candidate: str
     message: str
-    obstacle: str
     remaining: float
-    limit: str
     tightest: tuple[int, str, float] | None
-    headings: FloatArray
+    pose: FloatArray
+    bends: FloatArray
+    limit: str = ""
+
+    @property
+    def obstacle(self) -> str:
+        """The tightest contact, in words."""
+        if self.tightest is None:
+            return "nothing near"
+        link, other, gap = self.tightest
+        return f"link {link} and {other}, gap {short_length(gap)}"
 
 
 @dataclass(frozen=True)
@@ -52,13 +60,36 @@ class StrategyInVain:
     exhausted: bool
 
 
+@dataclass(frozen=True)
+class Sought:
+    """What a search in vain looked for, as far as the reason says it.
+
+    Attributes:
+        radius: of the arm [m].
+        clearance: that walls are kept beyond it [m].
+        bend_limits: of the joints, as many as there are bends [rad].
+        deadline: when it had to stop.
+        constraints: names of the user's hard constraints.
+        ends_with: what has to come to the goal, in words.
+        advice: what may help where nothing better is known.
+    """
+
+    radius: float
+    clearance: float
+    bend_limits: FloatArray
+    deadline: Deadline
+    constraints: Sequence[str]
+    ends_with: str
+    advice: tuple[str, ...]
+
+
 def nothing_found(
-    task: MotionTask, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
+    sought: Sought, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
 ) -> MotionNotFound | TimeLimitReached:
     """The error that says why no motion was found.
 
     Args:
-        task: what was looked for.
+        sought: what was looked for.
         failures: of every attempt.
         strategies: that were tried, in turn.
     """
@@ -67,25 +98,25 @@ def nothing_found(
     held: tuple[str, ...] = ()
     if tried:
         best = tried[0]
-        what = "the tip" if task.goal_headings is None else "a joint"
         reason = (
-            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with {what} "
-            f"{short_length(best.remaining)} from the goal: {best.message}; tightest there: {best.obstacle}"
+            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with "
+            f"{sought.ends_with} {short_length(best.remaining)} from the goal: {best.message}; tightest there: "
+            f"{best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
-        joints, held = joints_at_limits(task.arm.bends(best.headings), task.arm.bend_limits)
+        joints, held = joints_at_limits(best.bends, sought.bend_limits)
         reason += f"; {joints}" if joints else ""
     else:
         reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"
-    reason += _limits_in_the_way(task, tried)
+    reason += _limits_in_the_way(sought.constraints, tried)
     reason += _how_far(strategies)
     figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}
-    first = tuple(words for limit in task.user_limits for words in limit.advice)
-    what_held = (*first, *held, *_way_made(tried), *room_advice(task.arm, task.workspace))
+    relaxed = ("relax the constraints, or make them soft",) if sought.constraints else ()
+    what_held = (*relaxed, *held, *_way_made(tried), *room_advice(sought.radius, sought.clearance))
     if any(not each.exhausted for each in strategies):
-        reason = f"{task.deadline.what_passed()}: {reason}"
+        reason = f"{sought.deadline.what_passed()}: {reason}"
         advice = (*what_held, "raise planner.time_limit")
         return TimeLimitReached(Diagnosis(reason, "motion", advice, figures))
-    advice = (*what_held, "raise planner.routes", *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
+    advice = (*what_held, *sought.advice, *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
     return MotionNotFound(Diagnosis(reason, "motion", advice, figures))
 
 
@@ -117,14 +148,14 @@ def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
 
     Returns:
         ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often what was the tightest
-        contact; ``nearest_pose``: link headings where the best ended [rad].
+        contact; ``nearest_pose``: the configuration where the best ended.
     """
     named = Counter(f.tightest[1] for f in tried if f.tightest is not None)
     return {
         "tried": [f"{f.candidate}: {f.message} ({f.obstacle})" for f in tried],
         "candidates": [_table(f) for f in tried],
         "in_the_way": dict(named.most_common()),
-        "nearest_pose": np.asarray(tried[0].headings).tolist() if tried else [],
+        "nearest_pose": tried[0].pose.tolist() if tried else [],
     }
 
 
@@ -141,9 +172,8 @@ def _table(failure: Failure) -> dict[str, object]:
     return table | {"link": link, "near": other, "gap": gap}
 
 
-def _limits_in_the_way(task: MotionTask, tried: list[Failure]) -> str:
+def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
     """The constraint in the way of the candidate that came nearest, or all of them."""
-    names = [name for limit in task.user_limits for name in limit.names]
     if not names:
         return ""
     met = [failure.limit for failure in tried if failure.limit]

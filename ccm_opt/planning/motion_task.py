@@ -11,6 +11,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.failures import Sought
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
@@ -226,6 +227,15 @@ class MotionTask:
     def parametric(self) -> bool:
         """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
         return any(limit.parametric for limit in self.user_limits)
+
+    @property
+    def sought(self) -> Sought:
+        """What is looked for, as a search in vain says it."""
+        names = tuple(name for limit in self.user_limits for name in limit.names)
+        what = "the tip" if self.goal_headings is None else "a joint"
+        arm = self.arm
+        routes = ("raise planner.routes",)
+        return Sought(arm.radius, self.workspace.clearance, arm.bend_limits, self.deadline, names, what, routes)
 
     @property
     def limited_goal(self) -> GoalPose:

@@ -189,7 +189,7 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
             if motion is not None:
                 return optimised_to_end_pose(straightened(motion, task), task)
         in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
-    raise nothing_found(task, failures, in_vain)
+    raise nothing_found(task.sought, failures, in_vain)
 
 
 def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:

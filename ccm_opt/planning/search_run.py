@@ -432,11 +432,11 @@ class SearchRun:
         return Failure(
             candidate=name,
             message=str(stalled),
-            obstacle=finder.describe(contacts),
             remaining=self._remaining(pose),
             limit=self.goal.describe_limits(pose),
             tightest=finder.tightest(contacts),
-            headings=pose.headings,
+            pose=pose.headings,
+            bends=self.task.arm.bends(pose.headings[: self.task.arm.links]),
         )
 
     def _remaining(self, pose: Pose) -> float:

@@ -11,11 +11,11 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
+from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceGuide, SpaceStalled, SpaceTipPose, follow, settle
-from ccm_opt.planning.space_failures import SpaceFailure, nothing_found
 from ccm_opt.planning.space_goal_poses import goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_pose import SpacePose
@@ -53,15 +53,17 @@ def find_motion(task: SpaceTask, stage: "_Stage | None" = None) -> SpaceMotion:
         TimeLimitReached: the deadline passed first.
     """
     search = _Search(task, stage)
+    cut_short: list[StrategyInVain] = []
     for tactic in search.tactics():
         motion = tactic()
         if motion is not None:
             return motion
         if task.deadline.passed():
+            cut_short.append(StrategyInVain("tactics", len(search.failures), exhausted=False))
             break
         if tactic == search.by_withdrawing and task.refuse is not None:
             task.refuse()
-    raise nothing_found(task, search.failures)
+    raise nothing_found(task.sought, search.failures, cut_short)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,7 @@ class _Search:
 
     task: SpaceTask
     stage: "_Stage | None" = None
-    failures: list[SpaceFailure] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
     _tried: int = 0
     _other_ways: SpaceTipWays | None = None
     _goal_poses: list[SpacePose] = field(default_factory=list)  # those to which no straight way leads
@@ -342,9 +344,7 @@ class _Search:
         self._announce("a sampler", first)
         poses = Connect(stepper, first, goals, rng, settings).path(task.deadline)
         if poses is None:
-            self.failures.append(
-                SpaceFailure.at(task, "a sampler", "no tree met the other", stepper, first, goals[0].tip)
-            )
+            self._failed("a sampler", "no tree met the other", stepper, first, goals[0].tip)
             return None
         return SpaceMotion.of(curve, poses, "a sampler")
 
@@ -397,8 +397,25 @@ class _Search:
         except SpaceStalled as stalled:
             goal = self.task.goal
             target = None if goal is None else goal.position
-            self.failures.append(SpaceFailure.at(self.task, name, str(stalled), stepper, stalled.poses[-1], target))
+            self._failed(name, str(stalled), stepper, stalled.poses[-1], target)
             return None
+
+    def _failed(
+        self, candidate: str, message: str, stepper: SpaceStepper, pose: SpacePose, target: FloatArray | None
+    ) -> None:
+        """Keep why a candidate failed that ended in a pose; ``target`` is where the tip should be, or None."""
+        task = self.task
+        first, _ = task.arm.mount_end
+        near = task.tree.nearest(pose.segments_beyond(task.arm.mount_end), stepper.kept + 0.5 * task.arm.length)
+        k = int(np.argmin(near.gap))
+        owner = int(near.owner[k])
+        name = f"'{task.names[owner]}'" if owner < len(task.names) else "a wall"
+        gap = float(near.gap[k]) - task.arm.radius
+        remaining = 0.0 if target is None else float(np.linalg.norm(pose.tip - target))
+        limit = "" if task.user is None else task.user.placed_at_goal().describe(pose.q)
+        tightest = None if owner < 0 else (first + k + 1, name, gap)
+        bends = task.arm.bend_pairs(pose.q)
+        self.failures.append(Failure(candidate, message, remaining, tightest, pose.q, bends, limit))
 
     def _announce(self, name: str, pose: SpacePose) -> None:
         self._tried += 1

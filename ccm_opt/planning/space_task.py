@@ -10,6 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.failures import Sought
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_pose import SpacePose
@@ -76,6 +77,14 @@ class SpaceTask:
     def unit(self) -> float:
         """u, length of a nominal link [m]."""
         return self.arm.length / NOMINAL_LINKS
+
+    @property
+    def sought(self) -> Sought:
+        """What is looked for, as a search in vain says it."""
+        names = () if self.user is None else self.user.names
+        places = ("add goal.via places on the way",)
+        arm = self.arm
+        return Sought(arm.radius, self.clearance, arm.bend_limits, self.deadline, names, "the tip", places)
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
         """The same task with a deadline after so much CPU time from now on, or its own if that is earlier."""

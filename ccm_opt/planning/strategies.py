@@ -16,7 +16,7 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import heading_of, wrap
 from ccm_opt.planning.backward import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.continuation import Stalled
-from ccm_opt.planning.failures import Failure
+from ccm_opt.planning.failures import TREES, Failure
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.passage_widths import fitting_margins
@@ -25,7 +25,7 @@ from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import LimitArcSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
-from ccm_opt.planning.tree_search import TREES, search_by_trees
+from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.robot.arm import Arm
 
 _MOST_LINKS = 48
@@ -456,7 +456,7 @@ def _touches_nothing(task: MotionTask, headings: FloatArray) -> bool:
 
 def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
     """Whether a candidate ended near its goal with a joint bent as far as planning does."""
-    return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.headings)
+    return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.pose)
 
 
 STRATEGIES: tuple[SearchStrategy, ...] = (

@@ -40,9 +40,6 @@ _SETTLING_DISTANCE = 3.0
 """A tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the leash of tip-led
 continuation."""
 
-TREES = "trees"
-"""Name of what is found, among the names of candidates."""
-
 
 class _Root(IntEnum):
     """From where a tree grows: its place in pairs of trees."""

@@ -12,12 +12,12 @@ from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, ContactFinder
 from ccm_opt.scene.workspace import Workspace
 
 
-def room_advice(arm: Arm, workspace: Workspace) -> tuple[str, ...]:
+def room_advice(radius: float, clearance: float) -> tuple[str, ...]:
     """How the arm itself could need less room: one line, or none for a bare axis that keeps no clearance."""
     keys = []
-    if arm.radius > 0.0:
+    if radius > 0.0:
         keys.append("arm.radius")
-    if workspace.clearance > 0.0:
+    if clearance > 0.0:
         keys.append("workspace.clearance")
     return (f"use a smaller {' or '.join(keys)}",) if keys else ()
 
@@ -84,7 +84,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
             raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))
         # Where axes meet walls, or each other, no thinner arm would do.
         met = crossing or inside or float(contacts.gap.min()) <= -arm.radius - workspace.clearance
-        room = () if met else room_advice(arm, workspace)
+        room = () if met else room_advice(arm.radius, workspace.clearance)
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
         raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))

@@ -380,14 +380,14 @@ def near_poses(scale: float) -> None:
         finder.describe(contacts)
         finder.tightest(contacts)
         finder.crosses(points)
-        room_advice(arm, room)
-        room_advice(replace(arm, stray=0.001), replace(room, clearance=0.0))
+        room_advice(arm.radius, room.clearance)
+        room_advice(arm.radius, 0.0)
         for pose in (headings, headings + 0.3 * k, np.linspace(0.0, 9.0, links), np.linspace(0.3, 5.9, links)):
             with suppress(CcmError):
                 refuse_bad_pose(arm, room, pose, "start")
             with suppress(CcmError):
                 refuse_bad_pose(replace(arm, base=np.array([1.4, 0.2])), room, 0.2 * pose, "goal")
-        room_advice(replace(arm, radius=0.0), room)
+        room_advice(0.0, room.clearance)
 
 
 SCENES: dict[str, Scene] = {

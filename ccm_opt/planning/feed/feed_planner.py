@@ -513,7 +513,7 @@ class _FeedSearch:
             broken = next((words for words in self.refused if "constraint" in words), None)
             reason = f"{reason} under {names}" + ("" if broken is None else f"; {broken}")
         evidence: dict[str, object] = {"refused": refused[:_REFUSALS_LISTED]}
-        room = room_advice(self.query.arm, self.query.problem.workspace)
+        room = room_advice(self.query.arm.radius, self.query.problem.workspace.clearance)
         if self.query.deadline.passed():
             advice = (*room, "widen arm.feed.range", "raise planner.time_limit")
             return TimeLimitReached(
@@ -561,7 +561,7 @@ def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
             f"no way from the hole to the goal was found that is wide enough for the arm: diameter "
             f"{short_length(2.0 * arm.radius)}, clearance {short_length(query.problem.workspace.clearance)}"
         )
-        advice = (*room_advice(arm, query.problem.workspace), "remove an obstacle")
+        advice = (*room_advice(arm.radius, query.problem.workspace.clearance), "remove an obstacle")
         return Diagnosis(reason, "free space", advice)
     if shortest > most:
         reason = (
