@@ -8,7 +8,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
+from ccm_opt.planning.pose import Term
+from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 
 _PATIENCE = 60
@@ -62,14 +63,14 @@ class SpaceTipPose:
             missing.append(math.atan2(sine, along) * axis)
         return np.concatenate(slopes), np.concatenate(missing)
 
-    def term(self, pose: SpacePose, unit: float, weight: float) -> SpaceTerm:
+    def term(self, pose: SpacePose, unit: float, weight: float) -> Term:
         """What draws a pose onto the goal, at most by a nominal link and half a radian at a time."""
         rows, missing = self.rows(pose, unit)
         missing = missing.copy()
         for part, most in ((slice(0, 3), 1.0), (slice(3, None), 0.5)):
             size = float(np.linalg.norm(missing[part]))
             missing[part] *= min(1.0, most / max(size, 1e-12))
-        return SpaceTerm(rows, missing, weight)
+        return Term(rows, missing, weight)
 
 
 def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> SpacePose | None:
@@ -90,7 +91,7 @@ def keeps_terms_at_goal(stepper: SpaceStepper, pose: SpacePose) -> bool:
     return stepper.user is None or stepper.user.placed_at_goal().miss(pose.q) <= 0.0
 
 
-def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, weight: float) -> list[SpaceTerm]:
+def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, weight: float) -> list[Term]:
     """What draws a pose onto the goal, and into what the user asks for there."""
     drawn = goal.term(pose, stepper.unit, weight)
     if stepper.user is None:
@@ -129,7 +130,7 @@ def onto_goal(
 class SpaceGuide(Protocol):
     """Says where the arm should go next, and when it has arrived."""
 
-    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
+    def terms(self, pose: SpacePose) -> list[Term]:
         """What draws the arm on from a pose."""
         ...
 

@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
+from ccm_opt.planning.pose import Term
+from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceGuideSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
@@ -125,11 +126,11 @@ class SpaceTipLed:
         """Arc length of the target [m]."""
         return self._arc
 
-    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
+    def terms(self, pose: SpacePose) -> list[Term]:
         """What draws the tip to the target, and the links onto the track behind it."""
         unit = self._unit
         tip = pose.chain.moving[-1] / unit
-        terms = [SpaceTerm(tip, (self._track.at(self._arc) - pose.tip) / unit, 1.0)]
+        terms = [Term(tip, (self._track.at(self._arc) - pose.tip) / unit, 1.0)]
         points = pose.chain.points
         links = len(points) - 1
         length = float(np.linalg.norm(points[1] - points[0]))
@@ -142,7 +143,7 @@ class SpaceTipLed:
         turning = pose.chain.turning
         rows = np.cross(turning, directions[:, :, None], axisa=1, axisb=1, axisc=1)
         target = (chords - directions).ravel()
-        terms.append(SpaceTerm(rows.reshape(3 * links, -1), target, np.repeat(weights, 3)))
+        terms.append(Term(rows.reshape(3 * links, -1), target, np.repeat(weights, 3)))
         return terms
 
     def progress(self, pose: SpacePose) -> bool:
@@ -195,7 +196,7 @@ class SpaceTrackLed:
         self._weight = settings.onto_track if weight is None else weight
         self._arc = track.start
 
-    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
+    def terms(self, pose: SpacePose) -> list[Term]:
         """What draws the tip to its target, and all joints onto the track."""
         unit = self._unit
         points = pose.chain.points
@@ -210,8 +211,8 @@ class SpaceTrackLed:
         missing = np.einsum("kij,kj->ki", beside, self._track.at(arcs) - points) / unit
         weight = self._weight * NOMINAL_LINKS / links
         return [
-            SpaceTerm(pose.chain.moving[-1] / unit, (self._target - pose.tip) / unit, 1.0),
-            SpaceTerm(rows.reshape(3 * (links + 1), -1), missing.ravel(), weight),
+            Term(pose.chain.moving[-1] / unit, (self._target - pose.tip) / unit, 1.0),
+            Term(rows.reshape(3 * (links + 1), -1), missing.ravel(), weight),
         ]
 
     @property
@@ -274,14 +275,14 @@ class PoseLed:
     def _target(self) -> FloatArray:
         return self._start + self._share * (self._end - self._start)
 
-    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
+    def terms(self, pose: SpacePose) -> list[Term]:
         """What draws every link to where the target has it."""
         p = len(pose.v)
         links = len(pose.chain.directions)
         missing = self._target - pose.v
         turning = pose.chain.turning.reshape(-1, p)
-        near = SpaceTerm(np.eye(p), missing, 1e-2)
-        return [SpaceTerm(turning, turning @ missing, NOMINAL_LINKS / links), near]
+        near = Term(np.eye(p), missing, 1e-2)
+        return [Term(turning, turning @ missing, NOMINAL_LINKS / links), near]
 
     def progress(self, pose: SpacePose) -> bool:
         """Move the target on if the arm keeps up; at its end, whether the arm still comes nearer."""

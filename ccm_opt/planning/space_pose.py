@@ -108,18 +108,3 @@ class SpacePose:
         segments = self.segments()[link:]
         segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
         return segments
-
-
-@dataclass(frozen=True)
-class SpaceTerm:
-    """One least-squares term of a step: weight · Σ (rows δ − target)².
-
-    Attributes:
-        rows: shape (k, p).
-        target: shape (k,).
-        weight: shape (k,) or one number.
-    """
-
-    rows: FloatArray
-    target: FloatArray
-    weight: FloatArray | float

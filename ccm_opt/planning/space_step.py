@@ -9,10 +9,12 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.pose import Term
 from ccm_opt.planning.space_certificate import SpaceCertificate
-from ccm_opt.planning.space_pose import Chains, SpacePose, SpaceTerm
+from ccm_opt.planning.space_pose import Chains, SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
+from ccm_opt.planning.step import normal_equations
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -106,7 +108,7 @@ class SpaceStepper:
         curve = self.curve
         return None if curve.arm.base_axes else curve.slopes(np.zeros(curve.dimension))
 
-    def step(self, pose: SpacePose, terms: Sequence[SpaceTerm], *, certified: bool = True) -> SpacePose:
+    def step(self, pose: SpacePose, terms: Sequence[Term], *, certified: bool = True) -> SpacePose:
         """The best step for some terms that keeps all limits, as far as it is certified; the same pose if none is.
 
         Args:
@@ -187,7 +189,7 @@ class SpaceStepper:
         return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
 
     # ------------------------------------------------------------ what every step keeps
-    def _clearance_rows(self, pose: SpacePose) -> tuple[SpaceTerm, list[SpaceTerm]]:
+    def _clearance_rows(self, pose: SpacePose) -> tuple[Term, list[Term]]:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         settings = self.settings.step
         reach = self.kept + self.margin + _REACH * self.unit
@@ -213,8 +215,8 @@ class SpaceStepper:
         matrix = np.concatenate(rows)
         spare = np.concatenate(gaps) - self.margin
         missing = spare < 0.0
-        pull = SpaceTerm(matrix[missing], -spare[missing], _PULL / self.unit**2)
-        return SpaceTerm(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
+        pull = Term(matrix[missing], -spare[missing], _PULL / self.unit**2)
+        return Term(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
 
     def _limit_rows(self, pose: SpacePose) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Rows of the coordinates, and what they may lose and gain."""
@@ -225,7 +227,7 @@ class SpaceStepper:
         high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
         return pose.slopes, low, high
 
-    def _still_terms(self, pose: SpacePose) -> list[SpaceTerm]:
+    def _still_terms(self, pose: SpacePose) -> list[Term]:
         """What keeps the arm still, and its bends small and even, where nothing else asks for more."""
         settings = self.settings.step
         p = len(pose.v)
@@ -235,10 +237,10 @@ class SpaceStepper:
         across = self._curvature_differences
         scale = self._per_link
         return [
-            SpaceTerm(turning, np.zeros(len(turning)), _STILL_TURNS * scale),
-            SpaceTerm(moving, np.zeros(len(moving)), _STILL_MOVES * scale / self.unit**2),
-            SpaceTerm(curvature, -curvature @ pose.v, settings.bends),
-            SpaceTerm(across, -across @ pose.v, _EVENNESS),
+            Term(turning, np.zeros(len(turning)), _STILL_TURNS * scale),
+            Term(moving, np.zeros(len(moving)), _STILL_MOVES * scale / self.unit**2),
+            Term(curvature, -curvature @ pose.v, settings.bends),
+            Term(across, -across @ pose.v, _EVENNESS),
         ]
 
     @cached_property
@@ -273,14 +275,3 @@ def moved_metric(pose: SpacePose, unit: float) -> FloatArray:
     moving = pose.chain.moving.reshape(-1, p) / unit
     metric = turning.T @ turning + 0.01 * moving.T @ moving
     return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
-
-
-def normal_equations(terms: Sequence[SpaceTerm], ridge: float) -> tuple[FloatArray, FloatArray]:
-    """Hessian and gradient at δ = 0 of ½ Σ weight |rows δ − target|²."""
-    rows = np.vstack([term.rows for term in terms])
-    target = np.concatenate([term.target for term in terms])
-    weight = np.concatenate(
-        [np.broadcast_to(np.asarray(term.weight, dtype=float), term.target.shape) for term in terms]
-    )
-    weighted = rows * weight[:, None]
-    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target

@@ -14,10 +14,11 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
+from ccm_opt.planning.pose import Term
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
-from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
+from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import ScheduleSettings
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
@@ -175,8 +176,8 @@ class _Tracking:
             turning = pose.chain.turning.reshape(-1, len(missing))
             turn = turning @ missing
             turn *= min(1.0, settings.largest_turn / max(float(np.max(np.abs(turn))), 1e-12))
-            near = SpaceTerm(np.eye(len(missing)), missing, 1e-2)
-            pose = stepper.step(pose, [SpaceTerm(turning, turn, weight), near])
+            near = Term(np.eye(len(missing)), missing, 1e-2)
+            pose = stepper.step(pose, [Term(turning, turn, weight), near])
             if pose is not before:
                 poses.append(pose)
             kept = self.user.placed(u).miss(pose.q) <= 0.0

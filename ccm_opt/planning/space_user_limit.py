@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray
+from ccm_opt.planning.pose import Term
 from ccm_opt.planning.settings import UserLimitSettings
-from ccm_opt.planning.space_pose import SpacePose, SpaceTerm
+from ccm_opt.planning.space_pose import SpacePose
 
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
@@ -38,7 +39,7 @@ class UserStepRows:
     rows: FloatArray
     lower: FloatArray
     upper: FloatArray
-    pull: SpaceTerm
+    pull: Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +136,7 @@ class SpaceUserLimit:
             self._pull(rows, gaps, turn),
         )
 
-    def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> SpaceTerm:
+    def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
         """Ask gaps inside their margin to open, broken ones urgently."""
         margin = self.settings.margin
         near = gaps < margin
@@ -144,7 +145,7 @@ class SpaceUserLimit:
         urgency = np.where(broken, self.settings.urgency, 1.0)
         # Half of a shortfall at a time moves the arm gently; a broken gap has to be opened at once.
         wanted = np.where(broken, short, 0.5 * short)
-        return SpaceTerm(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
+        return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
 
     def _independent(self, pose: SpacePose, now: "RowValues", turn: float) -> tuple[FloatArray, FloatArray]:
         """Orthonormal combinations of the equations' rows, and what they have to change by."""
@@ -188,7 +189,7 @@ class SpaceUserLimit:
         change[len(now.equations) :] += aim
         return slopes @ pose.slopes / scale[:, None], change
 
-    def mending(self, pose: SpacePose, most: float) -> SpaceTerm:
+    def mending(self, pose: SpacePose, most: float) -> Term:
         """What draws a pose onto equations and out of narrow gaps, by at most a turn [rad] at a time."""
         now = self.values(pose.q)
         margin = self.settings.margin
@@ -198,7 +199,7 @@ class SpaceUserLimit:
         wanted = np.append(-now.equations, margin * scale[short] - now.gaps[short])
         scale = self.turns(slopes)
         rows = slopes @ pose.slopes / scale[:, None]
-        return SpaceTerm(rows, np.clip(wanted / scale, -most, most), self.settings.pull_weight)
+        return Term(rows, np.clip(wanted / scale, -most, most), self.settings.pull_weight)
 
     # ------------------------------------------------------------ between keyframes
     @cached_property
