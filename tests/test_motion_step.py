@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.limits.limit_stack import allowed_shortfall, contact_rows, keeps_clear
-from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose import Pose, Term, normal_equations
 from ccm_opt.planning.settings import StepSettings
-from ccm_opt.planning.step import Stepper, normal_equations, smoothness_terms
+from ccm_opt.planning.step import Stepper, smoothness_terms
 from ccm_opt.scene.contact_finder import WALL, ContactFinder
 from ccm_opt.scene.workspace import Obstacle, Workspace
 

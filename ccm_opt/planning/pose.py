@@ -1,6 +1,9 @@
 """A pose of the arm and its derivatives."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.link_space import SEGMENTS, LinkSpace, fit_coordinates, mean_heading_matrix, turns_before_segments
@@ -42,6 +45,22 @@ class Term:
     rows: FloatArray
     target: FloatArray
     weight: FloatArray | float
+
+
+def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """Hessian and gradient of a sum of least-squares terms.
+
+    Args:
+        terms: at least one, each with rows of shape (k, p).
+        ridge: added to the diagonal, so that the Hessian is definite where no term reaches, shape (p,) or scalar.
+    """
+    rows = np.vstack([t.rows for t in terms])
+    target = np.concatenate([t.target for t in terms])
+    weight = np.concatenate([np.broadcast_to(np.asarray(t.weight, dtype=np.float64), (len(t.target),)) for t in terms])
+
+    # ½ Σ w |R δ − t|² has the Hessian Rᵀ W R and at δ = 0 the gradient −Rᵀ W t.
+    weighted = rows * weight[:, None]
+    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target
 
 
 def pose_in(space: LinkSpace, v: FloatArray) -> Pose:

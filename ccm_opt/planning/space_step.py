@@ -9,12 +9,11 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
-from ccm_opt.planning.pose import Term
+from ccm_opt.planning.pose import Term, normal_equations
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.space_pose import Chains, SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_user_limit import SpaceUserLimit
-from ccm_opt.planning.step import normal_equations
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 

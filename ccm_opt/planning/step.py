@@ -10,7 +10,7 @@ from ccm_opt.core.polyline import wrap
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.limits.limit import Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term, pose_in
+from ccm_opt.planning.pose import Pose, Term, normal_equations, pose_in
 from ccm_opt.planning.settings import GoalSettings, MotionSettings
 from ccm_opt.scene.contact_finder import ContactFinder
 
@@ -119,22 +119,6 @@ class Stepper:
     def miss(self, headings: FloatArray) -> float:
         """By how much the worst limit is missed that has to be met exactly; 0 when all are met."""
         return max(limit.miss(headings) for limit in self.limits)
-
-
-def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-    """Hessian and gradient of a sum of least-squares terms.
-
-    Args:
-        terms: at least one, each with rows of shape (k, p).
-        ridge: added to the diagonal, so that the Hessian is definite where no term reaches, shape (p,) or scalar.
-    """
-    rows = np.vstack([t.rows for t in terms])
-    target = np.concatenate([t.target for t in terms])
-    weight = np.concatenate([np.broadcast_to(np.asarray(t.weight, dtype=np.float64), (len(t.target),)) for t in terms])
-
-    # ½ Σ w |R δ − t|² has the Hessian Rᵀ W R and at δ = 0 the gradient −Rᵀ W t.
-    weighted = rows * weight[:, None]
-    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target
 
 
 def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: float) -> list[Term]:
