@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from ccm_opt.io.reading import load_problem
     from ccm_opt.problem import (
         Arm,
-        CurvePose,
         JointPose,
         Limits,
         Obstacle,
@@ -53,7 +52,6 @@ __all__ = [
     "CcmError",
     "Constraint",
     "Cost",
-    "CurvePose",
     "Interval",
     "JointPath",
     "JointPose",
@@ -113,7 +111,7 @@ _NAMES = {
     "ccm_opt.viz.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
     "ccm_opt.core.progress": ("Progress",),
     "ccm_opt.problem": (
-        *("Arm", "CurvePose", "JointPose", "Limits", "Obstacle", "PlannerOptions", "Problem", "TipGoal"),
+        *("Arm", "JointPose", "Limits", "Obstacle", "PlannerOptions", "Problem", "TipGoal"),
         *("Workspace", "obstacles_of"),
     ),
     "ccm_opt.solution": ("JointPath", "Solution"),

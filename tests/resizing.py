@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal, VerificationOptions
+from ccm_opt.problem import Goal, Problem, TipGoal, VerificationOptions
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle
 
@@ -92,14 +92,14 @@ def _times(value: float | None, factor: float) -> float | None:
 def _pose(pose: Goal, factor: float) -> Goal:
     if isinstance(pose, TipGoal):
         return replace(pose, position=factor * pose.position)
-    if isinstance(pose, JointPose):
+    if pose.curve is None:
         return replace(pose, feed=factor * pose.feed)
-    segments = pose.configuration.segments
+    segments = pose.curve.segments
     curve = Configuration.chain(
-        factor * pose.configuration.base,
+        factor * pose.curve.base,
         segments[0].heading,
         [factor * segment.length for segment in segments],
         [segment.curvature / factor for segment in segments],
         [segment.knots for segment in segments],
     )
-    return CurvePose(curve, factor * pose.feed)
+    return replace(pose, feed=factor * pose.feed, curve=curve)

@@ -163,7 +163,7 @@ def test_arguments_of_a_wrong_kind_are_refused_in_words(
 def test_every_public_callable_is_asked() -> None:
     """A new public function gets a row above, unless it makes results or is tested beside what it makes."""
     asked = {function for function, _ in SOUND}
-    results = {"Progress", "Quantities", "SavedPlan", "Solution", "JointPath", "CurvePose", "JointPose", "TipGoal"}
+    results = {"Progress", "Quantities", "SavedPlan", "Solution", "JointPath", "JointPose", "TipGoal"}
     data = {"Arm", "Limits", "Obstacle", "PlannerOptions", "Workspace", "Planner", "Retimer"}
     elsewhere = {
         "make_problem",

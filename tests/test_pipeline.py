@@ -14,11 +14,9 @@ from ccm_opt.driver.kept_plan import PACKAGES
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.retiming.timing_settings import SamplingSettings, TimingSettings
-from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointPath, Solution
 from ccm_opt.verification.verification_settings import VerificationSettings
@@ -113,9 +111,7 @@ def test_a_solution_is_verified_and_complete() -> None:
     distance, turn = tip_error(solution, problem.goal)
     assert distance <= problem.tolerances.position
     assert turn <= problem.tolerances.heading
-    start = problem.start
-    bends = start.bends if isinstance(start, JointPose) else mapped_bends(problem.arm, start)
-    np.testing.assert_allclose(solution.trajectory.bend_angles[0], bends, atol=1e-9)
+    np.testing.assert_allclose(solution.trajectory.bend_angles[0], problem.start.bends, atol=1e-9)
     told = [progress.stage for progress in heard if not progress.candidate]
     assert told[-len(STAGES) :] == STAGES
     assert all(progress.elapsed >= 0.0 for progress in heard)
@@ -142,11 +138,6 @@ def test_settings_reach_the_stages() -> None:
     strict = ccm_opt.Settings(timing=fine, verification=VerificationSettings(largest_step=0.5e-3))
     with pytest.raises(VerificationError, match="samples"):
         solve(problem, settings=strict)
-
-
-def mapped_bends(arm: Arm, pose: CurvePose) -> FloatArray:
-    """Joint bends of an arm laid on a curve."""
-    return arm.bends(map_curve(arm, pose.configuration, "least-squares"))
 
 
 def test_the_path_passes_through_its_ends() -> None:
@@ -216,10 +207,10 @@ def test_a_goal_for_the_whole_curve_is_reached() -> None:
         np.zeros(2), 0.3, [0.5, 0.5], [np.array([0.0, 1.0, 2.0, 2.0, 1.0]), np.linspace(1, -2, 5)]
     )
     room = Workspace(scene.workspace.boundary)
-    problem = replace(Scene(scene.arm, room, scene.start, scene.goal).problem(), goal=CurvePose(curve))
+    problem = replace(Scene(scene.arm, room, scene.start, scene.goal).problem(), goal=JointPose.along(scene.arm, curve))
     solution = solve(problem)
     assert_sound(solution)
-    wanted = mapped_bends(scene.arm, CurvePose(curve))
+    wanted = JointPose.along(scene.arm, curve).bends
     np.testing.assert_allclose(solution.trajectory.bend_angles[-1], wanted, atol=1e-6)
 
 

@@ -16,7 +16,6 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.problem_data import problem_data, recorded_data
 from ccm_opt.io.reading import load_problem, problem_from_mapping
 from ccm_opt.problem import (
-    CurvePose,
     JointPose,
     Limits,
     PlannerOptions,
@@ -70,7 +69,7 @@ def mixed_problem() -> Problem:
         workspace=Workspace(shapely.Polygon([(-1, -1), (1, -1), (1.1, 1), (-1, 1)]), OBSTACLES, 0.003),
         arm=arm,
         limits=Limits(every, 3.0 * every, 0.7 * every),
-        start=CurvePose(curve),
+        start=JointPose.along(arm, curve, "even-joints"),
         goal=TipGoal(np.array([0.3, 0.1]), -0.4),
         tolerances=Tolerances(0.002, 0.03),
         planner=PlannerOptions("nlp", "even-joints", 7.0, 3, 5, 2, "none"),
@@ -119,7 +118,7 @@ def test_problems_of_the_project_are_rebuilt(path: Path) -> None:
 def test_every_kind_of_value_is_rebuilt(goal: str) -> None:
     """Obstacles, limits, poses, goals and options of every kind survive."""
     problem = mixed_problem()
-    assert isinstance(problem.start, CurvePose)
+    assert problem.start.curve is not None
     goals = {
         "tip": problem.goal,
         "tip without heading": TipGoal(np.array([0.3, 0.1])),

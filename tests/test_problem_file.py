@@ -13,7 +13,7 @@ from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.build import folded_bends
 from ccm_opt.io.keypath import locate_keys
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 
 from .arms import plain_arm
@@ -112,11 +112,11 @@ position = [{0.3 / metres!r}, {0.1 / metres!r}]
 position_tolerance = {0.002 / metres!r}
 """
     expected, got = parse_problem(in_metres), parse_problem(text)
-    assert isinstance(expected.start, CurvePose)
-    assert isinstance(got.start, CurvePose)
+    assert expected.start.curve is not None
+    assert got.start.curve is not None
     assert isinstance(expected.goal, TipGoal)
     assert isinstance(got.goal, TipGoal)
-    np.testing.assert_allclose(got.start.configuration.tip[0], expected.start.configuration.tip[0], rtol=1e-12)
+    np.testing.assert_allclose(got.start.curve.tip[0], expected.start.curve.tip[0], rtol=1e-12)
     np.testing.assert_allclose(got.goal.position, expected.goal.position, rtol=1e-12)
     np.testing.assert_allclose(shapely.bounds(got.workspace.boundary), shapely.bounds(expected.workspace.boundary))
     assert got.workspace.obstacles[0].rounding == pytest.approx(0.1)

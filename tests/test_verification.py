@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem import CurvePose, JointPose, Limits, Problem, SimulationOptions, TipGoal
+from ccm_opt.problem import JointPose, Limits, Problem, SimulationOptions, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import dh_table, joint_names, revolute_angles
@@ -488,7 +488,7 @@ def test_a_start_on_a_curve_accepts_its_mappings_and_nothing_far_from_it(mapping
     )
     start = arm.bends(map_curve(arm, curve, mapping))
     case = make_case(arm, start=start, end=0.5 * start)
-    problem = replace(case[0], start=CurvePose(curve))
+    problem = replace(case[0], start=JointPose.along(arm, curve))
     assert not failures(verify(problem, *case[1:]))
     straight = make_case(arm, end=0.5 * start)
     assert failures(verify(problem, *straight[1:])) == {"start on the curve", "start tip"}

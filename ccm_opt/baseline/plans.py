@@ -39,7 +39,7 @@ from ccm_opt.core.polyline import heading_of
 from ccm_opt.errors import Diagnosis, ProblemError, TimeLimitReached
 from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.pose import nearest_curve
-from ccm_opt.problem import CurvePose, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import merge_segments
 from ccm_opt.scene.certificate import Certificate
@@ -371,7 +371,7 @@ class Follower:
     def start(self) -> Configuration:
         """The curve at the start, with as few segments as follow it."""
         pose = self.problem.start
-        curve = pose.configuration if isinstance(pose, CurvePose) else nearest_curve(self.problem.arm, self.ends.start)
+        curve = nearest_curve(self.problem.arm, self.ends.start) if pose.curve is None else pose.curve
         return _with_few_segments(curve, _MERGING_TOLERANCE)
 
     @cached_property

@@ -26,8 +26,8 @@ from ccm_opt.io.solution_json import room_data
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.io.urdf import MESHES, URDF_MESHES
-from ccm_opt.problem import CurvePose
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.room_over_time import room_over_time
@@ -111,11 +111,11 @@ def _room(problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...]) -> R
     return room_over_time(problem, motion.trajectory, problem.wanted_gap, own)
 
 
-def _curves(folder: Path, problem: AnyProblem) -> tuple[CurvePose, ...]:
+def _curves(folder: Path, problem: AnyProblem) -> tuple[Configuration, ...]:
     """The curves behind the keyframes, of which an arm in space has none in its folder."""
     if isinstance(problem, SpaceProblem):
         return ()
-    return tuple(CurvePose(curve) for curve in recorded_curves(folder, problem))
+    return recorded_curves(folder, problem)
 
 
 def _checks_of_record(

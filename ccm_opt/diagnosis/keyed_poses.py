@@ -7,10 +7,9 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.mapping import map_curve
 from ccm_opt.robot.space_arm import SpaceArm
 
 GoalT_co = TypeVar("GoalT_co", covariant=True)
@@ -108,7 +107,7 @@ def whole_poses(problem: Problem) -> Iterator[WholePose]:
     yield _whole(problem, "the start", "start", problem.start)
     for asked in keyed_goals(problem):
         if not isinstance(asked.goal, TipGoal):
-            play = asked.tolerances.heading if isinstance(asked.goal, JointPose) else np.inf
+            play = asked.tolerances.heading if asked.goal.curve is None else np.inf
             pose = _whole(problem, asked.name, asked.key, asked.goal)
             yield replace(pose, bend_play=play, base_play=asked.tolerances.position)
 
@@ -120,12 +119,8 @@ def tip_places(problem: Problem) -> Iterator[TipPlace]:
             yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal, asked.tolerances)
 
 
-def _whole(problem: Problem, name: str, key: str, pose: JointPose | CurvePose) -> WholePose:
-    if isinstance(pose, JointPose):
-        headings = problem.arm.headings(pose.bends)
-    else:
-        headings = map_curve(problem.arm, pose.configuration, problem.planner.mapping)
-    return WholePose(name, key, headings, pose.feed)
+def _whole(problem: Problem, name: str, key: str, pose: JointPose) -> WholePose:
+    return WholePose(name, key, pose.headings(problem.arm), pose.feed)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from ccm_opt.core.length_words import METRES, file_length
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import Relaxation
-from ccm_opt.problem import CurvePose, Problem, TipGoal
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.space_arm import SpaceArm
@@ -173,7 +173,7 @@ def _per_file_unit(problem: AnyProblem) -> float:
 
 def _no_curves(problem: AnyProblem) -> bool:
     """Whether no end is a curve, whose length would have to change with the arm's."""
-    return not any(isinstance(end, CurvePose) for end in (problem.start, problem.goal))
+    return not any(getattr(end, "curve", None) for end in (problem.start, problem.goal))
 
 
 RADIUS = Parameter(

@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import figures_of_motion, space_figures_of_motion
 from ccm_opt.planning.pose import nearest_curves
-from ccm_opt.problem import CurvePose, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
@@ -74,7 +74,7 @@ class WrittenRecord:
     """
 
     keyframes: FloatArray
-    curves: tuple[CurvePose, ...]
+    curves: tuple[Configuration, ...]
     simulated_angles: FloatArray
     simulated_torques: FloatArray
     simulated_base: FloatArray
@@ -136,7 +136,7 @@ def _curves(problem: Problem, record: WrittenRecord) -> Check:
     """The curves behind the keyframes of a motion in the plane."""
     if problem.planner.method != "nlp":
         return check_followed_curves(problem.arm, record.curves, record.keyframes)
-    wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
+    wanted = keyframe_curves(problem.arm, record.keyframes)
     return check_nearest_curves(record.curves, wanted)
 
 

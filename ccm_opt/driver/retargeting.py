@@ -27,7 +27,7 @@ from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.legs import Planner, end_to_end
-from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
 from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
@@ -286,7 +286,7 @@ def _expect_goal(solution: AnySolution, goal: object) -> None:
         expect(goal, (SpaceTipGoal, SpaceJointPose), "a goal in space", example)
     else:
         example = "for example ccm_opt.problem.TipGoal(position, heading)"
-        expect(goal, (TipGoal, JointPose, CurvePose), "a goal", example)
+        expect(goal, (TipGoal, JointPose), "a goal", example)
 
 
 def _check(solution: AnySolution, time: float) -> None:

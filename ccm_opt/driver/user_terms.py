@@ -10,9 +10,8 @@ from ccm_opt.errors import Diagnosis, Finding, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, contradictions, contradictions_in_space
 from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
-from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
-from ccm_opt.robot.mapping import map_curve
 from ccm_opt.robot.points import DrivenArm
 
 
@@ -88,9 +87,7 @@ def _shape_at_start(problem: AnyProblem) -> FloatArray:
     """Headings of the links at the start, or in space its configuration, shape (k,)."""
     if isinstance(problem, SpaceProblem):
         return problem.start.configuration(problem.arm)
-    if isinstance(problem.start, JointPose):
-        return problem.arm.headings(problem.start.bends)
-    return map_curve(problem.arm, problem.start.configuration, problem.planner.mapping)
+    return problem.start.headings(problem.arm)
 
 
 def _contradictions(

@@ -29,7 +29,6 @@ from ccm_opt.io.schema import (
 )
 from ccm_opt.io.settings import FOLD, FoldSettings
 from ccm_opt.problem import (
-    CurvePose,
     Disturbances,
     Goal,
     JointPose,
@@ -38,14 +37,13 @@ from ccm_opt.problem import (
     PointLimit,
     Problem,
     SimulationOptions,
-    Start,
     Stop,
     TipGoal,
     Tolerances,
     VerificationOptions,
     Weights,
 )
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.robot.link_chain import Feed
@@ -144,6 +142,7 @@ class Tables:
 def build_problem(tables: Tables, source: str) -> Problem:
     """Assemble a problem from tables that have passed all checks."""
     arm = build_arm(tables.arm)
+    mapping = tables.planner.mapping
     *stops, last = tables.goals
     return Problem(
         name=tables.root.name,
@@ -151,10 +150,10 @@ def build_problem(tables: Tables, source: str) -> Problem:
         workspace=build_workspace(tables.workspace, tables.obstacles),
         arm=arm,
         limits=build_limits(tables.limits, arm.links),
-        start=build_pose(tables.start, arm),
-        goal=build_goal(last, arm),
+        start=build_pose(tables.start, arm, mapping),
+        goal=build_goal(last, arm, mapping),
         tolerances=build_tolerances(last),
-        stops=tuple(Stop(build_goal(stop, arm), build_tolerances(stop), stop.pause) for stop in stops),
+        stops=tuple(Stop(build_goal(stop, arm, mapping), build_tolerances(stop), stop.pause) for stop in stops),
         planner=build_options(tables.planner),
         simulation=build_simulation(tables.simulation),
         joint_error=tables.tolerance.joint_error_deg,
@@ -255,15 +254,15 @@ def _point_limits(table: LimitsTable) -> tuple[PointLimit, ...]:
     return (PointLimit(None, table.tip_velocity or np.inf, table.tip_acceleration or np.inf), *points)
 
 
-def build_pose(table: PoseTable, arm: Arm) -> Start:
+def build_pose(table: PoseTable, arm: Arm, mapping: MappingName) -> JointPose:
     """A whole-arm pose; the table holds exactly one kind.
 
     Raises:
-        ProblemError: when the arm cannot be folded.
+        ProblemError: the arm cannot be folded, or not be laid along the curve.
     """
     feed = feed_of(table, arm)
     if table.segments is not None:
-        return CurvePose(_configuration(table.segments, table.heading_deg, arm), feed)
+        return JointPose.along(arm, _configuration(table.segments, table.heading_deg, arm), mapping, feed)
     if table.joints_deg is not None:
         return JointPose(np.array(table.joints_deg), feed)
     return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm), feed)
@@ -274,11 +273,11 @@ def feed_of(table: PoseTable, arm: Arm) -> float:
     return arm.base_range[0] if table.feed is None else table.feed
 
 
-def build_goal(table: GoalTable, arm: Arm) -> Goal:
+def build_goal(table: GoalTable, arm: Arm, mapping: MappingName) -> Goal:
     """A goal for the tip or for the whole arm."""
     if table.position is not None:
         return TipGoal(np.array(table.position), table.heading_deg)
-    return build_pose(table, arm)
+    return build_pose(table, arm, mapping)
 
 
 def build_tolerances(table: GoalTable) -> Tolerances:

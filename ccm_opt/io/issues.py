@@ -33,6 +33,10 @@ class Issues:
         """Note one defect."""
         self.found.append((path, message))
 
+    def at(self, path: KeyPath) -> bool:
+        """Whether a defect of a key is noted."""
+        return any(found == path for found, _ in self.found)
+
     def located(
         self, lines: Mapping[KeyPath, int], setting_of: Callable[[KeyPath], str] = lambda _: ""
     ) -> list[FileIssue]:

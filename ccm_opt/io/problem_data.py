@@ -25,7 +25,6 @@ from ccm_opt.problem import (
     PlannerOptions,
     Problem,
     SimulationOptions,
-    Start,
     TipGoal,
     Tolerances,
     VerificationOptions,
@@ -226,16 +225,16 @@ def goal_table(goal: Goal | SpaceGoal, arm: Arm | SpaceArm, unit: LengthUnit) ->
     return table | {"via": [_lengths(place, unit) for place in goal.via]} if goal.via else table
 
 
-def pose_table(pose: Start | SpaceJointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
+def pose_table(pose: JointPose | SpaceJointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     """A pose of the whole arm as ``[start]``.
 
     Raises:
         ProblemError: a curve does not begin at the base.
     """
     feed: Table = {axis: in_unit(pose.feed, unit) for axis in arm.coordinates.base_names}
-    if isinstance(pose, (JointPose, SpaceJointPose)):
+    if isinstance(pose, SpaceJointPose) or pose.curve is None:
         return {"joints_deg": np.rad2deg(pose.bends).tolist()} | feed
-    return _curve(pose.configuration, arm, unit) | feed
+    return _curve(pose.curve, arm, unit) | feed
 
 
 def _curve(curve: Configuration, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:

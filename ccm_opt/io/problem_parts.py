@@ -35,14 +35,12 @@ from ccm_opt.io.schema import ArmTable
 from ccm_opt.io.space_reading import check_space_data
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import (
-    CurvePose,
     Goal,
     JointPose,
     Limits,
     PlannerOptions,
     Problem,
     SimulationOptions,
-    Start,
     TipGoal,
     VerificationOptions,
 )
@@ -128,7 +126,7 @@ class PartTables:
         return self._pose(goal, arm)
 
     def _pose(self, pose: object, arm: object) -> object:
-        if not isinstance(pose, (TipGoal, JointPose, CurvePose)):
+        if not isinstance(pose, (TipGoal, JointPose)):
             return pose
         built = arm if isinstance(arm, Arm) else self._built(arm)
         # An arm that cannot be built has defects of its own, which are told; the pose is told of when it has none.
@@ -178,7 +176,7 @@ def make_problem(
     limits: Limits | Given,
     obstacles: object = (),
     clearance: float | None = None,
-    start: str | Start | Given = "straight",
+    start: str | JointPose | Given = "straight",
     unit: LengthUnit = "m",
     description: str = "",
     joint_error_deg: float = 0.0,
@@ -251,7 +249,7 @@ def make_problem(
     return replace(problem, **objects)
 
 
-_OBJECTS = (Arm, Limits, TipGoal, JointPose, CurvePose)
+_OBJECTS = (Arm, Limits, TipGoal, JointPose)
 
 
 SpaceTable: TypeAlias = Mapping[str, Any]

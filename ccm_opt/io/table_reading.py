@@ -41,6 +41,7 @@ from ccm_opt.io.schema import (
 )
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing, Problem
+from ccm_opt.robot.arm import MappingName
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, Workspace
 
 _SLIPS = (1e-3, 1e3, 1.0 / 25.4, 25.4)
@@ -307,9 +308,10 @@ def _check_between(draft: _Draft, issues: Issues, drawing: ImportedDrawing | Non
     if draft.limits is not None:
         check_limit_lists(draft.arm, draft.limits, issues)
         check_limited_points(draft.arm, draft.limits, issues)
+    mapping: MappingName = "least-squares" if draft.planner is None else draft.planner.mapping
     for path, pose in _poses(draft):
         check_pose(draft.arm, pose, path, issues)
-        _check_foldable(draft.arm, pose, path, issues)
+        _check_shape(draft.arm, pose, mapping, path, issues)
         _check_feed(draft.arm, pose, path, issues)
     _check_places(draft, issues, drawing)
 
@@ -346,12 +348,16 @@ def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issu
             )
 
 
-def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
-    if pose.shape == "folded" and _lists_fit(arm):
+def _check_shape(
+    arm: ArmTable, pose: StartTable | GoalTable, mapping: MappingName, path: KeyPath, issues: Issues
+) -> None:
+    """The arm can be folded, or be laid along the curve."""
+    key = "segments" if pose.segments is not None else "shape"
+    if (pose.shape == "folded" or pose.segments) and _lists_fit(arm) and not issues.at((*path, key)):
         try:
-            build_pose(pose, build_arm(arm))
+            build_pose(pose, build_arm(arm), mapping)
         except ProblemError as error:
-            issues.add((*path, "shape"), str(error))
+            issues.add((*path, key), str(error))
 
 
 def _check_places(draft: _Draft, issues: Issues, drawing: ImportedDrawing | None) -> None:

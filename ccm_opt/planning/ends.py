@@ -11,9 +11,8 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.planning.settings import DEFAULT_ENDS, EndSettings
 from ccm_opt.planning.step import GoalPose
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.contact_finder import WALL, ContactFinder
 
@@ -63,14 +62,14 @@ def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends
     Raises:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
     """
-    start = _headings(problem, problem.start)
+    start = problem.start.headings(problem.arm)
     clamped = stands_flush(problem, start, settings)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     refuse_bad_pose(arm, problem.workspace, start, "start", settings.reach)
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         return Ends(start, tip_goal(problem, problem.goal, settings), None, clamped)
-    headings = _within_limits(problem, _headings(problem, problem.goal))
+    headings = _within_limits(problem, problem.goal.headings(problem.arm))
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
@@ -155,19 +154,13 @@ def clamped_arm(arm: Arm) -> Arm:
     return replace(arm, mount_length=arm.link_length)
 
 
-def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
-    if isinstance(pose, JointPose):
-        return problem.arm.headings(pose.bends)
-    return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
-
-
 def _within_limits(problem: Problem, headings: FloatArray) -> FloatArray:
     """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
     arm = problem.arm
     bends = arm.bends(headings)
     kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
     over = float(np.max(np.abs(bends - kept)))
-    given = isinstance(problem.goal, JointPose)
+    given = isinstance(problem.goal, JointPose) and problem.goal.curve is None
     return arm.headings(kept) if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else headings
 
 

@@ -17,14 +17,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound
 from ccm_opt.problem import (
-    CurvePose,
     Goal,
     JointPose,
     Limits,
     PlannerOptions,
     Problem,
     SimulationOptions,
-    Start,
     Stop,
     TipGoal,
     Tolerances,
@@ -63,16 +61,18 @@ class OwnUnits:
     def scaled(self, problem: Problem) -> Problem:
         """The problem in these units; bends, times and masses are as they were."""
         tolerances = self._tolerances(problem.tolerances)
+        arm = self._arm(problem.arm)
         return replace(
             problem,
             workspace=self._workspace(problem.workspace),
-            arm=self._arm(problem.arm),
+            arm=arm,
             limits=self._limits(problem.limits),
-            start=self._pose(problem.start),
-            goal=self._goal(problem.goal),
+            start=self._pose(problem.start, arm),
+            goal=self._goal(problem.goal, arm),
             tolerances=tolerances,
             stops=tuple(
-                Stop(self._goal(stop.goal), self._tolerances(stop.tolerances), stop.pause) for stop in problem.stops
+                Stop(self._goal(stop.goal, arm), self._tolerances(stop.tolerances), stop.pause)
+                for stop in problem.stops
             ),
             planner=self._options(problem.planner),
             simulation=self._simulation(problem.simulation),
@@ -196,13 +196,16 @@ class OwnUnits:
             points=tuple(points),
         )
 
-    def _pose(self, pose: Start) -> Start:
-        if isinstance(pose, JointPose):
-            return replace(pose, feed=self._length(pose.feed))
-        return CurvePose(self._in_units(pose.configuration), self._length(pose.feed))
+    def _pose(self, pose: JointPose, arm: Arm) -> JointPose:
+        feed = self._length(pose.feed)
+        if pose.curve is None:
+            return replace(pose, feed=feed)
+        return JointPose.along(arm, self._in_units(pose.curve), pose.mapping, feed)
 
-    def _goal(self, goal: Goal) -> Goal:
-        return replace(goal, position=self._lengths(goal.position)) if isinstance(goal, TipGoal) else self._pose(goal)
+    def _goal(self, goal: Goal, arm: Arm) -> Goal:
+        if isinstance(goal, TipGoal):
+            return replace(goal, position=self._lengths(goal.position))
+        return self._pose(goal, arm)
 
     def _tolerances(self, tolerances: Tolerances) -> Tolerances:
         return replace(tolerances, position=self._length(tolerances.position))

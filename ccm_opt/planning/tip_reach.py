@@ -21,9 +21,8 @@ from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_over_routes import pose_search, pose_tries
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import GoalPose, Stepper
-from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder
 
@@ -247,9 +246,7 @@ class _Explorer:
 
 def start_headings(problem: Problem) -> FloatArray:
     """Link headings of a problem's start, shape (links,) [rad]."""
-    if isinstance(problem.start, JointPose):
-        return problem.arm.headings(problem.start.bends)
-    return map_curve(problem.arm, problem.start.configuration, problem.planner.mapping)
+    return problem.start.headings(problem.arm)
 
 
 def _apart(first: FloatArray, second: float) -> FloatArray:

@@ -14,7 +14,7 @@ from ccm_opt.problem.options import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.problem.poses import CurvePose, Goal, JointPose, Start, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import DriveLimits, Limits, PointLimit
 from ccm_opt.scene.workspace import Obstacle, Workspace, obstacles_of
@@ -22,7 +22,6 @@ from ccm_opt.scene.workspace import Obstacle, Workspace, obstacles_of
 __all__ = [
     "Arm",
     "ControllerName",
-    "CurvePose",
     "Disturbances",
     "DriveLimits",
     "Goal",
@@ -39,7 +38,6 @@ __all__ = [
     "Problem",
     "RetimingName",
     "SimulationOptions",
-    "Start",
     "Stop",
     "TipGoal",
     "Tolerances",

@@ -9,7 +9,7 @@ from ccm_opt.problem.defects import defects
 from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.problem.planning_problem import PlanningProblem
-from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
+from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.workspace import Workspace
@@ -43,7 +43,7 @@ class Problem(PlanningProblem):
     workspace: Workspace
     arm: Arm
     limits: Limits
-    start: Start
+    start: JointPose
     goal: Goal
     description: str = ""
     tolerances: Tolerances = field(default_factory=Tolerances)

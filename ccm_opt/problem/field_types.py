@@ -9,7 +9,7 @@ from ccm_opt.core.arguments import is_number
 from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import file_length
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions, Weights
-from ccm_opt.problem.poses import CurvePose, JointPose, Stop, TipGoal, Tolerances
+from ccm_opt.problem.poses import JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.link_chain import Feed
@@ -55,8 +55,8 @@ IN_THE_PLANE = PartTypes(
         **COMMON_PARTS,
         "workspace": (Workspace,),
         "arm": (Arm,),
-        "start": (JointPose, CurvePose),
-        "goal": (TipGoal, JointPose, CurvePose),
+        "start": (JointPose,),
+        "goal": (TipGoal, JointPose),
         "workspace.boundary": (shapely.Polygon,),
         "workspace.obstacles": (tuple,),
         "arm.feed": (Feed, type(None)),

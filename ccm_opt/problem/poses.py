@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.mapping import map_curve
 
 
 @dataclass(frozen=True)
@@ -23,10 +24,30 @@ class JointPose:
     Attributes:
         bends: shape (links,) [rad].
         feed: position of the base on its feed axis [m]; 0 without one.
+        curve: that the arm is laid along, as it lies when the feed axis is at 0; None where there is none. A motion
+            counts as there when the arm lies along it, by whichever mapping.
+        mapping: how it is laid there.
     """
 
     bends: FloatArray
     feed: float = 0.0
+    curve: Configuration | None = None
+    mapping: MappingName = "least-squares"
+
+    @classmethod
+    def along(cls, arm: Arm, curve: Configuration, mapping: MappingName = "least-squares", feed: float = 0.0) -> Self:
+        """Lay an arm along a curve in the plane, by one of the mappings from curves to joints.
+
+        Args:
+            arm: the arm, as long as the curve.
+            curve: as it lies when the feed axis is at 0.
+            mapping: how the joints are placed.
+            feed: position of the base on its feed axis [m]; 0 without one.
+
+        Raises:
+            ProblemError: the lengths differ, or the mapping does not exist for this curve.
+        """
+        return cls(arm.bends(map_curve(arm, curve, mapping)), feed, curve, mapping)
 
     @classmethod
     def of_degrees(
@@ -46,6 +67,10 @@ class JointPose:
         given.refuse()
         return cls(np.deg2rad(np.asarray(found)), carried)
 
+    def headings(self, arm: Arm) -> FloatArray:
+        """Headings of the links in the plane, of a curve to the last bit its mapping; shape (links,) [rad]."""
+        return arm.headings(self.bends) if self.curve is None else map_curve(arm, self.curve, self.mapping)
+
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
         """The pose of a configuration, shape (c,) [rad, m]."""
@@ -54,19 +79,6 @@ class JointPose:
     def configuration(self, arm: Arm) -> FloatArray:
         """The pose as a configuration of an arm, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
-
-
-@dataclass(frozen=True)
-class CurvePose:
-    """A whole-arm pose given as a curve; the arm takes its mapping.
-
-    Attributes:
-        configuration: the curve as it lies when the feed axis is at 0.
-        feed: position of the base on its feed axis [m]; 0 without one.
-    """
-
-    configuration: Configuration
-    feed: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -112,8 +124,7 @@ class TipGoal:
         return cls(place, None if heading is None else float(np.deg2rad(heading)))
 
 
-Start: TypeAlias = JointPose | CurvePose
-Goal: TypeAlias = TipGoal | JointPose | CurvePose
+Goal: TypeAlias = TipGoal | JointPose
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import CurvePose
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
@@ -115,7 +115,7 @@ class _Chain:
         return np.asarray(np.linalg.norm(away - along[:, None] * pieces, axis=1))
 
 
-def check_nearest_curves(curves: Sequence[CurvePose], wanted: Sequence[CurvePose]) -> Check:
+def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Configuration]) -> Check:
     """Check that curves are those which come nearest to the keyframes.
 
     Args:
@@ -126,20 +126,18 @@ def check_nearest_curves(curves: Sequence[CurvePose], wanted: Sequence[CurvePose
         The check; its worst value is a share of the greatest curvature, or of a radian.
     """
     name = "curves against keyframes"
-    if [len(curve.configuration.segments) for curve in curves] != [
-        len(curve.configuration.segments) for curve in wanted
-    ]:
+    if [len(curve.segments) for curve in curves] != [len(curve.segments) for curve in wanted]:
         return Check(name, np.inf, 0.0, "", f"{len(curves)} curves for {len(wanted)} keyframes", passed=False)
-    steepest = max(float(np.max(np.abs(part.curvature))) for curve in wanted for part in curve.configuration.segments)
+    steepest = max(float(np.max(np.abs(part.curvature))) for curve in wanted for part in curve.segments)
     # A straight curve has no size of its own; half a turn over the arm stands for it.
-    size = max(steepest, np.pi / wanted[0].configuration.length)
+    size = max(steepest, np.pi / wanted[0].length)
     errors = [_difference(ours, theirs, size) for ours, theirs in zip(curves, wanted, strict=True)]
     k = int(np.argmax(errors))
     passed = errors[k] <= _CURVE_MATCH
     return Check(name, errors[k], _CURVE_MATCH, "", f"curve {k + 1}", passed=passed)
 
 
-def check_followed_curves(arm: Arm, curves: Sequence[CurvePose], keyframes: FloatArray) -> Check:
+def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: FloatArray) -> Check:
     """Check that an arm follows its curves, where these were planned first.
 
     Headings of links are the mean headings of their curve, and what the start's mapping adds to them all along.
@@ -159,9 +157,8 @@ def check_followed_curves(arm: Arm, curves: Sequence[CurvePose], keyframes: Floa
     return Check(name, worst, _FOLLOWED_CURVE, "rad", f"curve {k + 1}", passed=worst <= _FOLLOWED_CURVE)
 
 
-def _mean_headings(arm: Arm, pose: CurvePose) -> FloatArray:
+def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
     """Mean headings of a curve over the arm's links, shape (links,) [rad]."""
-    curve = pose.configuration
     of_links = np.linspace(0.0, curve.length, arm.links + 1)
     ends = np.union1d(curve.breakpoints, of_links)
     # Between breakpoints headings are quartics, which three Gauss points integrate exactly.
@@ -173,10 +170,8 @@ def _mean_headings(arm: Arm, pose: CurvePose) -> FloatArray:
     return np.asarray(np.diff(np.interp(of_links, ends, turned)) / np.diff(of_links))
 
 
-def _difference(pose: CurvePose, wanted: CurvePose, size: float) -> float:
+def _difference(ours: Configuration, theirs: Configuration, size: float) -> float:
     """The greatest difference of headings at the base [rad], and of curvatures, lengths and knots as shares."""
-    ours = pose.configuration
-    theirs = wanted.configuration
     found = [abs(ours.base_heading - theirs.base_heading)]
     for part, other in zip(ours.segments, theirs.segments, strict=True):
         found.append(float(np.max(np.abs(part.curvature - other.curvature))) / size)

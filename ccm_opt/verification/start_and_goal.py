@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.checked_problem import CheckedProblem, revolutes_of_bends
 from ccm_opt.verification.link_motion import advance, chain_points, link_headings
@@ -63,9 +64,9 @@ def _start(problem: Problem, trajectory: JointTrajectory, settings: Verification
     bends = trajectory.bend_angles[0]
     tip_tolerance = settings.curve_tip_tolerance
     on_base = _base_place("start ", start, trajectory, 0, tip_tolerance, settings)
-    if isinstance(start, JointPose):
+    if start.curve is None:
         return [_same_joints("start joints", bends, start.bends, settings.start_tolerance), *on_base]
-    return [*_on_curve("start ", problem.arm, bends, start, tip_tolerance, settings), *on_base]
+    return [*_on_curve("start ", problem.arm, bends, start.curve, tip_tolerance, settings), *on_base]
 
 
 def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
@@ -99,14 +100,14 @@ def _goal(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, settings: 
         return _tip_checks(arm, trajectory, wanted, goal, settings)
     bends = trajectory.bend_angles[wanted.sample]
     on_base = _base_place(name, goal, trajectory, wanted.sample, tolerances.position, settings)
-    if isinstance(goal, JointPose):
+    if goal.curve is None:
         return [_same_joints(f"{name}joints", bends, goal.bends, tolerances.heading), *on_base]
-    return [*_on_curve(name, arm, bends, goal, tolerances.position, settings), *on_base]
+    return [*_on_curve(name, arm, bends, goal.curve, tolerances.position, settings), *on_base]
 
 
 def _base_place(
     name: str,
-    pose: JointPose | CurvePose,
+    pose: JointPose,
     trajectory: JointTrajectory,
     sample: int,
     tolerance: float,
@@ -151,14 +152,13 @@ def _same_joints(name: str, bends: FloatArray, wanted: FloatArray, tolerance: fl
 
 
 def _on_curve(
-    name: str, arm: Arm, bends: FloatArray, pose: CurvePose, tip_tolerance: float, settings: VerificationSettings
+    name: str, arm: Arm, bends: FloatArray, curve: Configuration, tip_tolerance: float, settings: VerificationSettings
 ) -> list[Check]:
     """Check that an arm lies on its curve, whichever mapping laid it there.
 
     The mapping is the planner's business; what every mapping owes is that the tip coincides and that no joint is
     farther off than the worst error of the paper's own.
     """
-    curve = pose.configuration
     # The curve is given as it lies while the base is not carried along.
     points = chain_points(arm, link_headings(arm, bends), np.zeros(()))
     # Forty places a link stand for the curve: the distance to them is too great by at most some l / 80 at a joint.

@@ -8,7 +8,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
-from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal
+from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
 from ccm_opt.viz.document import (
     COMMON,
@@ -39,13 +39,13 @@ _CURVE_PLACES = 200
 def pose_points(problem: Problem, pose: object) -> FloatArray | None:
     """Where a pose of the whole arm is, shape (m, 2) [m]: joints and tip, or points of its curve; None for a tip."""
     arm = problem.arm
-    if isinstance(pose, JointPose):
-        return arm.joint_positions_at(pose.configuration(arm))
-    if isinstance(pose, CurvePose):
-        curve = pose.configuration
+    if not isinstance(pose, JointPose):
+        return None
+    curve = pose.curve
+    if curve is not None:
         along = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
         return np.asarray(along + pose.feed * arm.direction if pose.feed else along)
-    return None
+    return arm.joint_positions_at(pose.configuration(arm))
 
 
 def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:

@@ -16,7 +16,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.record_agreement import keyframe_curves
 from ccm_opt.errors import CcmError
 from ccm_opt.problem import (
-    CurvePose,
     JointPose,
     Limits,
     PlannerOptions,
@@ -211,8 +210,8 @@ def other_goals(scale: float) -> None:
         joints = states_of(problem, trajectory)
         curves = keyframe_curves(arm, trajectory.positions[[0, -1]])
         tip = tips(arm, trajectory.positions[-1:])[0]
-        for goal in (CurvePose(curves[1], 0.23 if fed else 0.0), TipGoal(tip), TipGoal(tip + 0.1, 0.3)):
-            changed = replace(problem, start=CurvePose(curves[0]), goal=goal, joint_error=0.0)
+        for goal in (JointPose.along(arm, curves[1], feed=0.23 if fed else 0.0), TipGoal(tip), TipGoal(tip + 0.1, 0.3)):
+            changed = replace(problem, start=JointPose.along(arm, curves[0]), goal=goal, joint_error=0.0)
             verify(changed, trajectory, joints)
 
 
@@ -330,8 +329,8 @@ def keyframes_held(scale: float) -> None:
         problem, trajectory = plan_of(scale, fed=fed)
         arm = problem.arm
         keyframes = trajectory.positions[[0, 80, 200, 333, 420, 560, -1]]
-        curves = [CurvePose(curve) for curve in keyframe_curves(arm, keyframes)]
-        longer = [CurvePose(Configuration(c.configuration.base, c.configuration.segments[:-1])) for c in curves]
+        curves = keyframe_curves(arm, keyframes)
+        longer = [Configuration(c.base, c.segments[:-1]) for c in curves]
         for some in (keyframes, keyframes + 0.05, keyframes[::-1], keyframes[:0], keyframes[2:]):
             check_keyframes(arm, trajectory, some)
             check_followed_curves(arm, curves, some)

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import CurvePose, JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
+from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_chain import Feed
@@ -125,7 +125,7 @@ def bowed(start: float, wanted: float) -> Case:
     """A motion from one bow, and the bow that it should begin at."""
     arm = plain_arm(12, 0.05)
     begin = arm.bends(map_curve(arm, arc(arm, start), "least-squares"))
-    return fixed(0.5 * begin, arm, begin).asked(start=CurvePose(arc(arm, wanted)))
+    return fixed(0.5 * begin, arm, begin).asked(start=JointPose.along(arm, arc(arm, wanted)))
 
 
 def ending_bowed(end: float, wanted: float) -> Case:
@@ -133,7 +133,7 @@ def ending_bowed(end: float, wanted: float) -> Case:
     arm = plain_arm(12, 0.05)
     there = arm.bends(map_curve(arm, arc(arm, end), "least-squares"))
     case = fixed(there, arm, 0.5 * there)
-    return case.asked(goal=CurvePose(arc(arm, wanted)))
+    return case.asked(goal=JointPose.along(arm, arc(arm, wanted)))
 
 
 def tip_of(case: Case, sample: int) -> tuple[FloatArray, float]:
@@ -152,7 +152,7 @@ def missed_tip(*, heading: bool, stop: bool) -> Case:
     return case.asked(stops=(Stop(goal, Tolerances()),)) if stop else case.asked(goal=goal)
 
 
-def stopping(goal: JointPose | CurvePose, rest: float = 0.1, pause: float = 0.1) -> Case:
+def stopping(goal: JointPose, rest: float = 0.1, pause: float = 0.1) -> Case:
     """A motion that stops where it should be at a goal."""
     return pausing(rest).asked(stops=(Stop(goal, Tolerances(), pause),))
 
@@ -173,7 +173,9 @@ def stopping_bowed(wanted: float) -> Case:
     accelerations = np.concatenate((motion.accelerations, motion.accelerations[::-1][1:]))
     time = np.concatenate((motion.time, motion.time[-1] + motion.time[1:]))
     whole = case.moved(time=time, accelerations=accelerations, stops=(len(motion.time) - 1,), **parts)
-    return whole.asked(goal=JointPose(np.zeros(LINKS)), stops=(Stop(CurvePose(arc(arm, wanted)), Tolerances()),))
+    return whole.asked(
+        goal=JointPose(np.zeros(LINKS)), stops=(Stop(JointPose.along(arm, arc(arm, wanted)), Tolerances()),)
+    )
 
 
 def fed_stopping() -> Case:

@@ -21,10 +21,9 @@ from ccm_opt.planning.following.leader import (
 )
 from ccm_opt.planning.planner_settings import DEFAULT_FEED, DEFAULT_FOLLOWING, FeedPlannerSettings, FollowingSettings
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.bad_pose import refuse_bad_pose
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.workspace import Workspace
@@ -36,9 +35,7 @@ _CONTACT_REACH = 0.02
 """Contacts of a pose nearer than this are listed, as a share of the arm's length. Taste."""
 
 
-def fed_pose(
-    problem: Problem, pose: JointPose | CurvePose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED
-) -> JointPose:
+def fed_pose(problem: Problem, pose: JointPose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED) -> JointPose:
     """A pose of a problem, its bends exactly 0 where the guide tube holds a joint; ``which`` names it in messages.
 
     Raises:
@@ -46,11 +43,9 @@ def fed_pose(
     """
     arm = problem.arm
     held = arm.held(pose.feed)
-    if isinstance(pose, JointPose):
-        bends = np.array(pose.bends, dtype=np.float64)
-        tolerance = ROUNDING
-    else:
-        bends = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping))
+    bends = np.array(pose.bends, dtype=np.float64)
+    tolerance = ROUNDING
+    if pose.curve is not None:
         # A bend moves the tip by no more than itself times the arm's length.
         tolerance = settings.straightening / (arm.length * max(int(held.sum()), 1))
 
