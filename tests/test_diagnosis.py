@@ -26,7 +26,7 @@ from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.reach import least_chord, out_of_reach
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
-from ccm_opt.driver.pipeline import recorded_path
+from ccm_opt.driver.legs import recorded_path
 from ccm_opt.errors import (
     Diagnosis,
     Finding,

@@ -17,8 +17,7 @@ import ccm_opt
 from ccm_opt.cli import solving
 from ccm_opt.cli.commands import app
 from ccm_opt.driver import closed_loop, kept_plan
-from ccm_opt.driver.closed_loop import chain_motion, first_touch, simulate_and_check
-from ccm_opt.driver.metrics import Touch
+from ccm_opt.driver.closed_loop import Touch, chain_motion, first_touch, simulate_and_check
 from ccm_opt.dynamics.simulation import closed_loop_run
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, SimulationError
 from ccm_opt.io.reading import parse_problem

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.axis_ways import possible_gap_in_space
+from ccm_opt.driver.kept_plan import room_in_space
 from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
-from ccm_opt.driver.space_planning_run import room_in_space
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem

@@ -12,12 +12,12 @@ from scipy.interpolate import BSpline
 from ccm_opt import retiming
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.verified_plan import timed_leg
+from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError
 from ccm_opt.io.reading import load_problem, parse_problem
-from ccm_opt.planning.legs import Leg
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.retiming.paul import DEFAULT_PAUL, Legs, fastest_legs, retime_paul
 from ccm_opt.retiming.timed_path import PathLimits
@@ -199,7 +199,7 @@ def test_transitions_shrink_until_the_verifier_accepts() -> None:
     """Where the widest turn cuts into an obstacle the next is taken, and it is verified."""
     problem, path = peg_problem(CORNERS[-1]), made_path(CORNERS)
     dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    plan = timed_leg(Leg(problem, path), dynamics, Stages())
+    plan = timed_and_verified(problem, (Leg(problem, path),), Stages())
     revolutes = partial(revolute_angles, problem.arm)
     widest, second = (
         retime_paul(
@@ -220,9 +220,8 @@ def test_a_polygon_through_an_obstacle_has_no_timing() -> None:
     """No turn however small mends a leg that crosses an obstacle: that is said, with what fails and what would help."""
     through = np.array([1.6, 0.0, 0.0, 0.0])
     problem, path = peg_problem(through), made_path(np.array([np.zeros(4), through]))
-    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     with pytest.raises(RetimingError, match=r"(?s)narrowest turns .*wall clearance.*try: .*toppra"):
-        timed_leg(Leg(problem, path), dynamics, Stages())
+        timed_and_verified(problem, (Leg(problem, path),), Stages())
 
 
 def test_a_whole_problem_is_solved_with_transitions() -> None:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.attempts import best_of_tries, least_gap
+from ccm_opt.driver.attempts import best_of_tries, least_gap, surviving_errors
 from ccm_opt.driver.kept_plan import as_it_stands
-from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan
+from ccm_opt.driver.timed_plan import TermResults, VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
@@ -72,9 +73,8 @@ def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Callable[[Pro
     return attempt
 
 
-def standing(plan: VerifiedPlan) -> ccm_opt.Solution:
-    """A plan as a solution."""
-    return as_it_stands(asked(1), plan, Stages())
+tries_of = partial(best_of_tries, each=surviving_errors, as_it_stands=partial(as_it_stands, stages=Stages()))
+"""What is asked for of a problem."""
 
 
 def nothing(reason: str) -> MotionNotFound:
@@ -85,23 +85,26 @@ def nothing(reason: str) -> MotionNotFound:
 def test_the_shortest_roomy_try_is_taken(plans: dict[str, VerifiedPlan]) -> None:
     """A shorter motion with less room than the others is not taken; with as much it is, and all tries are told."""
     roomy = {0: with_gap(plans["slow"], 0.03), 1: nothing("none"), 2: with_gap(plans["fast"], 0.019)}
-    best = answered(best_of_tries(asked(3), standing), answering(roomy))
+    best = answered(tries_of(asked(3)), answering(roomy))
     assert best.trajectory is plans["fast"].trajectory
     assert [each.seed for each in best.tries] == [0, 1, 2]
     assert [each.taken for each in best.tries] == [False, False, True]
     assert best.tries[1].reason == "none"
     assert best.tries[2].gap == pytest.approx(0.019)
     tight = {**roomy, 2: with_gap(plans["fast"], 0.001)}
-    assert answered(best_of_tries(asked(3), standing), answering(tight)).trajectory is plans["slow"].trajectory
+    assert answered(tries_of(asked(3)), answering(tight)).trajectory is plans["slow"].trajectory
 
 
 def test_tries_in_vain_say_what_the_first_said() -> None:
     """Without any plan the failure is that of the first try; a goal out of reach ends the tries at once."""
     failing = answering({7: nothing("first"), 8: nothing("second")})
     with pytest.raises(MotionNotFound, match="first"):
-        answered(best_of_tries(asked(2, seed=7), standing), failing)
+        answered(tries_of(asked(2, seed=7)), failing)
     with pytest.raises(UnreachableGoal):
-        answered(best_of_tries(asked(2), standing), answering({0: UnreachableGoal(Diagnosis("far", "reach"))}))
+        answered(
+            tries_of(asked(2)),
+            answering({0: UnreachableGoal(Diagnosis("far", "reach"))}),
+        )
 
 
 def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
@@ -113,20 +116,20 @@ def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
         return plans["fast"]
 
     problem = asked(4)
-    answered(best_of_tries(problem, standing), attempt)
+    answered(tries_of(problem), attempt)
     assert limits[0] == pytest.approx(problem.planner.time_limit / 4, rel=0.1)
     assert sum(limits) >= 0.9 * problem.planner.time_limit
     hurried = replace(problem, planner=replace(problem.planner, time_limit=1e-9))
-    assert len(answered(best_of_tries(hurried, standing), attempt).tries) == 1
+    assert len(answered(tries_of(hurried), attempt).tries) == 1
 
 
 def test_a_cancelled_try_loses_no_plan(plans: dict[str, VerifiedPlan]) -> None:
     """On Ctrl-C the best plan so far is kept; before the first there is none to keep."""
     with pytest.raises(CancelledWithPlan) as kept:
-        answered(best_of_tries(asked(2), standing), answering({0: plans["slow"], 1: KeyboardInterrupt()}))
+        answered(tries_of(asked(2)), answering({0: plans["slow"], 1: KeyboardInterrupt()}))
     assert kept.value.solution.trajectory is plans["slow"].trajectory
     with pytest.raises(KeyboardInterrupt) as lost:
-        answered(best_of_tries(asked(2), standing), answering({0: KeyboardInterrupt()}))
+        answered(tries_of(asked(2)), answering({0: KeyboardInterrupt()}))
     assert not isinstance(lost.value, CancelledWithPlan)
 
 

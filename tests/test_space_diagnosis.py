@@ -17,7 +17,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.axis_ways import AxisWays, way_length
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.contact_in_space import strong_enough_in_space
-from ccm_opt.diagnosis.explain import refuse_closed_in_space, refuse_impossible_in_space
+from ccm_opt.diagnosis.explain import refuse_closed_in_space, refuse_impossible
 from ccm_opt.diagnosis.in_space import IN_SPACE, failed_in_space, moved_space_goals, tight_in_space
 from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, WholeSpacePose
 from ccm_opt.diagnosis.reach_in_space import TurnCaps, least_limit, most_turn
@@ -127,7 +127,7 @@ def test_no_pose_in_space_is_out_of_reach(seed: int, limit: float, base: float, 
     tip = arm.joint_positions_at(q)[-1]
     direction = arm.link_rotations(q)[-1, :, 0] if asked else None
     problem = problem_of(arm, SpaceTipGoal(tip, direction))
-    refuse_impossible_in_space(replace(problem, workspace=SpaceWorkspace(None)))
+    refuse_impossible(replace(problem, workspace=SpaceWorkspace(None)))
 
 
 @settings(max_examples=6, deadline=None)

@@ -9,8 +9,6 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
-from ccm_opt.driver.space_planning_run import timed_in_space
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import JointPath, JointTrajectory
@@ -73,8 +71,7 @@ def test_a_retimer_of_the_users_times_the_path() -> None:
             """Time the path within half of the limits of speed and a quarter of those of acceleration."""
             limits = problem.limits
             slow = replace(limits, velocity=0.5 * limits.velocity, acceleration=0.25 * limits.acceleration)
-            dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-            return timed_in_space(replace(problem, limits=slow), path, dynamics)
+            return ccm_opt.BuiltInRetimer().retime(replace(problem, limits=slow), path)
 
     usual = free_motion()
     slow = ccm_opt.solve(post(), retimer=Slow())  # type: ignore[call-overload]

@@ -17,7 +17,7 @@ from ccm_opt.cli.view.app import ViewerApp, claim_port
 from ccm_opt.cli.view.frames import SpaceFrames, turned_to
 from ccm_opt.cli.view.handles import GOAL, direction_of, frames_of
 from ccm_opt.cli.view.scene import SpaceScene
-from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
+from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
@@ -73,7 +73,7 @@ def test_poses_gaps_and_torques_are_those_of_the_plan() -> None:
 
 def test_a_plan_follows_its_goal_or_says_why_not() -> None:
     """A goal that moves is planned and verified; one in the box is explained, and the last plan stays."""
-    live = LivePlanInSpace(problem())
+    live = LivePlan(problem())
     answer = live.move_goal((0.2, 0.32, 0.05), np.array([0.0, 2.0, 1.0]))
     assert answer.current
     assert all(check.passed for check in live.plan.checks)
@@ -94,7 +94,7 @@ def test_a_plan_follows_its_goal_or_says_why_not() -> None:
 
 def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     """An obstacle that stays far off changes no motion; one in the way is gone round; one over the arm is named."""
-    live = LivePlanInSpace(problem())
+    live = LivePlan(problem())
     first = live.plan
     assert live.move_obstacle("box", (0.0, -0.05, 0.0)).current
     assert live.plan.trajectory is first.trajectory
@@ -157,7 +157,7 @@ def test_moved_bodies_are_the_same_elsewhere(by: list[float]) -> None:
 @pytest.fixture
 def viewer() -> Iterator[ViewerApp]:
     """The page of a plan in space."""
-    live = LivePlanInSpace(problem())
+    live = LivePlan(problem())
     plan = live.plan
     app = ViewerApp(frames_of(plan.problem, plan.trajectory, plan.joints), live, claim_port(0), plan.checks)
     stop = threading.Event()
@@ -186,7 +186,7 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
             scene.colour_by = meaning
             scene.pose(0.5)
     live = viewer.live
-    assert isinstance(live, LivePlanInSpace)
+    assert isinstance(live, LivePlan)
     viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
     assert viewer.frames.trajectory is live.plan.trajectory
     assert "planned and verified" in viewer._status.content

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.driver.attempts import with_lowered_costs
+from ccm_opt.driver.attempts import surviving_errors, with_lowered_costs
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms, compile_terms
 from ccm_opt.ik.terms import Expression
@@ -76,7 +76,7 @@ def test_costs_are_lowered_until_a_plan_is_found() -> None:
             raise VerificationError(["wall clearance"])
         return "plan"
 
-    assert answered(with_lowered_costs(camera_room(), terms_with_cost()), attempt) == ("plan", 0.0)
+    assert answered(with_lowered_costs(camera_room(), terms_with_cost(), surviving_errors), attempt) == ("plan", 0.0)
     assert seen == [([20.0, 4.0], 1), ([pytest.approx(2.0), pytest.approx(0.4)], 1), ([], 1)]
 
 
@@ -93,7 +93,7 @@ def test_without_costs_or_with_a_goal_out_of_reach_nothing_is_tried_again(error:
 
     terms = terms_with_cost() if error is UnreachableGoal else compile_terms(camera_room().arm, [valve_in_view], [])
     with pytest.raises(error):
-        answered(with_lowered_costs(camera_room(), terms), attempt)
+        answered(with_lowered_costs(camera_room(), terms, surviving_errors), attempt)
     assert calls == 1
 
 

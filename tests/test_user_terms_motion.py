@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import NoPlanFound, VerificationError
+from ccm_opt.errors import MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.quantities import Quantities
 from ccm_opt.ik.terms import Constraint, Cost, Interval
@@ -197,7 +197,7 @@ def test_own_stages_are_held_against_own_constraints() -> None:
     assert solution.trajectory.duration == pytest.approx(10.0)
     assert solution.path.candidate == "straight"
     high = Constraint("high", lambda q: q.joint_positions[1, 12], lower=0.31)
-    with pytest.raises(VerificationError, match="constraint high"):
+    with pytest.raises(MotionNotFound, match="constraint high"):
         ccm_opt.solve(problem, planner=Straight(end), retimer=Slow(), constraints=[high], explain=False)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.errors import MotionNotFound, ProblemError
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.functions import MotionStates
 from ccm_opt.ik.terms import Constraint, Cost, Interval
@@ -39,7 +39,7 @@ def test_velocities_are_those_of_the_arm(small_problem: Problem) -> None:
 
 def test_a_motion_that_is_too_fast_is_refused_and_a_limited_one_is_not(small_problem: Problem) -> None:
     """The constraint refuses the fastest motion, and says so by name; it accepts one that a limit slows down."""
-    with pytest.raises(VerificationError, match="constraint slow tip"):
+    with pytest.raises(MotionNotFound, match="constraint slow tip"):
         ccm_opt.solve(small_problem, constraints=[slow_tip(0.1)], explain=False)
     limited = replace(small_problem, limits=replace(small_problem.limits, points=(PointLimit(None, 0.1),)))
     solution = ccm_opt.solve(limited, constraints=[slow_tip(0.1)])

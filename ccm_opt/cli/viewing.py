@@ -13,12 +13,11 @@ from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import load_any_problem, load_motion
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
     from ccm_opt.driver.live_plan import LivePlan
-    from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
     from ccm_opt.solution.space_solution import AnySolution
 
 
@@ -97,16 +96,12 @@ def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
     return ViewerApp(frames_of(problem, plan.trajectory, plan.joints), live, door, plan.checks)
 
 
-def _live_plan(problem: AnyProblem) -> "LivePlan | LivePlanInSpace | None":
+def _live_plan(problem: AnyProblem) -> "LivePlan | None":
     """The plan that follows drags; None where the problem is none for it.
 
     Raises:
         NoPlanFound: the problem has no plan.
     """
-    if isinstance(problem, SpaceProblem):
-        from ccm_opt.driver.live_plan_in_space import LivePlanInSpace  # noqa: PLC0415 - loads casadi
-
-        return LivePlanInSpace(problem) if LivePlanInSpace.suits(problem) else None
-    from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - likewise
+    from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
 
     return LivePlan(problem) if LivePlan.suits(problem) else None

@@ -9,12 +9,12 @@ from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import Planner
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import TIME_TO_LOAD, answer_of
-from ccm_opt.planning.legs import Planner
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointPath
 
@@ -50,19 +50,12 @@ class Method:
         """
         if self.make is not None:
             return self.make()
-        if isinstance(prepared, SpaceProblem):
-            return self._planner_in_space(prepared)
         from ccm_opt.driver.planning_run import default_planner  # noqa: PLC0415 - loads casadi
 
-        return default_planner(prepared, Stages())
-
-    def _planner_in_space(self, prepared: SpaceProblem) -> Planner:
-        from ccm_opt.planning.space_planner import SpacePlanner  # noqa: PLC0415 - most comparisons are in the plane
-
-        if prepared.planner.method != "nlp" or prepared.planner.retiming != "toppra":
+        options = prepared.planner
+        if isinstance(prepared, SpaceProblem) and (options.method != "nlp" or options.retiming != "toppra"):
             raise ProblemError(f"the method {self.name} knows the plane alone; use nlp or ompl in space")
-        # Planners take problems of the kind that they are made for; this one is given such.
-        return cast("Planner", SpacePlanner(Stages()))
+        return default_planner(prepared, Stages())
 
 
 class OmplOfEitherKind:
@@ -146,7 +139,8 @@ def _loaded(name: str) -> Planner:
     value = answer_of(partial(_made, name), f"loading the planner module:attribute {name}", TIME_TO_LOAD)
     if not callable(getattr(value, "plan", None)):
         raise ProblemError(f"{name} is a {type(value).__name__} without a method 'plan'; expected a planner")
-    return cast("Planner", value)
+    planner: Planner = value
+    return planner
 
 
 DIGITS = 16

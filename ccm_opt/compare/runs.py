@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Literal, cast
 from ccm_opt.compare.methods import code_of, method_named
 from ccm_opt.compare.suites import Case
 from ccm_opt.core.expected import in_words
+from ccm_opt.driver.legs import Planner
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
-from ccm_opt.planning.legs import Planner
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.solution import JointPath
 

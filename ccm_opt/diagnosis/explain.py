@@ -115,13 +115,16 @@ FEW_OBSTACLES = 30
 """Among so many what closes the ways is found in half a second. Measured: 0.02 s a look, and some thirty looks."""
 
 
-def refuse_impossible(problem: Problem) -> None:
+def refuse_impossible(problem: AnyProblem) -> None:
     """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
 
     Raises:
         UnreachableGoal: with the findings.
     """
-    refuse(ranked(failed(problem, AT_ONCE)))
+    if isinstance(problem, SpaceProblem):
+        refuse(ranked(found_in_space(problem, AT_ONCE_IN_SPACE)))
+    else:
+        refuse(ranked(failed(problem, AT_ONCE)))
 
 
 def refuse_hopeless(problem: Problem) -> None:
@@ -145,15 +148,6 @@ def refuse_closed(problem: Problem) -> None:
         UnreachableGoal: with the findings.
     """
     refuse(ranked(failed(problem)))
-
-
-def refuse_impossible_in_space(problem: SpaceProblem) -> None:
-    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
-
-    Raises:
-        UnreachableGoal: with the findings.
-    """
-    refuse(ranked(found_in_space(problem, AT_ONCE_IN_SPACE)))
 
 
 def refuse_closed_in_space(problem: SpaceProblem) -> None:

@@ -2,20 +2,17 @@
 
 Each of them is a generator: it asks for a problem to be planned, is told the plan or why there is none, and returns
 what it makes of the plans.
-
-Where an arm is nearly in contact, the error that it survives grows with its gap. So the gap is asked for that the best
-motion so far would need, as something to be bought where there is room: no narrow place keeps a motion from being
-found, and the certificate, which knows the poses, decides.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.driver.verified_motion import VerifiedPlan
+from ccm_opt.driver.surviving import survived_joint_error
+from ccm_opt.driver.timed_plan import VerifiedPlan
 from ccm_opt.errors import (
     CancelledWithPlan,
     Diagnosis,
@@ -30,7 +27,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import SurvivedError, TryRecord
 from ccm_opt.solution.space_solution import AnySolution
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of
 
 _ROOM_SHARE = 0.9
 """Share of the gap that the roomiest try keeps, as far as it is wanted, that a try must keep to be taken. Taste, like
@@ -89,17 +86,21 @@ class Attempts(Generic[Asked, Result]):
 
 
 def with_lowered_costs(
-    problem: PlannedProblem, terms: UserTerms | None, shares: Sequence[float] = COST_SHARES
+    problem: PlannedProblem,
+    terms: UserTerms | None,
+    each: Callable[[PlannedProblem], Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]],
+    shares: Sequence[float] = COST_SHARES,
 ) -> Generator[tuple[PlannedProblem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
-    """A plan with as much of the user's costs as one is found with; hard constraints hold in full.
+    """Ask for a plan with as much of the user's costs as one is found with; hard constraints hold in full.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
+        each: what is asked for at a share of the costs, given the problem with the time that is left.
         shares: of the costs' weights that are tried, one after the other.
 
     Yields:
-        The problem with the time that is left, and the terms with the share of the costs that is tried.
+        A problem, and the terms with the share of the costs that is tried.
 
     Returns:
         The plan, and the share of the costs' weights that it was made with.
@@ -110,11 +111,11 @@ def with_lowered_costs(
     """
     deadline = Deadline.after(problem.planner.time_limit)
     if terms is None or not terms.all_costs:
-        return (yield problem, terms), shares[0]
+        return (yield from _beside(each(problem), terms)), shares[0]
     hurried = problem
     for share in shares[:-1]:
         try:
-            return (yield hurried, _lowered(terms, share)), share
+            return (yield from _beside(each(hurried), _lowered(terms, share))), share
         except UnreachableGoal:
             raise
         except (NoPlanFound, VerificationError):
@@ -122,7 +123,18 @@ def with_lowered_costs(
             if left <= 0.0:
                 raise
             hurried = replace(problem, planner=replace(problem.planner, time_limit=left))
-    return (yield hurried, _lowered(terms, shares[-1])), shares[-1]
+    return (yield from _beside(each(hurried), _lowered(terms, shares[-1]))), shares[-1]
+
+
+def _beside(
+    asking: Generator[PlannedProblem, VerifiedPlan, VerifiedPlan], terms: UserTerms | None
+) -> Generator[tuple[PlannedProblem, UserTerms | None], VerifiedPlan, VerifiedPlan]:
+    """Ask for the same problems, each beside the terms."""
+    attempts = Attempts(asking)
+    for asked in attempts:
+        with attempts:
+            attempts.found = yield asked, terms
+    return attempts.result
 
 
 def _lowered(terms: UserTerms, share: float) -> UserTerms:
@@ -131,15 +143,17 @@ def _lowered(terms: UserTerms, share: float) -> UserTerms:
 
 def best_of_tries(
     problem: PlannedProblem,
-    as_it_stands: Callable[[VerifiedPlan], AnySolution],
+    each: Callable[[PlannedProblem], Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]],
+    as_it_stands: Callable[[PlannedProblem, VerifiedPlan], AnySolution],
 ) -> Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]:
-    """The best plan of as many tries as the problem asks for, each with the next seed and an equal share of the time.
+    """Ask for as many tries as the problem names, each with the next seed and an equal share of the time.
 
     A seed gives the same plan as long as no try runs out of its share of the time.
 
     Args:
         problem: what to solve.
-        as_it_stands: makes a solution of a plan, for Ctrl-C.
+        each: what is asked for in a try.
+        as_it_stands: makes a solution of a problem's plan, for Ctrl-C.
 
     Raises:
         NoPlanFound: no try found a plan; what the first of them said.
@@ -148,7 +162,7 @@ def best_of_tries(
     """
     asked = problem.planner.tries
     if asked == 1:
-        return (yield problem)
+        return (yield from each(problem))
     deadline = Deadline.after(problem.planner.time_limit)
     tries = _Tries(problem.wanted_gap)
     try:
@@ -158,7 +172,7 @@ def best_of_tries(
             seed = problem.planner.seed + number
             options = replace(problem.planner, seed=seed, time_limit=deadline.left / (asked - number))
             try:
-                tries.plans[seed] = yield replace(problem, planner=options)
+                tries.plans[seed] = yield from each(replace(problem, planner=options))
             except UnreachableGoal:
                 raise  # which no other seed would mend
             except (NoPlanFound, VerificationError) as failure:
@@ -166,7 +180,7 @@ def best_of_tries(
     except KeyboardInterrupt as interrupt:
         if not tries.plans:
             raise
-        raise CancelledWithPlan(as_it_stands(tries.best())) from interrupt
+        raise CancelledWithPlan(as_it_stands(problem, tries.best())) from interrupt
     return tries.best()
 
 
@@ -252,30 +266,66 @@ def _below(angle: float) -> str:
 
 
 def surviving_errors(
-    problem: Problem, settings: ToleranceSettings = DEFAULT_TOLERANCE
-) -> Generator[Problem, VerifiedPlan, VerifiedPlan]:
-    """A verified plan that survives the error of the joints that its problem asks for.
-
-    What an error may move a link by, whatever its pose, is known before a motion is; planning with all of that room is
-    sure to do, but may ask for more than the room has. So motions are planned with ever smaller shares of it, and the
-    certificate, which knows the poses, decides.
+    problem: PlannedProblem, settings: ToleranceSettings = DEFAULT_TOLERANCE
+) -> Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]:
+    """Ask for motions with more room, until one survives the error of the joints that a problem names.
 
     Args:
         problem: what to solve.
-        settings: which shares are tried.
+        settings: how much more room is asked for, and how often.
 
     Raises:
         NoPlanFound: no motion was found without any such room either; or none of those found survives the error, with
             what the best of them survives and what limits it.
+        VerificationError: the verifier refuses the plan.
     """
     if problem.joint_error == 0.0:
         return (yield problem)
-    search = _RoomSearch(problem, settings, Deadline.after(problem.planner.time_limit))
-    plan, survived = yield from search.best()
+    deadline = Deadline.after(problem.planner.time_limit)
+    search: Any = _with_growing_gaps if isinstance(problem, SpaceProblem) else _with_shares_of_room
+    plan: VerifiedPlan
+    plan, survived = yield from search(problem, settings, deadline)
     check = check_of(problem.joint_error, survived)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
     raise MotionNotFound(short_of(problem, survived))
+
+
+def _judged(problem: AnyProblem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
+    return plan, survived_joint_error(problem, plan.trajectory, settings)
+
+
+def _with_growing_gaps(
+    problem: SpaceProblem, settings: ToleranceSettings, deadline: Deadline
+) -> Generator[SpaceProblem, VerifiedPlan, "_Found"]:
+    """Ask for the gap that the best motion so far would need, as something to be bought where there is room.
+
+    Where an arm is nearly in contact, the error that it survives grows with its gap. No narrow place keeps a motion
+    from being found, and the certificate, which knows the poses, decides.
+    """
+    wanted = problem.wanted_gap or problem.default_gap
+    options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
+    best = _judged(problem, (yield replace(problem, planner=options, joint_error=0.0)), settings)
+    for _ in range(_GAP_ROUNDS):
+        if best[1].size >= problem.joint_error or deadline.passed():
+            break
+        least, most = _GAP_GROWTH
+        wanted *= min(max(_GAP_BEYOND * problem.joint_error / max(best[1].size, 1e-12), least), most)
+        limit = max(settings.time_share * deadline.left, settings.least_time)
+        options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
+        try:
+            roomier = yield replace(problem, planner=options, joint_error=0.0)
+        except (NoPlanFound, VerificationError):
+            break
+        best = max(best, _judged(problem, roomier, settings), key=lambda found: found[1].size)
+    return best
+
+
+def _with_shares_of_room(
+    problem: Problem, settings: ToleranceSettings, deadline: Deadline
+) -> Generator[Problem, VerifiedPlan, "_Found"]:
+    """Ask for ever smaller shares of the room that errors may take up at most."""
+    return (yield from _RoomSearch(problem, settings, deadline).best())
 
 
 _Found: TypeAlias = tuple[VerifiedPlan, SurvivedError]
@@ -284,7 +334,11 @@ _Found: TypeAlias = tuple[VerifiedPlan, SurvivedError]
 
 @dataclass(frozen=True)
 class _RoomSearch:
-    """Seeks the share of the room with which a motion is found that survives most.
+    """Seek the share of the room with which a motion in the plane is found that survives most.
+
+    What an error may move a link by, whatever its pose, is known before a motion is; planning with all of that room is
+    sure to do, but may ask for more than there is. So motions are planned with ever smaller shares of it, and the
+    certificate, which knows the poses, decides.
 
     Attributes:
         problem: what to solve.
@@ -305,7 +359,7 @@ class _RoomSearch:
                 return found if self._enough(found) else (yield from self._refined(found, share, above))
             above = share
         # What fails even so fails without errors too, and says why.
-        return self._judged((yield _with_room(self.problem, 0.0, self._left())))
+        return _judged(self.problem, (yield _with_room(self.problem, 0.0, self._left())), self.settings)
 
     def _refined(self, best: _Found, share: float, above: float) -> Generator[Problem, VerifiedPlan, _Found]:
         """The same with shares between one that gave too little and one that found nothing."""
@@ -326,15 +380,9 @@ class _RoomSearch:
     def _found(self, share: float) -> Generator[Problem, VerifiedPlan, _Found | None]:
         limit = self.settings.time_share * self._left()
         try:
-            return self._judged((yield _with_room(self.problem, share, limit)))
+            return _judged(self.problem, (yield _with_room(self.problem, share, limit)), self.settings)
         except (NoPlanFound, VerificationError):
             return None
-
-    def _judged(self, plan: VerifiedPlan) -> _Found:
-        from ccm_opt.verification.tolerance.survived_errors import survived_error  # noqa: PLC0415 - most ask for none
-
-        arm = self.problem.arm
-        return plan, survived_error(arm, self.problem.workspace, plan.trajectory, joint_errors(arm), self.settings)
 
     def _enough(self, found: _Found) -> bool:
         return found[1].size >= self.problem.joint_error
@@ -349,49 +397,3 @@ def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:
     roomy = replace(arm, stray=share * problem.joint_error / arm.link_length)
     planner = replace(problem.planner, time_limit=time_limit)
     return replace(problem, arm=roomy, planner=planner, joint_error=0.0)
-
-
-def surviving_errors_in_space(
-    problem: SpaceProblem, settings: ToleranceSettings = DEFAULT_TOLERANCE
-) -> Generator[SpaceProblem, VerifiedPlan, VerifiedPlan]:
-    """A verified plan that survives the error of the joints that its problem asks for.
-
-    Args:
-        problem: what to solve.
-        settings: how often more room is asked for.
-
-    Raises:
-        NoPlanFound: no motion was found; or none of those found survives the error, with what the best of them survives
-            and what limits it.
-        VerificationError: the verifier refuses the plan.
-    """
-    if problem.joint_error == 0.0:
-        return (yield problem)
-    deadline = Deadline.after(problem.planner.time_limit)
-    wanted = problem.wanted_gap or problem.default_gap
-    options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
-    plan = yield replace(problem, planner=options, joint_error=0.0)
-    best = (plan, _survived(problem, plan, settings))
-    for _ in range(_GAP_ROUNDS):
-        if best[1].size >= problem.joint_error or deadline.passed():
-            break
-        least, most = _GAP_GROWTH
-        wanted *= min(max(_GAP_BEYOND * problem.joint_error / max(best[1].size, 1e-12), least), most)
-        limit = max(settings.time_share * deadline.left, settings.least_time)
-        options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
-        try:
-            roomier = yield replace(problem, planner=options, joint_error=0.0)
-        except (NoPlanFound, VerificationError):
-            break
-        best = max(best, (roomier, _survived(problem, roomier, settings)), key=lambda found: found[1].size)
-    plan, survived = best
-    check = check_of(problem.joint_error, survived)
-    if check.passed:
-        return replace(plan, checks=(*plan.checks, check))
-    raise MotionNotFound(short_of(problem, survived))
-
-
-def _survived(problem: SpaceProblem, plan: VerifiedPlan, settings: ToleranceSettings) -> SurvivedError:
-    from ccm_opt.verification.survived_in_space import survived_error_in_space  # noqa: PLC0415 - most ask for none
-
-    return survived_error_in_space(problem, plan.trajectory, joint_errors(problem.arm), settings)

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 
 from ccm_opt.core.expected import expect
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.calls import expect_arguments, expect_problem
+from ccm_opt.driver.legs import Leg, Planner, Retimer
 from ccm_opt.driver.planning_run import default_planner
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms
-from ccm_opt.driver.verified_plan import timed_leg
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.legs import Leg, Planner, Retimer
-from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.solution import JointPath, JointTrajectory
 
 __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
@@ -23,8 +22,9 @@ __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
 class BuiltInPlanner:
     """The planner that ``solve`` takes when it is given none.
 
-    Which one that is depends on the problem: the planner of curves, that of arms on a feed axis, or the paper's own
-    by hill climbing. A planner of your own may ask it for a path, for the same problem or for one that it changed::
+    Which one that is depends on the problem: the planner in space, and in the plane that of curves, that of arms on a
+    feed axis, or the paper's own by hill climbing. A planner of your own may ask it for a path, for the same problem or
+    for one that it changed::
 
         class Roomy:
             def plan(self, problem):
@@ -47,7 +47,7 @@ class BuiltInPlanner:
     def __post_init__(self) -> None:
         expect_arguments(settings=self.settings)
 
-    def plan(self, problem: Problem) -> JointPath:
+    def plan(self, problem: AnyProblem) -> JointPath:
         """Plan a certified path.
 
         Args:
@@ -57,7 +57,7 @@ class BuiltInPlanner:
             ProblemError: the planner cannot be used for this problem.
             NoPlanFound: with a diagnosis, when there is none within the limits.
         """
-        Problem.expected(problem)
+        expect_problem(problem)
         terms = compiled_terms(problem.arm, self.constraints, self.costs)
         return default_planner(problem, Stages(), terms, self.settings).plan(problem)
 
@@ -75,7 +75,7 @@ class BuiltInRetimer:
     def __post_init__(self) -> None:
         expect_arguments(settings=self.settings)
 
-    def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
+    def retime(self, problem: AnyProblem, path: JointPath) -> JointTrajectory:
         """Lay time along a path, from rest to rest within the limits; the verifier accepts it.
 
         Args:
@@ -86,7 +86,6 @@ class BuiltInRetimer:
             RetimingError: with a diagnosis, when there is no timing within the limits.
             VerificationError: the path is no solution of the problem.
         """
-        Problem.expected(problem)
+        expect_problem(problem)
         expect(path, JointPath, "a ccm_opt.JointPath", "planners make them")
-        dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-        return timed_leg(Leg(problem, path), dynamics, Stages(), settings=self.settings).trajectory
+        return timed_and_verified(problem, (Leg(problem, path),), Stages(), settings=self.settings).trajectory

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
-from ccm_opt.driver.metrics import Seen, Touch
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import SimulationError
@@ -47,6 +46,39 @@ FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
     "not simulated",
 )
 """Outcomes of simulations, by how much there is to be learned from them."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A link of the simulated arm in contact.
+
+    Attributes:
+        link: number of the link, counted from 1.
+        obstacle: name of the wall, or "link 9".
+        time: when [s].
+    """
+
+    link: int
+    obstacle: str
+    time: float
+
+    def __str__(self) -> str:
+        return f"link {self.link} touches {self.obstacle} at {self.time:.4g} s"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen of a simulated arm among its obstacles.
+
+    Attributes:
+        touch: where it first touches something; None where it touches nothing.
+        walls: least distance from walls, inf where nothing is near [m]; of no matter beyond a contact.
+        itself: least distance between links, inf where none are near; None where links may meet [m].
+    """
+
+    touch: Touch | None
+    walls: float
+    itself: float | None
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,17 @@
-"""Builds a solution from a verified plan."""
+"""Builds a solution from a verified plan.
 
+Nothing that is measured or simulated here can make a plan worse. A simulation that cannot be run is a verdict; a defect
+of this package in one of them is logged with its traceback, and what it would have said is missing.
+"""
+
+import logging
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from itertools import combinations
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -13,17 +19,39 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.metrics import metrics
-from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, DEFAULT_SPACE_LOOKS, Settings, SpaceLookSettings
 from ccm_opt.driver.surviving import tolerance_at_once
-from ccm_opt.driver.verified_motion import VerifiedPlan
-from ccm_opt.driver.verified_plan import kept, not_waited_for, simulated_motion
+from ccm_opt.driver.timed_plan import VerifiedPlan
+from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CancelledWithPlan
+from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.workspace import Obstacle
-from ccm_opt.solution import Check, JointTrajectory, PossibleGap, RoomRecord, SimulatedMotion, Solution, SurvivedError
-from ccm_opt.verification.left_unchecked import left_unchecked
+from ccm_opt.solution import (
+    Check,
+    JointTrajectory,
+    NearPlace,
+    PossibleGap,
+    RoomRecord,
+    SimulatedMotion,
+    Solution,
+    SurvivedError,
+)
+from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+_BEYOND_WANTED = 1.5
+"""How far the room is looked at, in wanted gaps; a link at least. Taste: the chart's height."""
+
+Result = TypeVar("Result")
+
+logger = logging.getLogger(__name__)
 
 
 def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> PossibleGap | None:
@@ -64,8 +92,45 @@ def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
     return float(shapely.length(line)) - one.rounding - other.rounding
 
 
+def room_in_space(
+    problem: SpaceProblem, trajectory: JointTrajectory, settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS
+) -> RoomRecord:
+    """The record of the room that a verified motion keeps.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        settings: at how many samples is looked, and how far.
+    """
+    rests = [0, *trajectory.stops, len(trajectory.time) - 1]
+    even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
+    samples = np.union1d(even, rests)
+    points = joint_positions(problem.arm, trajectory.positions[samples])
+    # Far enough that the wanted gap, or the usual one, can be told from more.
+    wanted = max(problem.wanted_gap, problem.default_gap)
+    reach = max(problem.arm.link_length, _BEYOND_WANTED * wanted) + problem.workspace.clearance
+    gaps = GapsAtSamples.of(problem, points, reach)
+    walls = gaps.walls.gap - problem.workspace.clearance
+    itself = gaps.itself.gap
+
+    def place(sample: int) -> NearPlace:
+        near_wall = bool(walls[sample] <= itself[sample])
+        near = gaps.walls if near_wall else gaps.itself
+        link = int(near.link[sample])
+        gap = float(min(walls[sample], itself[sample]))
+        other = int(near.other[sample])
+        obstacle = gaps.names[other] if near_wall and link else ""
+        second = 0 if near_wall or not link else other
+        return NearPlace(gap, problem.wanted_gap, float(trajectory.time[samples[sample]]), link, obstacle, second)
+
+    ends = tuple(place(int(np.searchsorted(samples, rest))) for rest in rests)
+    nearest = place(int(np.argmin(np.minimum(walls, itself))))
+    time = trajectory.time[samples]
+    return RoomRecord(time, problem.wanted_gap, problem.workspace.clearance, walls, itself, reach, nearest, ends)
+
+
 def room_of(
-    problem: Problem,
+    problem: AnyProblem,
     trajectory: JointTrajectory,
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
@@ -78,6 +143,8 @@ def room_of(
         checks: of the verifier, which know its least gaps.
         settings: of all stages.
     """
+    if isinstance(problem, SpaceProblem):
+        return room_in_space(problem, trajectory, settings.looks)
     room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
         return room
@@ -113,50 +180,58 @@ def versions() -> Mapping[str, str]:
 
 
 def assembled(
-    problem: Problem,
+    problem: AnyProblem,
     plan: VerifiedPlan,
     simulated: SimulatedMotion,
-    of_simulation: Mapping[str, float],
-    timings: Mapping[str, float],
-    room: RoomRecord | None,
+    figures: Mapping[str, float],
+    stages: Stages,
+    room: RoomRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
-) -> Solution:
+) -> AnySolution:
     """The solution of a problem.
 
     Args:
         problem: what was asked.
         plan: the motion, which passes every check.
         simulated: what the simulated arm did.
-        of_simulation: figures of merit of that.
-        timings: CPU time of every stage [s].
+        figures: of merit of that and of the costs.
+        stages: CPU time of every stage.
         room: that the motion keeps; None where it was not measured.
         tolerance: errors that it survives.
     """
-    figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
-    return Solution(
+    own = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
+    if isinstance(problem, SpaceProblem):
+        kind: type[Any] = SpaceSolution
+        # Links in space that cross are refused, however near they are along the arm.
+        not_checked = left_unchecked_of_arm(problem.arm)
+    else:
+        kind = Solution
+        not_checked = left_unchecked(problem, plan.trajectory)
+    solution: AnySolution = kind(
         problem=problem,
         path=plan.path,
         trajectory=plan.trajectory,
         joints=plan.joints,
         simulation=simulated,
         checks=(*plan.checks, *plan.of_terms.checks),
-        metrics={**figures, **of_simulation, **plan.of_terms.figures},
-        timings=dict(timings),
+        metrics={**own, **figures, **plan.of_terms.figures},
+        timings=dict(stages.timings),
         versions=dict(versions()),
         room=room,
         tolerance=tolerance,
         tries=plan.tries,
-        not_checked=left_unchecked(problem, plan.trajectory),
+        not_checked=not_checked,
     )
+    return solution
 
 
 def described(
-    problem: Problem,
+    problem: AnyProblem,
     plan: VerifiedPlan,
     stages: Stages,
     settings: Settings = DEFAULT_SETTINGS,
     figures: Mapping[str, float] | None = None,
-) -> Solution:
+) -> AnySolution:
     """The solution that a verified plan is: with the room that the motion keeps, and what the simulated arm does.
 
     Args:
@@ -173,6 +248,10 @@ def described(
     tolerance: tuple[SurvivedError, ...] = ()
     simulated = not_waited_for(problem, plan)
     of_simulation: Mapping[str, float] = {}
+
+    def so_far() -> AnySolution:
+        return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages, room, tolerance)
+
     try:
         with stages("room"):
             of_room = partial(room_of, problem, plan.trajectory, plan.checks, settings)
@@ -183,13 +262,51 @@ def described(
         with stages("simulation"):
             simulated, of_simulation = simulated_motion(problem, plan, settings.simulation, settings.verification)
     except KeyboardInterrupt as interrupt:
-        raise CancelledWithPlan(
-            assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room, tolerance)
-        ) from interrupt
-    return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room, tolerance)
+        raise CancelledWithPlan(so_far()) from interrupt
+    return so_far()
 
 
-def as_it_stands(problem: Problem, plan: VerifiedPlan, stages: Stages) -> Solution:
+def as_it_stands(problem: AnyProblem, plan: VerifiedPlan, stages: Stages) -> AnySolution:
     """The solution that a verified plan is, with no word of its room and its simulation; for one that is cancelled."""
-    simulated = not_waited_for(problem, plan)
-    return assembled(problem, plan, simulated, {}, stages.timings, None)
+    return assembled(problem, plan, not_waited_for(problem, plan), {}, stages)
+
+
+def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], Result]) -> Result:
+    """What a stage makes of a verified plan.
+
+    Args:
+        stage: makes it.
+        what: what is missing where it fails, in words.
+        instead: what stands for it then.
+    """
+    try:
+        return stage()
+    except Exception as defect:
+        logger.exception("%s: this is a bug in ccm-opt, please report it", what)
+        return instead(defect)
+
+
+def not_waited_for(problem: AnyProblem, plan: VerifiedPlan) -> SimulatedMotion:
+    """What stands for the simulated motion of a plan until there is one."""
+    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
+
+
+def simulated_motion(
+    problem: AnyProblem,
+    plan: VerifiedPlan,
+    settings: SimulationSettings,
+    looks: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[SimulatedMotion, Mapping[str, float]]:
+    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated.
+
+    Settings as for ``simulate_and_check``.
+    """
+    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings, looks)
+    return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
+
+
+def _stands_still(
+    problem: AnyProblem, plan: VerifiedPlan, defect: Exception
+) -> tuple[SimulatedMotion, Mapping[str, float]]:
+    reason = f"a defect of ccm-opt: {type(defect).__name__}: {defect}"
+    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, reason), {}

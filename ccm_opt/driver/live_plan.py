@@ -1,44 +1,62 @@
-"""Plans that follow a goal while it is dragged."""
+"""Plans that follow a goal or an obstacle while it is dragged."""
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
+from typing import Any
+
+import numpy as np
 
 from ccm_opt.core.arguments import finite_array, is_number
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.expected import expect, expect_that, refusal
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.calls import expect_arguments, expect_problem
 from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.pipeline import plan_legs
+from ccm_opt.driver.legs import PlannerOf, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
+from ccm_opt.driver.timed_plan import VerifiedPlan, check, failed_checks, timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms
-from ccm_opt.driver.verified_motion import VerifiedPlan
-from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.motion_task import Motion
 from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.pose_beginnings import any_motion
+from ccm_opt.planning.space_ends import refuse_ends
+from ccm_opt.planning.space_planner import SpacePlanner, joint_path
+from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.solution import JointPath, Solution
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.solution import Check, JointPath
+from ccm_opt.solution.space_solution import AnySolution
 
 
 @dataclass
-class ResumingPlanner:
-    """Plans by the continuous curve, from the motion that it planned last; satisfies the ``Planner`` protocol.
+class _ResumingPlanner:
+    """Plans in the plane from the motion that it planned last.
 
     Attributes:
-        planner: plans what nothing is known of.
+        thorough: plans what nothing is known of.
+        quick: plans while something is dragged.
         known: the last motion; None before the first.
+        hurried: whether something is dragged.
     """
 
-    planner: CurvePlanner
+    thorough: CurvePlanner
+    quick: CurvePlanner
     known: Motion | None = None
+    hurried: bool = False
+
+    def anew(self) -> "_ResumingPlanner":
+        """The same, which knows no motion and takes its time."""
+        return replace(self, known=None, hurried=False)
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
@@ -46,9 +64,54 @@ class ResumingPlanner:
         Raises:
             NoPlanFound: with the reason and what would help; the last motion stays known.
         """
+        planner = self.quick if self.hurried else self.thorough
         with in_own_units(problem) as units:
-            path, self.known = self.planner.planned(units.scaled(problem), self.known)
+            path, self.known = planner.planned(units.scaled(problem), self.known)
         return units.path_in_metres(path, problem.arm)
+
+
+@dataclass
+class _FindingPlanner:
+    """Plans in space, while something is dragged the first motion that is found.
+
+    Attributes:
+        thorough: plans with the goal-pose NLP and the optimisation.
+        hurried: whether something is dragged.
+        scene: surfaces and tree of the last scene.
+    """
+
+    thorough: SpacePlanner
+    hurried: bool = False
+    scene: tuple[object, SurfaceTree] | None = None
+
+    def anew(self) -> "_FindingPlanner":
+        """The same, which takes its time."""
+        return replace(self, hurried=False)
+
+    def tree_of(self, problem: SpaceProblem) -> SurfaceTree:
+        """The tree of a problem's surfaces, made anew where they have moved.
+
+        Raises:
+            ProblemError: they are too far away.
+        """
+        soup = problem.workspace.soup
+        if self.scene is None or self.scene[0] is not soup:
+            self.scene = soup, SurfaceTree.of(soup)
+        return self.scene[1]
+
+    def plan(self, problem: SpaceProblem) -> JointPath:
+        """Plan a certified motion.
+
+        Raises:
+            ProblemError: the start is in contact.
+            NoPlanFound: with the reason and what would help.
+        """
+        if not self.hurried:
+            return self.thorough.plan(problem)
+        deadline = Deadline.after(problem.planner.time_limit)
+        task = space_task(problem, self.tree_of(problem), deadline, self.thorough.settings, self.thorough.terms)
+        refuse_ends(problem, task)
+        return joint_path(task, any_motion(task))
 
 
 @dataclass(frozen=True)
@@ -70,8 +133,10 @@ class LiveAnswer:
 class LivePlan:
     """A verified plan of a problem whose goal and obstacles are moved, for tools in which people drag them.
 
-    Every change is answered by a plan that was made from the one before, and passed the verifier like any other. Where
-    there is none in the time that people wait, the last plan stays, and the answer says why::
+    Every change is answered by a plan that passed the verifier like any other: in the plane it is made from the one
+    before, in space it is the first motion that is found; where an obstacle in space moves that the present motion
+    keeps off as well as before, that motion is verified once more and kept. Where there is none in the time that people
+    wait, the last plan stays, and the answer says why::
 
         live = ccm_opt.LivePlan(ccm_opt.load_problem("problems/swan-neck.toml"))
         answer = live.move_goal(position=(0.44, 0.10))
@@ -88,68 +153,76 @@ class LivePlan:
         reason: why it is not; empty when it is.
 
     Raises:
-        ProblemError: the problem cannot be planned live: it has a feed axis, goals on the way, or another planner.
+        ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
+            planner, or in the plane a feed axis.
         NoPlanFound: there is no plan to begin with.
         VerificationError: the verifier refuses it.
     """
 
-    problem: Problem
+    problem: AnyProblem
     constraints: Sequence[Constraint] = ()
     costs: Sequence[Cost] = ()
     settings: Settings = DEFAULT_SETTINGS
     live: LiveSettings = LIVE
-    plan: Solution = field(init=False, repr=False)
+    plan: AnySolution = field(init=False, repr=False)
     current: bool = field(init=False, default=True)
     reason: str = field(init=False, default="")
-    _planner: ResumingPlanner = field(init=False, repr=False)
+    _planner: Any = field(init=False, repr=False)
     _verified: VerifiedPlan = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         problem = self.problem
-        given: object = problem
-        if isinstance(given, SpaceProblem):
-            raise ProblemError(f"'{given.name}': problems in space are planned live by LivePlanInSpace")
-        expect(given, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
+        expect_problem(problem)
         expect_arguments(settings=self.settings)
         expect(self.live, LiveSettings, "LiveSettings for live=")
         if not self.suits(problem):
             raise ProblemError(
-                f"'{problem.name}' cannot be planned live: it has a feed axis, goals on the way, or a planner other "
-                "than nlp; solve it anew after every change"
+                f"'{problem.name}' cannot be planned live: it has goals on the way, joint errors to survive, a planner "
+                "other than nlp, or in the plane a feed axis; solve it anew after every change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
-        self._thorough = CurvePlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
-        self._quick = replace(self._thorough, settings=self.live.hurried(self.settings).curve)
-        self._planner = ResumingPlanner(self._thorough)
-        self._make(problem)
+        if isinstance(problem, SpaceProblem):
+            self._planner = _FindingPlanner(SpacePlanner(Stages(), self.settings.space, self._terms))
+        else:
+            thorough = CurvePlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
+            quick = replace(thorough, settings=self.live.hurried(self.settings).curve)
+            self._planner = _ResumingPlanner(thorough, quick)
+        with on_one_thread(), words_in(problem.length_unit):
+            self._make(problem)
 
     @staticmethod
-    def suits(problem: Problem) -> bool:
+    def suits(problem: AnyProblem) -> bool:
         """Whether a problem can be planned live."""
-        return not problem.arm.base_axes and not problem.stops and problem.planner.method == "nlp"
+        fed = bool(problem.arm.base_axes) and not isinstance(problem, SpaceProblem)
+        return not (fed or problem.stops or problem.joint_error) and problem.planner.method == "nlp"
 
     def move_goal(
-        self, position: Sequence[float] | FloatArray | None = None, heading: float | None = None
+        self,
+        position: Sequence[float] | FloatArray | None = None,
+        direction: float | Sequence[float] | FloatArray | None = None,
     ) -> LiveAnswer:
         """Move the goal of the tip, and plan again.
 
         Args:
-            position: of the tip, (x, y) [m]; where it was when None.
-            heading: of the last link [rad]; as it was when None.
+            position: of the tip, shape (d,) [m]; where it was when None.
+            direction: of the last link, shape (d,), of any length but zero, or in the plane its heading [rad]; as it
+                was when None.
 
         Returns:
             Whether there is a plan to there, and else why not.
 
         Raises:
-            ProblemError: the goal is one for the whole arm, or what is asked for is no place.
+            ProblemError: the goal is one for the whole arm, or what is asked for is no place or direction.
         """
         goal = self.problem.goal
-        if not isinstance(goal, TipGoal):
+        if not isinstance(goal, (TipGoal, SpaceTipGoal)):
             raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
-        expect_that(lambda: heading is None or is_number(heading), heading, "a heading [rad]")
-        moved = TipGoal(
-            goal.position if position is None else _place(position), goal.heading if heading is None else float(heading)
-        )
+        place = goal.position if position is None else self._vector(position, "a place {} in metres")
+        moved: Any = replace(goal, position=place)
+        if direction is not None and isinstance(goal, TipGoal):
+            moved = replace(moved, heading=self._heading(direction))
+        elif direction is not None:
+            moved = replace(moved, direction=self._unit(direction))
         return self._changed(replace(self.problem, goal=moved, source=""))
 
     def move_obstacle(self, name: str, by: Sequence[float] | FloatArray) -> LiveAnswer:
@@ -157,7 +230,7 @@ class LivePlan:
 
         Args:
             name: of the obstacle.
-            by: how far, (x, y) [m].
+            by: how far, shape (d,) [m].
 
         Returns:
             Whether there is a plan past it, and else why not. A plan that is not current may pass through it.
@@ -165,12 +238,17 @@ class LivePlan:
         Raises:
             ProblemError: there is no obstacle of that name, or it cannot be moved there.
         """
-        workspace = self.problem.workspace
+        workspace: Any = self.problem.workspace
         expect(name, str, "the name of an obstacle")
         if name not in {obstacle.name for obstacle in workspace.obstacles}:
             known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
-        return self._changed(replace(self.problem, workspace=workspace.with_moved(name, _place(by)), source=""))
+        shift = self._vector(by, "how far to move it, {} in metres")
+        moved: Any = workspace.with_moved(name, shift)
+        changed = replace(self.problem, workspace=moved, source="")
+        if isinstance(changed, SpaceProblem):
+            self._planner.tree_of(changed)  # what it refuses leaves all as it was
+        return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
         """Plan the problem as it is from nothing; the shorter of two plans is kept.
@@ -190,7 +268,7 @@ class LivePlan:
         plan = self.plan
         verified = self._verified
         planner = self._planner
-        self._planner = ResumingPlanner(self._thorough)
+        self._planner = planner.anew()
         self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
         shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
         if followed and not shorter:
@@ -203,7 +281,7 @@ class LivePlan:
             self._planner = planner
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
-    def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
+    def finished(self, progress: Callable[[Progress], None] | None = None) -> AnySolution:
         """The plan with the room that it keeps, the errors that it survives, and its simulation.
 
         Args:
@@ -212,19 +290,21 @@ class LivePlan:
         expect_arguments(progress=progress)
         return described(self.plan.problem, self._verified, Stages(progress), self.settings)
 
-    def _changed(self, problem: Problem) -> LiveAnswer:
+    def _changed(self, problem: AnyProblem) -> LiveAnswer:
         """Plan a changed problem; where there is no plan, the last one stays."""
         begin = time.process_time()
         self.problem = problem
-        self._planner.planner = self._quick
-        self._attempt(self._within(self.live.patience))
+        self._planner.hurried = True
+        if not self._kept():
+            in_space = isinstance(problem, SpaceProblem)
+            self._attempt(self._within(self.live.patience_in_space if in_space else self.live.patience))
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
-    def _within(self, time_limit: float) -> Problem:
+    def _within(self, time_limit: float) -> AnyProblem:
         """The problem as it is, with another limit of CPU time [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
-    def _attempt(self, problem: Problem) -> None:
+    def _attempt(self, problem: AnyProblem) -> None:
         """Plan a problem, or note why there is no plan."""
         try:
             with on_one_thread(), words_in(problem.length_unit):
@@ -233,32 +313,76 @@ class LivePlan:
         except NoPlanFound as failure:
             self.current = False
             self.reason = failure.diagnosis.reason
+        except ProblemError as refused:
+            # An obstacle was put over the start: no fault of whoever asked, and no plan either.
+            self.current = False
+            self.reason = str(refused)
         except VerificationError as failure:
             self.current = False
             self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
-    def _make(self, problem: Problem) -> None:
+    def _make(self, problem: AnyProblem) -> None:
         """Plan, time and verify a problem; the plan is kept.
 
         Raises:
+            ProblemError: the start is in contact.
             NoPlanFound: there is none.
             VerificationError: the verifier refuses it.
         """
         stages = Stages()
-        legs = plan_legs(problem, self._planner)
-        self._verified = timed_and_verified(problem, legs, stages, None, self._terms, self.settings)
-        self.plan = as_it_stands(self.problem, self._verified, stages)
+        planner: PlannerOf[Any] = self._planner
+        legs = plan_legs(problem, planner)
+        self._keep(timed_and_verified(problem, legs, stages, None, self._terms, self.settings), stages)
+
+    @on_one_thread()
+    def _kept(self) -> bool:
+        """Whether the present motion in space solves the problem as it is now, with as much room, and is its plan."""
+        if not (isinstance(self.problem, SpaceProblem) and self.current):
+            return False
+        if self.plan.problem.goal is not self.problem.goal:
+            return False
+        checks = check(self.problem, self._verified.trajectory, self._verified.joints, self.settings.verification)
+        wanted = self.problem.workspace.clearance + self.problem.wanted_gap
+        # With less room than it had, or was wanted, there may be a better one.
+        if failed_checks(checks) or _wall_gap(checks) < min(_wall_gap(self._verified.checks), wanted):
+            return False
+        self._keep(replace(self._verified, checks=checks), Stages())
+        return True
+
+    def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
+        """Take a plan of the problem as it is."""
+        self._verified = verified
+        self.plan = as_it_stands(self.problem, verified, stages)
         self.current = True
         self.reason = ""
 
+    def _vector(self, value: object, what: str) -> FloatArray:
+        """A vector of the problem's dimension, shape (d,).
 
-def _place(position: Sequence[float] | FloatArray) -> FloatArray:
-    """A place in the plane, shape (2,) [m].
+        Raises:
+            ProblemError: it is none.
+        """
+        vector = finite_array(value)
+        size = len(self.problem.arm.base)
+        if vector is None or vector.shape != (size,):
+            raise ProblemError(refusal(value, what.format("(x, y)" if size == 2 else "(x, y, z)")))
+        return vector
 
-    Raises:
-        ProblemError: it is none.
-    """
-    place = finite_array(position)
-    if place is None or place.shape != (2,):
-        raise ProblemError(refusal(position, "a place (x, y) in metres"))
-    return place
+    def _unit(self, value: object) -> FloatArray:
+        vector = self._vector(value, "a direction {}")
+        length = float(np.linalg.norm(vector))
+        if length == 0.0:
+            raise ProblemError("a direction must not be zero")
+        return vector / length
+
+    def _heading(self, value: object) -> float:
+        if is_number(value):
+            return float(value)
+        expect_that(lambda: not np.isscalar(value), value, "a heading [rad], or a direction (x, y)")
+        x, y = self._unit(value)
+        return float(np.arctan2(y, x))
+
+
+def _wall_gap(checks: Sequence[Check]) -> float:
+    """Least gap to walls [m]; inf where there are none."""
+    return next((each.worst for each in checks if each.name == "wall clearance"), inf)

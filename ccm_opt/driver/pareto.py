@@ -9,10 +9,10 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.axis_ways import possible_gap_in_space
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.calls import expect_arguments, expect_problem
+from ccm_opt.driver.kept_plan import room_in_space
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.space_planning_run import room_in_space
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
@@ -128,8 +128,7 @@ def pareto(
         VerificationError: the verifier refuses that plan.
         CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
     """
-    if not isinstance(problem, SpaceProblem):
-        Problem.expected(problem)
+    expect_problem(problem)
     expect_arguments(progress=progress, settings=settings, explain=explain)
     expect(trade_off, ParetoSettings, "ParetoSettings for trade_off=")
     _refuse_planners_without_gaps(problem)
@@ -241,7 +240,7 @@ def _bound_below(most: float, plan: AnySolution, settings: Settings) -> Possible
     """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
     if isinstance(plan, SpaceSolution):
         options = replace(plan.problem.planner, wanted_gap=most)
-        of_most = room_in_space(replace(plan.problem, planner=options, source=""), plan.trajectory)
+        of_most = room_in_space(replace(plan.problem, planner=options, source=""), plan.trajectory, settings.looks)
         return possible_gap_in_space(plan.problem, of_most, settings.diagnosis.ways)
     room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
     return possible_gap(plan.problem, room, settings.diagnosis.passages)

@@ -1,49 +1,65 @@
-"""The planning of a planar problem, as often as it is asked for."""
+"""The planning of one problem, as often as it is asked for."""
 
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
-from ccm_opt.diagnosis.in_plane import IN_PLANE
-from ccm_opt.diagnosis.relaxation import Trials
-from ccm_opt.driver.attempts import surviving_errors
-from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.pipeline import plan_legs
-from ccm_opt.driver.pose_failure import with_constraint_first
+from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
+from ccm_opt.diagnosis.explain import (
+    explained,
+    refuse_closed_in_space,
+    refuse_hopeless,
+    refuse_impossible,
+    with_proof,
+)
+from ccm_opt.diagnosis.relaxation import Knowledge, Trials
+from ccm_opt.driver.legs import Leg, PlannerOf, RetimerOf, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.timed_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms, named_terms
-from ccm_opt.driver.verified_motion import VerifiedPlan
-from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.curve_planner import CurvePlanner
-from ccm_opt.planning.legs import Leg, Planner, Retimer
-from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath, Solution
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.solution import JointPath
 
 
 def default_planner(
-    problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
-) -> Planner:
+    problem: AnyProblem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
+) -> PlannerOf[Any]:
     """The planner for a problem and the user's constraints and costs.
 
     Raises:
-        ProblemError: hill climbing is asked to keep constraints.
+        ProblemError: hill climbing is asked to leave the plane, or to keep constraints.
     """
+    # Planners are loaded by those who need them: none of the others is.
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.planning.space_planner import SpacePlanner  # noqa: PLC0415
+
+        if problem.planner.method != "nlp":
+            raise ProblemError(
+                f'planner.method = "{problem.planner.method}" works in the plane alone, and '
+                f"'{problem.name}' is in space"
+            )
+        return SpacePlanner(stages, settings.space, terms, refuse_closed_in_space)
     if problem.planner.method == "hill-climbing":
         if terms is not None:
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
-        from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - most runs need none
+        from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415
 
         return HillClimbingPlanner(stages, settings.hill_climbing)
     if problem.arm.base_axes:
-        from ccm_opt.planning.feed.feed_planner import FeedPlanner  # noqa: PLC0415 - likewise
+        from ccm_opt.planning.feed.feed_planner import FeedPlanner  # noqa: PLC0415
 
         return FeedPlanner(stages, settings.feed, terms)
+    from ccm_opt.planning.curve_planner import CurvePlanner  # noqa: PLC0415
+
     return CurvePlanner(stages, terms, refuse_hopeless, settings.curve)
 
 
@@ -63,44 +79,43 @@ class PlanningRun:
         recorded: the paths that the last plan found, with their problems, for those who ask what change would help.
     """
 
-    problem: Problem
-    planner: Planner | None
-    retimer: Retimer | None
+    problem: AnyProblem
+    planner: PlannerOf[Any] | None
+    retimer: RetimerOf[Any] | None
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
     terms: UserTerms | None
     stages: Stages
     settings: Settings
-    recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
+    recorded: list[tuple[AnyProblem, JointPath]] = field(default_factory=list)
 
-    def refuse_impossible(self, problem: Problem) -> None:
-        """Refuse a problem that is proved to have no plan.
+    def planned(self, roomy: AnyProblem, lowered: UserTerms | None) -> VerifiedPlan:
+        """Plan a leg to each goal, and time and verify all of them.
+
+        Args:
+            roomy: the problem as it is to be planned, perhaps with more room than was asked.
+            lowered: the user's terms, with the share of the costs that is tried.
 
         Raises:
-            NoPlanFound: with the proof.
+            NoPlanFound: with a diagnosis.
+            VerificationError: the verifier refuses the plan.
         """
-        refuse_impossible(problem)
-
-    def surviving(self, tried: Problem) -> Generator[Problem, VerifiedPlan, VerifiedPlan]:
-        """Ask for motions with more room and less, until one survives the errors that a problem names."""
-        return surviving_errors(tried, self.settings.tolerance)
-
-    def planner_of(self, roomy: Problem, lowered: UserTerms | None) -> Planner:
-        """The planner for a problem, under the user's terms with the share of the costs that is tried."""
-        return self.planner or default_planner(roomy, self.stages, lowered, self.settings)
-
-    def timed_and_verified(self, roomy: Problem, legs: tuple[Leg[Problem], ...]) -> VerifiedPlan:
-        """Time and verify legs, each by itself, then all as one motion; see ``verified_plan.timed_and_verified``."""
+        self.recorded.clear()
         asked = replace(self.problem, joint_error=roomy.joint_error)
-        return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
+        return self._plan(roomy, asked, lowered, self.terms, self.stages)
 
-    def as_it_stands(self, problem: Problem, plan: VerifiedPlan) -> Solution:
-        """The solution that a plan is, with no word of its room and its simulation; for one that is cancelled."""
-        return as_it_stands(problem, plan, self.stages)
-
-    def described(self, plan: VerifiedPlan, figures: Mapping[str, float]) -> Solution:
-        """The solution that a plan is, with its room and its simulation."""
-        return described(self.problem, plan, self.stages, self.settings, figures)
+    def _plan(
+        self,
+        planned: AnyProblem,
+        asked: AnyProblem,
+        known: UserTerms | None,
+        kept: UserTerms | None,
+        stages: Stages,
+    ) -> VerifiedPlan:
+        """A plan of one problem, verified for another, with some terms in mind and others that it has to keep."""
+        planner = self.planner or default_planner(planned, stages, known, self.settings)
+        legs = plan_legs(planned, planner, self.recorded, retrace=kept is None)
+        return timed_and_verified(asked, legs, stages, self.retimer, kept, self.settings)
 
     def explained(self, failure: NoPlanFound, deadline: Deadline, *, changes: bool) -> NoPlanFound:
         """Return a failure of the same kind, with its causes and the changes that would help.
@@ -110,35 +125,46 @@ class PlanningRun:
             deadline: until which changes are tried.
             changes: whether they are tried at all; without them nothing is told that is not proved.
         """
-        self.stages.tell_known(failure.diagnosis)
-        if not changes:
-            return with_proof(self.problem, failure, IN_PLANE)
         begun = time.process_time()
-        named = with_constraint_first(failure, self.problem, self.terms, self.settings)
-        droppable = named_terms(str(named), self.constraints, self.costs)
-        settings = self.settings.diagnosis.trials
+        self.stages.tell_known(failure.diagnosis)
+        knowledge, settings = self._knowledge()
+        if not changes:
+            return with_proof(self.problem, failure, knowledge)
+        if not isinstance(self.problem, SpaceProblem):
+            from ccm_opt.driver.pose_failure import with_constraint_first  # noqa: PLC0415 - likewise
+
+            failure = with_constraint_first(failure, self.problem, self.terms, self.settings)
         trials = Trials(
             self._solve_changed,
             deadline.within(settings.longest_search),
-            droppable,
+            named_terms(str(failure), self.constraints, self.costs),
             self._solve_changed,
             self._held_again,
+            _ended,
             begun=begun,
             settings=settings,
         )
-        return explained(self.problem, named, trials, IN_PLANE, self.stages)
+        return explained(self.problem, failure, trials, knowledge, self.stages)
 
-    def _solve_changed(self, changed: Problem, dropped: str = "") -> object:
+    def _knowledge(self) -> tuple[Knowledge, TrialSettings]:
+        """What explains failures of this kind of problem, and how long is spent on it."""
+        if isinstance(self.problem, SpaceProblem):
+            from ccm_opt.diagnosis.in_space import IN_SPACE  # noqa: PLC0415 - most problems have a plan
+
+            return IN_SPACE, self.settings.diagnosis.space_trials
+        from ccm_opt.diagnosis.in_plane import IN_PLANE  # noqa: PLC0415 - likewise
+
+        return IN_PLANE, self.settings.diagnosis.trials
+
+    def _solve_changed(self, changed: AnyProblem, dropped: str = "") -> VerifiedPlan:
         """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
-        # Trials report no progress of their own.
-        quiet = Stages()
+        refuse_impossible(changed)
         kept = [each for each in self.constraints if each.name != dropped]
-        its_terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
-        its_planner = self.planner or default_planner(changed, quiet, its_terms, self.settings)
-        legs = plan_legs(changed, its_planner, self.recorded)
-        return timed_and_verified(changed, legs, quiet, self.retimer, its_terms, self.settings)
+        terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
+        # Trials report no progress of their own.
+        return self._plan(changed, changed, terms, terms, Stages())
 
-    def _held_again(self, changed: Problem, plan: object) -> object:
+    def _held_again(self, changed: AnyProblem, plan: object) -> VerifiedPlan:
         """Time and verify the path of one plan for a problem that differs in one number; nothing is searched.
 
         Raises:
@@ -148,7 +174,14 @@ class PlanningRun:
         """
         if not isinstance(plan, VerifiedPlan) or changed.stops:
             raise ProblemError("only the path of a plan with one leg can be held against another problem")
-        its_terms = compiled_terms(changed.arm, self.constraints, self.costs)
+        terms = compiled_terms(changed.arm, self.constraints, self.costs)
         # What it was certified to keep for the other problem says nothing here.
         leg = Leg(changed, replace(plan.path, spare=0.0))
-        return timed_and_verified(changed, (leg,), Stages(), self.retimer, its_terms, self.settings)
+        return timed_and_verified(changed, (leg,), Stages(), self.retimer, terms, self.settings)
+
+
+def _ended(plan: object) -> FloatArray:
+    """The configuration in which a plan ends, shape (c,) [rad, m]."""
+    if not isinstance(plan, VerifiedPlan):
+        raise ProblemError(f"{type(plan).__name__} is no plan")
+    return np.asarray(plan.trajectory.positions[-1])

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
-from ccm_opt.driver.metrics import figures_of_motion, space_figures_of_motion
+from ccm_opt.driver.metrics import figures_of_motion
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
@@ -109,11 +109,9 @@ def checks_of_record(
     """
     settings = settings.for_problem(problem)
     found = [check_keyframes(problem.arm, trajectory, record.keyframes, settings)]
-    if isinstance(problem, SpaceProblem):
-        figures = dict(space_figures_of_motion(problem, trajectory, joints, checks))
-    else:
+    figures = dict(figures_of_motion(problem, trajectory, joints, checks))
+    if isinstance(problem, Problem):
         found.append(_curves(problem, record))
-        figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(record.keyframes))
     if record.verdict["outcome"] == "not simulated":
         found.append(_at_rest(trajectory, joints, record))

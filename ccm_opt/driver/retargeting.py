@@ -16,23 +16,20 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.kept_plan import described
+from ccm_opt.driver.legs import Planner, end_to_end, pose_at
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.space_planning_run import described_in_space
+from ccm_opt.driver.timed_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.driver.user_terms import compiled_terms
-from ccm_opt.driver.verified_motion import VerifiedPlan, failed_checks, results_of_terms
-from ccm_opt.driver.verified_plan import verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
-from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError, VerificationError
+from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.legs import Planner, end_to_end
-from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem import Goal, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
 from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
-from ccm_opt.verification.space_verifier import verify_in_space
 
 LATER = (0.15, 0.4, 1.0)
 """Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""
@@ -96,7 +93,7 @@ def retarget(
 
     Returns:
         The whole verified motion, as planned up to that moment, to rest soonest along the same path, and on to the new
-        goal; where an arm on a feed axis in space cannot go on from there, it rests a little later. The stop is the
+        goal; where an arm on a feed axis cannot go on from there, it rests a little later. The stop is the
         last of its problem's stops; goals on the way that were not reached are left out.
 
     Raises:
@@ -117,10 +114,8 @@ def retarget(
 
 def _retargeted(solution: AnySolution, time: float, changed: "_ChangedGoal") -> AnySolution:
     """The whole motion with a new goal."""
-    if not isinstance(solution, SpaceSolution):
-        return _onward_in_plane(solution.problem, _braked(solution, time, changed), changed)
     try:
-        return _onward_in_space(solution.problem, _braked(solution, time, changed), changed)
+        return _onward(solution.problem, _braked(solution, time, changed), changed)
     except MotionNotFound:
         # A fed arm may rest with a joint so little out of its guide tube that nothing leads on from there.
         if not solution.problem.arm.base_axes:
@@ -128,7 +123,7 @@ def _retargeted(solution: AnySolution, time: float, changed: "_ChangedGoal") -> 
         left = solution.trajectory.duration - time
         for share in LATER:
             try:
-                return _onward_in_space(solution.problem, _braked(solution, time + share * left, changed), changed)
+                return _onward(solution.problem, _braked(solution, time + share * left, changed), changed)
             except MotionNotFound:
                 continue
         raise
@@ -167,12 +162,6 @@ class _ChangedGoal:
     @property
     def numbers(self) -> Settings:
         return self.settings or DEFAULT_SETTINGS
-
-    @overload
-    def reached(self, onward: Problem) -> Solution: ...
-
-    @overload
-    def reached(self, onward: SpaceProblem) -> SpaceSolution: ...
 
     def reached(self, onward: AnyProblem) -> AnySolution:
         """The way from rest to the new goal, a problem like any other.
@@ -238,18 +227,20 @@ class _UnderWay:
             self.stages.timings[name] = self.stages.timings.get(name, 0.0) + seconds
 
 
-def _onward_in_plane(problem: Problem, under_way: _UnderWay, changed: _ChangedGoal) -> Solution:
-    """The whole motion in the plane, from the motion down to rest."""
+def _onward(problem: AnyProblem, under_way: _UnderWay, changed: _ChangedGoal) -> AnySolution:
+    """The whole motion, from the motion down to rest."""
     arm = problem.arm
     numbers = changed.numbers
-    rest = JointPose.from_configuration(under_way.rest, arm.coordinates)
-    onward = replace(problem, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
+    rest: Any = pose_at(problem, under_way.rest)
+    either: Any = problem
+    onward = replace(either, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
     leg = changed.reached(onward)
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     # The arm stopped at its first goals on the way before it was braked; the others are dropped.
-    passed = problem.stops[: len(under_way.first.stops)]
-    whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
+    passed: Any = problem.stops[: len(under_way.first.stops)]
+    stop: Any = SpaceStop if isinstance(problem, SpaceProblem) else Stop
+    whole = replace(onward, start=problem.start, stops=(*passed, stop(rest, Tolerances())))
     trajectory, joints = under_way.whole(leg.trajectory, arm)
     with under_way.stages("verification"):
         checks = verified(whole, trajectory, joints, numbers.verification)
@@ -258,26 +249,6 @@ def _onward_in_plane(problem: Problem, under_way: _UnderWay, changed: _ChangedGo
     plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
     under_way.count(leg.timings)
     return described(whole, plan, under_way.stages, numbers)
-
-
-def _onward_in_space(problem: SpaceProblem, under_way: _UnderWay, changed: _ChangedGoal) -> SpaceSolution:
-    """The whole motion in space, likewise."""
-    arm = problem.arm
-    rest = SpaceJointPose.from_configuration(under_way.rest, arm.links)
-    onward = replace(problem, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
-    leg = changed.reached(onward)
-    passed = problem.stops[: len(under_way.first.stops)]
-    whole = replace(onward, start=problem.start, stops=(*passed, SpaceStop(rest, Tolerances())))
-    trajectory, joints = under_way.whole(leg.trajectory, arm)
-    with under_way.stages("verification"):
-        checks = verify_in_space(whole, trajectory, joints, changed.numbers.verification)
-        if failures := failed_checks(checks):
-            raise VerificationError(failures)
-        terms = compiled_terms(arm, changed.constraints, changed.costs)
-        of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, changed.numbers.user_terms)
-    plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
-    under_way.count(leg.timings)
-    return described_in_space(whole, plan, under_way.stages, changed.numbers)
 
 
 def _expect_goal(solution: AnySolution, goal: object) -> None:

@@ -8,60 +8,15 @@ from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
 from ccm_opt.ik.terms import TermCheckSettings
 from ccm_opt.planning.planner_settings import CurvePlannerSettings, FeedPlannerSettings
+from ccm_opt.planning.pose_beginnings import PoseSearchSettings
+from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.retiming.paul import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
+from ccm_opt.solution.space_solution import SpaceReachSettings
 from ccm_opt.verification.room_over_time import RoomSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of every stage; each class says of each number what it means and where it comes from.
-
-    To change one, replace what is on the way to it, for example
-    ``Settings(timing=replace(TimingSettings(), standing=1e-8))``.
-
-    Attributes:
-        curve: of the curve planner, from free space to the smooth path.
-        reach: of the map of where the tip can be.
-        feed: of the planner for an arm on a feed axis.
-        hill_climbing: of the paper's planner.
-        timing: of timing along a path.
-        transitions: of timing by Paul's transitions.
-        verification: tolerances of the verifier.
-        room: how closely the room that a motion keeps is looked at.
-        tolerance: how closely the errors that a motion survives are sought.
-        user_terms: how users' constraints are checked on the finished motion.
-        simulation: of the simulation and the checks before it.
-        braking: of coming to rest where a motion is given another goal.
-        diagnosis: of the explanation of failures.
-    """
-
-    curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
-    reach: ReachSettings = field(default_factory=ReachSettings)
-    feed: FeedPlannerSettings = field(default_factory=FeedPlannerSettings)
-    hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
-    timing: TimingSettings = field(default_factory=TimingSettings)
-    transitions: PaulSettings = field(default_factory=PaulSettings)
-    verification: VerificationSettings = field(default_factory=VerificationSettings)
-    room: RoomSettings = field(default_factory=RoomSettings)
-    tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
-    user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
-    simulation: SimulationSettings = field(default_factory=SimulationSettings)
-    braking: BrakingSettings = field(default_factory=BrakingSettings)
-    diagnosis: DiagnosisSettings = field(default_factory=DiagnosisSettings)
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            kind: object = each.default_factory
-            if isinstance(kind, type):
-                expect(getattr(self, each.name), kind, f"{kind.__name__} for {each.name}=")
-
-
-DEFAULT_SETTINGS = Settings()
-"""What every solve uses unless it is given others."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +35,69 @@ DEFAULT_SPACE_LOOKS = SpaceLookSettings()
 
 
 @dataclass(frozen=True)
+class Settings:
+    """Settings of every stage; each class says of each number what it means and where it comes from.
+
+    To change one, replace what is on the way to it, for example
+    ``Settings(timing=replace(TimingSettings(), standing=1e-8))``.
+
+    Attributes:
+        curve: of the curve planner in the plane, from free space to the smooth path.
+        space: of the planner in space.
+        poses: of the search for the best pose at a goal in space.
+        reach: of the map of where the tip can be.
+        space_reach: the same in space.
+        feed: of the planner for an arm on a feed axis.
+        hill_climbing: of the paper's planner.
+        timing: of timing along a path.
+        transitions: of timing by Paul's transitions.
+        verification: tolerances of the verifier.
+        room: how closely the room that a motion keeps is looked at.
+        looks: the same in space.
+        tolerance: how closely the errors that a motion survives are sought.
+        user_terms: how users' constraints are checked on the finished motion.
+        simulation: of the simulation and the checks before it.
+        braking: of coming to rest where a motion is given another goal.
+        diagnosis: of the explanation of failures.
+    """
+
+    curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
+    space: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    poses: PoseSearchSettings = field(default_factory=PoseSearchSettings)
+    reach: ReachSettings = field(default_factory=ReachSettings)
+    space_reach: SpaceReachSettings = field(default_factory=SpaceReachSettings)
+    feed: FeedPlannerSettings = field(default_factory=FeedPlannerSettings)
+    hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
+    transitions: PaulSettings = field(default_factory=PaulSettings)
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+    room: RoomSettings = field(default_factory=RoomSettings)
+    looks: SpaceLookSettings = field(default_factory=SpaceLookSettings)
+    tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
+    user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    braking: BrakingSettings = field(default_factory=BrakingSettings)
+    diagnosis: DiagnosisSettings = field(default_factory=DiagnosisSettings)
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            kind: object = each.default_factory
+            if isinstance(kind, type):
+                expect(getattr(self, each.name), kind, f"{kind.__name__} for {each.name}=")
+
+
+DEFAULT_SETTINGS = Settings()
+"""What every solve uses unless it is given others."""
+
+
+@dataclass(frozen=True)
 class LiveSettings:
     """How long people wait for a plan when they drag a goal or a wall.
 
     Attributes:
-        patience: CPU time for a plan after a change [s]. Taste: what a hand that drags bears.
+        patience: CPU time for a plan in the plane after a change [s]. Taste: what a hand that drags bears.
+        patience_in_space: CPU time for the search in space after a change [s]. Taste: three times what the elbow takes;
+            timing and verification come on top.
         free_rounds: most steps of the optimisation before it is decided where the motion ends. Measured: with
             four and three, motions last as long as with the nine and five of ``solve`` to within 1 % after 25 drags,
             and take four fifths of the time (``bench_live``).
@@ -92,6 +105,7 @@ class LiveSettings:
     """
 
     patience: float = 0.6
+    patience_in_space: float = 1.0
     free_rounds: int = 4
     end_rounds: int = 3
 
@@ -103,20 +117,4 @@ class LiveSettings:
 
 
 LIVE = LiveSettings()
-"""Used where no other settings are given."""
-
-
-@dataclass(frozen=True)
-class LiveInSpaceSettings:
-    """How long people wait for a plan when they drag a goal in space.
-
-    Attributes:
-        patience: CPU time for the search after a change [s]. Taste: three times what the elbow takes; timing and
-            verification come on top.
-    """
-
-    patience: float = 1.0
-
-
-LIVE_IN_SPACE = LiveInSpaceSettings()
 """Used where no other settings are given."""

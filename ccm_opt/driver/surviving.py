@@ -9,13 +9,13 @@ from ccm_opt.core.expected import expect
 from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.problem import Disturbances, Problem
+from ccm_opt.problem import Disturbances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
 from ccm_opt.solution.records import FOLLOWED
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
-from ccm_opt.verification.survived_in_space import survived_errors_in_space
-from ccm_opt.verification.tolerance.error_model import joint_errors
+from ccm_opt.verification.survived_in_space import survived_error_in_space, survived_errors_in_space
+from ccm_opt.verification.tolerance.error_model import ToleranceSettings, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
 _MOST_AT_ONCE = 15_000
@@ -86,13 +86,22 @@ def tolerance_of_motion(
 
 
 def tolerance_at_once(
-    problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
+    problem: AnyProblem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
     """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
+    return (survived_joint_error(problem, trajectory, settings.tolerance),)
+
+
+def survived_joint_error(
+    problem: AnyProblem, trajectory: JointTrajectory, settings: ToleranceSettings
+) -> SurvivedError:
+    """The error of the joints that a verified motion survives."""
     model = joint_errors(problem.arm)
-    return (survived_error(problem.arm, problem.workspace, trajectory, model, settings.tolerance),)
+    if isinstance(problem, SpaceProblem):
+        return survived_error_in_space(problem, trajectory, model, settings)
+    return survived_error(problem.arm, problem.workspace, trajectory, model, settings)
 
 
 def _survived_load(

@@ -15,12 +15,10 @@ from dataclasses import dataclass, replace
 
 from ccm_opt.compare.suites import SPACE_SUITES, shared_folder, space_maker
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.driver.pipeline import plan_legs
-from ccm_opt.driver.space_planning_run import timed_in_space
-from ccm_opt.driver.verified_motion import failed_checks
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import NoPlanFound, ProblemError
-from ccm_opt.planning.legs import PlannerOf
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import PlannerOf, plan_legs
+from ccm_opt.driver.timed_plan import timed_and_verified
+from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_search import find_motion
@@ -29,7 +27,6 @@ from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath
-from ccm_opt.verification.space_verifier import verify_in_space
 from tests.benchmarks.bench_planning import head, row
 from tests.benchmarks.space_sweep import sweep_in_space
 
@@ -62,10 +59,11 @@ class FoundAlone:
 
 def outcome(problem: SpaceProblem, planner: PlannerOf[SpaceProblem]) -> str:
     """What comes of a problem: "safe", "touches", "no plan", "refused" by the verifier, or "crash"."""
-    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     try:
-        (leg,) = plan_legs(problem, planner)
-        trajectory = timed_in_space(leg.problem, leg.path, dynamics)
+        trajectory = timed_and_verified(problem, plan_legs(problem, planner), Stages()).trajectory
+    except VerificationError as refused:
+        print(f"- {problem.name}: refused: {'; '.join(refused.failures)}", flush=True)
+        return "refused"
     except (NoPlanFound, ProblemError) as none:
         print(f"- {problem.name}: {none}".splitlines()[0], flush=True)
         return "no plan"
@@ -73,14 +71,9 @@ def outcome(problem: SpaceProblem, planner: PlannerOf[SpaceProblem]) -> str:
         place = traceback.extract_tb(crash.__traceback__)[-1]
         print(f"- {problem.name}: {type(crash).__name__}: {crash} ({place.name}, line {place.lineno})", flush=True)
         return "crash"
-    failures = failed_checks(verify_in_space(problem, trajectory, joint_states(problem.arm, trajectory, dynamics)))
-    if failures:
-        print(f"- {problem.name}: refused: {'; '.join(str(failure) for failure in failures)}", flush=True)
     seen = sweep_in_space(problem, trajectory)
     if seen.violations:
         print(f"- {problem.name}: {'; '.join(seen.violations)}", flush=True)
-    if failures:
-        return "refused"
     return "touches" if seen.violations else "safe"
 
 

@@ -19,12 +19,10 @@ import numpy as np
 from ccm_opt import load_problem
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.closed_loop import WALLS, simulate_and_check
-from ccm_opt.driver.pipeline import plan_legs
+from ccm_opt.driver.legs import Leg, plan_legs
 from ccm_opt.driver.planning_run import default_planner
-from ccm_opt.driver.verified_motion import VerifiedPlan
-from ccm_opt.driver.verified_plan import timed_and_verified
+from ccm_opt.driver.timed_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.planning.legs import Leg
 from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.robot.frames import revolute_angles
 

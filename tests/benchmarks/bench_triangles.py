@@ -19,10 +19,8 @@ from ccm_opt.compare.space_clutter import JOBS, disturbed_job
 from ccm_opt.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.pipeline import plan_legs
-from ccm_opt.driver.space_planning_run import timed_in_space
-from ccm_opt.driver.verified_motion import failed_checks
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.driver.legs import plan_legs
+from ccm_opt.driver.timed_plan import failed_checks, timed_and_verified
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem.space_problem import SpaceProblem
@@ -51,7 +49,6 @@ def main() -> None:
 def measure(job: str, seed: int, problem: SpaceProblem) -> None:
     """Plan and verify a problem, and print what that took [s]."""
     triangles = len(problem.workspace.soup)
-    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     stages = Stages()
     begun = user_time()
     try:
@@ -60,8 +57,8 @@ def measure(job: str, seed: int, problem: SpaceProblem) -> None:
         print(f"{job} {seed}, {triangles}: {none}")
         return
     planned = user_time() - begun
-    trajectory = timed_in_space(leg.problem, leg.path, dynamics)
-    joints = joint_states(problem.arm, trajectory, dynamics)
+    motion = timed_and_verified(problem, (leg,), Stages())
+    trajectory, joints = motion.trajectory, motion.joints
     begun = user_time()
     checks = verify_in_space(problem, trajectory, joints)
     verified = user_time() - begun

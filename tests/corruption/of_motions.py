@@ -10,9 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import described
-from ccm_opt.driver.settings import DEFAULT_SETTINGS
-from ccm_opt.driver.space_planning_run import described_in_space
-from ccm_opt.driver.verified_motion import TermResults, VerifiedPlan, check
+from ccm_opt.driver.timed_plan import TermResults, VerifiedPlan, check
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import TipGoal
@@ -57,8 +55,6 @@ def told(problem: AnyProblem, path: JointPath, trajectory: JointTrajectory, stat
     """All that is said of a motion, whether it is a plan or not."""
     checks = check(problem, trajectory, states)
     plan = VerifiedPlan(path, trajectory, states, checks, TermResults())
-    if isinstance(problem, SpaceProblem):
-        return described_in_space(problem, plan, Stages(), DEFAULT_SETTINGS)
     return described(problem, plan, Stages())
 
 

@@ -24,10 +24,10 @@ import websockets.asyncio.server
 from websockets import Headers
 from websockets.http11 import Request, Response
 
-from ccm_opt.cli.view.handles import AnyFrames, AnyLivePlan, frames_of, handles_of, scene_of
+from ccm_opt.cli.view.handles import AnyFrames, frames_of, handles_of, scene_of
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import TINY
-from ccm_opt.driver.live_plan import LiveAnswer
+from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.errors import ProblemError
 from ccm_opt.solution import Check
 from ccm_opt.viz.document import PageUnits
@@ -135,7 +135,7 @@ class ViewerApp:
     """
 
     frames: AnyFrames
-    live: AnyLivePlan | None
+    live: LivePlan | None
     door: socket.socket
     checks: tuple[Check, ...] = ()
     settings: ViewSettings = VIEW
@@ -260,7 +260,7 @@ class ViewerApp:
         with self._lock:
             self.scene.switch(layer, on=event.target.value)
 
-    def _planned(self, live: AnyLivePlan, answer: LiveAnswer | str) -> None:
+    def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
         """Show what came of a change: the new plan, or the last one and why there is none."""
         with self._lock:
             self.scene.draw_room(live.problem)

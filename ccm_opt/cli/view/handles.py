@@ -17,7 +17,6 @@ from ccm_opt.cli.view.scene import Scene, SpaceScene
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
-from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import CcmError
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
@@ -34,7 +33,7 @@ class Replanner:
         settings: when it is quiet enough to plan anew.
     """
 
-    live: LivePlan | LivePlanInSpace
+    live: LivePlan
     told: Callable[[LiveAnswer | str], None]
     settings: ViewSettings = VIEW
     _wanted: Callable[[], LiveAnswer] | None = None
@@ -186,7 +185,7 @@ class Handles:
     def __init__(
         self,
         scene: Scene | SpaceScene,
-        live: LivePlan | LivePlanInSpace,
+        live: LivePlan,
         frame: HandleFrame,
         told: Callable[[Any, LiveAnswer | str], None],
     ) -> None:
@@ -262,8 +261,6 @@ class Handles:
 
 AnyFrames: TypeAlias = MotionFrames | SpaceFrames
 """The poses of a motion."""
-AnyLivePlan: TypeAlias = LivePlan | LivePlanInSpace
-"""A plan that follows drags."""
 
 
 def frames_of(
@@ -283,7 +280,7 @@ def scene_of(server: viser.ViserServer, frames: AnyFrames, settings: ViewSetting
 
 
 def handles_of(
-    scene: Scene | SpaceScene, live: AnyLivePlan | None, told: Callable[[Any, LiveAnswer | str], None]
+    scene: Scene | SpaceScene, live: LivePlan | None, told: Callable[[Any, LiveAnswer | str], None]
 ) -> Handles | None:
     """Handles on what can be dragged; None where nothing can."""
     if live is None:

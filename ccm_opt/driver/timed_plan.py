@@ -1,0 +1,283 @@
+"""Lays time along the paths of all legs, and verifies the motion that they are."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ccm_opt import retiming
+from ccm_opt.core.length_words import file_length
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import Leg, RetimerOf, pose_at, whole_path
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError, VerificationError
+from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
+from ccm_opt.planning.following.leader import feed_limits
+from ccm_opt.planning.own_units import OwnUnits
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.frames import revolute_angles
+from ccm_opt.robot.points import DrivenArm
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.verifier import verify
+
+if TYPE_CHECKING:
+    from ccm_opt.ik.compiled_terms import UserTerms
+
+
+@dataclass(frozen=True)
+class TermResults:
+    """What a motion makes of the user's constraints and costs.
+
+    Attributes:
+        checks: one for each constraint.
+        figures: residuals of the constraints and values of the costs, by name.
+    """
+
+    checks: tuple[Check, ...] = ()
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class VerifiedPlan:
+    """A motion that passes every check.
+
+    Attributes:
+        path: the way, of all legs end to end.
+        trajectory: the same in time.
+        joints: the same for all drives.
+        checks: of the verifier.
+        of_terms: what the motion makes of the user's constraints and costs.
+        tries: what came of every try, where several were asked for.
+    """
+
+    path: JointPath
+    trajectory: JointTrajectory
+    joints: JointStates
+    checks: tuple[Check, ...]
+    of_terms: TermResults
+    tries: tuple[TryRecord, ...] = ()
+
+
+def results_of_terms(
+    terms: "UserTerms | None",
+    arm: DrivenArm,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> TermResults:
+    """What a motion makes of the user's constraints and costs; nothing when there are none."""
+    if terms is None:
+        return TermResults()
+    from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
+
+    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory, settings))
+
+
+def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
+    """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
+    checks = [
+        replace(check, name=f"{check.name}, goal {number}")
+        for number, leg in enumerate(legs, start=1)
+        for check in leg.checks
+    ]
+    # Every leg was solved with the same terms, so the names of the first are those of all.
+    figures = {name: float(np.max(np.abs([leg.figures[name] for leg in legs]))) for name in legs[0].figures}
+    return TermResults(tuple(checks), figures)
+
+
+def failed_checks(checks: Sequence[Check]) -> list[str]:
+    """What the checks that do not hold say."""
+    return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
+
+
+def _value(check: Check) -> str:
+    """The worst value of a check, lengths in the unit of the problem's file."""
+    return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
+
+
+def check(
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[Check, ...]:
+    """Check a timed motion against everything its problem asks, in the plane or in space.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        joints: the same for the drives, with their efforts.
+        settings: tolerances, and how hard to look.
+
+    Returns:
+        One check a promise, each with its worst value and where it was met; malformed data end the list at once.
+
+    Raises:
+        ProblemError: an argument is of another type.
+    """
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.verification.space_verifier import verify_in_space  # noqa: PLC0415 - most problems are in the plane
+
+        return verify_in_space(problem, trajectory, joints, settings)
+    return verify(problem, trajectory, joints, settings)
+
+
+def verified(
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[Check, ...]:
+    """Check a motion that has to pass; arguments as for ``check``.
+
+    Raises:
+        VerificationError: naming the checks that fail.
+    """
+    checks = check(problem, trajectory, joints, settings)
+    if failures := failed_checks(checks):
+        raise VerificationError(failures)
+    return checks
+
+
+def timed_and_verified(
+    problem: AnyProblem,
+    legs: Sequence[Leg],
+    stages: Stages,
+    retimer: RetimerOf[Any] | None = None,
+    terms: "UserTerms | None" = None,
+    settings: Settings = DEFAULT_SETTINGS,
+) -> VerifiedPlan:
+    """Time the paths of all legs, and verify them as one motion.
+
+    Args:
+        problem: what they solve.
+        legs: one to each goal.
+        stages: names and times the stages.
+        retimer: another way to time a leg; the one that the problem names when None.
+        terms: the user's constraints and costs; they hold for every leg by itself.
+        settings: of all stages.
+
+    Raises:
+        NoPlanFound: a path cannot be timed within the limits, or the motion does not keep a constraint.
+        VerificationError: the verifier refuses the plan.
+    """
+    # Made once for all legs: the first call may have to wait for the compiler.
+    with stages("dynamics model"):
+        dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    with stages("retiming"):
+        timed = [_leg_in_time(leg, dynamics, retimer, terms, settings) for leg in legs]
+        trajectory = retiming.joined(timed, [stop.pause for stop in problem.stops]) if len(timed) > 1 else timed[0]
+        joints = joint_states(problem.arm, trajectory, dynamics)
+    with stages("verification"):
+        checks = verified(problem, trajectory, joints, settings.verification)
+        # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
+        found = [
+            results_of_terms(terms, leg.problem.arm, leg.path, motion, settings.user_terms)
+            for leg, motion in zip(legs, timed, strict=True)
+        ]
+        of_terms = worst_of_legs(found) if len(found) > 1 else found[0]
+        if broken := failed_checks(of_terms.checks):
+            raise MotionNotFound(_not_kept(broken))
+    return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
+
+
+def _leg_in_time(
+    leg: Leg,
+    dynamics: InverseDynamics,
+    retimer: RetimerOf[Any] | None,
+    terms: "UserTerms | None",
+    settings: Settings,
+) -> JointTrajectory:
+    """The motion of a leg; where its path has corners, as one back over several legs has, it rests in them."""
+    parts = leg.path.parts
+    if not parts:
+        return _timed(leg, dynamics, retimer, terms, settings)
+    ends = [pose_at(leg.problem, part.spline(1.0)) for part in parts]
+    starts = [leg.problem.start, *ends[:-1]]
+    timed = [
+        _timed(Leg(replace(leg.problem, start=start, goal=end), part), dynamics, retimer, None, settings)
+        for part, start, end in zip(parts, starts, (*ends[:-1], leg.problem.goal), strict=True)
+    ]
+    # The stops of a motion are the goals on its way, which corners are not.
+    return replace(retiming.joined(timed), stops=())
+
+
+def _timed(
+    leg: Leg,
+    dynamics: InverseDynamics,
+    retimer: RetimerOf[Any] | None,
+    terms: "UserTerms | None",
+    settings: Settings,
+) -> JointTrajectory:
+    """The first timing of a leg that may be taken.
+
+    Raises:
+        RetimingError: there is none within the limits.
+    """
+    problem = leg.problem
+    if retimer is not None:
+        return retimer.retime(problem, leg.path)
+    failures: list[str] = []
+    # Timings are made one by one, so that what is not needed is never computed.
+    for trajectory in _timings(leg, dynamics, settings):
+        # Paul's transitions leave the path, so the first of them may be refused for walls; TOPP-RA's only one is not.
+        if problem.planner.retiming == "toppra":
+            return trajectory
+        checks = check(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
+        of_terms = results_of_terms(terms, problem.arm, leg.path, trajectory, settings.user_terms)
+        failures = failed_checks((*checks, *of_terms.checks))
+        if not failures:
+            return trajectory
+    reason = f"even with its narrowest turns a motion of legs and turns fails; the first that does: {failures[0]}"
+    advice = ('use planner.retiming = "toppra", which stays on the path',)
+    raise RetimingError(Diagnosis(reason, "retiming", advice, {"failures": failures}))
+
+
+def _timings(leg: Leg, dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
+    """Timings by the problem's method, best first; those of a fed arm in the plane are made in units of the arm."""
+    problem = leg.problem
+    if not problem.arm.base_axes or isinstance(problem, SpaceProblem):
+        yield from _timings_as_it_stands(leg, dynamics, settings)
+        return
+    # Timing weighs coordinates that are lengths against angles.
+    arm = problem.arm
+    units = OwnUnits(arm.length)
+    scaled = Leg(units.scaled(problem), units.path_in_units(leg.path, arm))
+    try:
+        in_units = InverseDynamics(scaled.problem.arm, scaled.problem.simulation.gravity)
+        for trajectory in _timings_as_it_stands(scaled, in_units, settings):
+            yield units.trajectory_in_metres(trajectory, arm)
+    except RetimingError:
+        # Re-time in metres so that the error message is in metres.
+        yield from _timings_as_it_stands(leg, dynamics, settings)
+
+
+def _timings_as_it_stands(leg: Leg, dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
+    """Timings in the units of the problem."""
+    problem = leg.problem
+    arm = problem.arm
+    hair = 0.5 * problem.contact_tolerance
+    yield from retiming.timings(
+        leg.path,
+        feed_limits(arm, problem.limits, settings.feed.following),
+        dynamics,
+        revolutes=partial(revolute_angles, arm),
+        method=problem.planner.retiming,
+        link_length=arm.link_length,
+        coordinates=arm.coordinates,
+        arm=arm,
+        share=problem.planner.effort_share,
+        settings=replace(settings.timing, sampling=replace(settings.timing.sampling, hair=hair)),
+        paul=settings.transitions,
+    )
+
+
+def _not_kept(broken: list[str]) -> Diagnosis:
+    """Why a motion is none that breaks a constraint of the user."""
+    reason = f"the motion that was found does not keep every constraint; the first that fails: {broken[0]}"
+    advice = ("widen the constraint, or make it soft", "move the goal")
+    return Diagnosis(reason, "constraints", advice, {"failures": broken})
