@@ -29,7 +29,6 @@ from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.robot.space_arm import joint_positions
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.solution import (
     Check,
@@ -105,7 +104,7 @@ def room_in_space(
     rests = [0, *trajectory.stops, len(trajectory.time) - 1]
     even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
     samples = np.union1d(even, rests)
-    points = joint_positions(problem.arm, trajectory.positions[samples])
+    points = problem.arm.joint_positions_at(trajectory.positions[samples])
     # Far enough that the wanted gap, or the usual one, can be told from more.
     wanted = max(problem.wanted_gap, problem.default_gap)
     reach = max(problem.arm.link_length, _BEYOND_WANTED * wanted) + problem.workspace.clearance

@@ -363,7 +363,7 @@ class LivePlan:
             ProblemError: it is none.
         """
         vector = finite_array(value)
-        size = len(self.problem.arm.base)
+        size = self.problem.dimension
         if vector is None or vector.shape != (size,):
             raise ProblemError(refusal(value, what.format("(x, y)" if size == 2 else "(x, y, z)")))
         return vector
