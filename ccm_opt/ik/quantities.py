@@ -47,6 +47,10 @@ class ArmQuantities(ABC):
         """Positions of the base, the other joints and the tip, shape (dimensions, links + 1) [m]."""
 
     @abstractmethod
+    def heading_slopes(self, slopes: FloatArray) -> FloatArray:
+        """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way in lengths."""
+
+    @abstractmethod
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a pose, as planning handles it, and an expression of a path in them and the path parameter."""
 
@@ -158,6 +162,10 @@ class Quantities(ArmQuantities):
     def rates(self) -> tuple[Any, Any]:
         """Rates of the link headings and of the feed."""
         return self.heading_rates, self.feed_rate
+
+    def heading_slopes(self, slopes: FloatArray) -> FloatArray:
+        """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way: those they are."""
+        return slopes
 
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a pose and an expression of a path in them and the path parameter.
@@ -311,6 +319,17 @@ class SpaceQuantities(ArmQuantities):
     def rates(self) -> tuple[Any, Any]:
         """Rates of the bends and of the feed."""
         return self.bend_rates, self.feed_rate
+
+    def heading_slopes(self, slopes: FloatArray) -> FloatArray:
+        """Slopes by a configuration, shape (m, c), as slopes by turns of the links, and of the base by arm lengths.
+
+        A link that turns about an axis of bends, the others staying, adds to its own bend what it takes from the next.
+        """
+        turned: FloatArray = slopes * np.append(
+            np.ones(2 * self.arm.links), np.full(len(self.arm.base_axes), self.arm.length)
+        )
+        turned[:, : 2 * self.arm.links - 2] -= slopes[:, 2 : 2 * self.arm.links]
+        return turned
 
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a configuration, bends [rad] and the feed [m] where there is one, and the expression."""

@@ -96,7 +96,7 @@ def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, we
     drawn = goal.term(pose, stepper.unit, weight)
     if stepper.user is None:
         return [drawn]
-    return [drawn, stepper.user.placed_at_goal().mending(pose, stepper.settings.step.turn)]
+    return [drawn, stepper.user.placed_at_goal().drawn_onto(pose.q, pose.slopes, stepper.settings.step.turn)]
 
 
 def onto_goal(
@@ -114,7 +114,7 @@ def onto_goal(
     for _ in range(settings.polish_steps):
         rows, missing = goal.rows(pose, stepper.unit)
         if stepper.user is not None:
-            of_user, by_user = stepper.user.placed_at_goal().missed(pose)
+            of_user, by_user = stepper.user.placed_at_goal().missed_turns(pose.q, pose.slopes)
             rows = np.vstack((rows, of_user))
             missing = np.append(missing, by_user)
         if np.max(np.abs(missing)) < settings.exact:

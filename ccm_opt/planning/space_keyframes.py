@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.space_cost import SpaceMotionCost
 from ccm_opt.planning.space_rows import KeyframeRows
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_tracking import moved_onto_terms
-from ccm_opt.planning.space_user_limit import SpaceUserLimit
 
 if TYPE_CHECKING:
     from ccm_opt.ik.functions import CompiledCost
@@ -27,10 +27,10 @@ class UserKeyframes:
         u: path parameters of the keyframes, shape (K + 1,).
     """
 
-    user: SpaceUserLimit
+    user: UserLimit
     u: FloatArray
 
-    def _at(self, keyframe: int) -> SpaceUserLimit:
+    def _at(self, keyframe: int) -> UserLimit:
         """The constraints at a keyframe; the last is the goal."""
         if keyframe == len(self.u) - 1:
             return self.user.placed_at_goal()

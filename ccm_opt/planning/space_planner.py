@@ -204,7 +204,7 @@ def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> Jo
     names = " and ".join(f"'{name}'" for name in task.user.names)
     reason = f"a motion was found, but no smooth path near it that keeps constraint {names} between its keyframes"
     advice = ["give the constraint some width between its bounds, or make it soft"]
-    if task.user.shapes_path and task.arm.base_axes:
+    if task.user.has_equations and task.arm.base_axes:
         advice.append("leave arm.feed out: equations that are not linear hold for arms with a fixed base")
     raise MotionNotFound(Diagnosis(reason, "constraints", tuple(advice)))
 

@@ -14,12 +14,12 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.settings import SmoothPathSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
-from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.space_arm import SpaceArm
 
 _LOOKS = 5
@@ -66,7 +66,7 @@ def path_on_equations(
 
 
 def _on_equations(
-    task: SpaceTask, user: SpaceUserLimit, motion: SpaceMotion, base: BSpline, settings: SmoothPathSettings
+    task: SpaceTask, user: UserLimit, motion: SpaceMotion, base: BSpline, settings: SmoothPathSettings
 ) -> BSpline | None:
     """A spline through points of the base that are moved onto the constraints, refined until it keeps them."""
     stepper = task.stepper(motion.curve, 0.0)
@@ -94,10 +94,10 @@ def _on_equations(
     return None
 
 
-def _missed_spans(user: SpaceUserLimit, spline: BSpline, knots: FloatArray, samples: int) -> IntArray:
+def _missed_spans(user: UserLimit, spline: BSpline, knots: FloatArray, samples: int) -> IntArray:
     """Spans in which a constraint is missed, sorted."""
     places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
-    missed = np.flatnonzero(user.missed_on_path(np.asarray(spline(places)), places))
+    missed = np.flatnonzero(user.misses_path(np.asarray(spline(places)), places))
     return np.unique(np.minimum(missed // samples, len(knots) - 2))
 
 
@@ -126,7 +126,7 @@ def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
         task: with the certificate.
         motion: certified.
     """
-    if task.user is not None and task.user.shapes_path and not task.arm.base_axes:
+    if task.user is not None and task.user.has_equations and not task.arm.base_axes:
         on_equations = path_on_equations(task, motion)
         if on_equations is not None:
             return on_equations
@@ -214,7 +214,7 @@ def _span_ends(control: FloatArray, *, even: bool) -> FloatArray:
     return np.concatenate(([0.0], control[2:-2, -1], [1.0]))
 
 
-def _mend(stepper: SpaceStepper, user: SpaceUserLimit, control: FloatArray, chosen: IntArray) -> None:
+def _mend(stepper: SpaceStepper, user: UserLimit, control: FloatArray, chosen: IntArray) -> None:
     """Move some control points, unknowns with their path parameters, to where they keep the user's constraints."""
     for k in chosen:
         moved = moved_onto_terms(stepper, user.placed(float(control[k, -1])), stepper.pose(control[k, :-1]))
@@ -318,7 +318,7 @@ def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
         return failing
     user_samples = _USER_SAMPLES
     finer = (knots[:-1, None] + np.arange(user_samples) / user_samples * np.diff(knots)[:, None]).ravel()
-    return np.concatenate((failing, finer[task.user.missed_on_path(np.asarray(spline(finer)), finer)]))
+    return np.concatenate((failing, finer[task.user.misses_path(np.asarray(spline(finer)), finer)]))
 
 
 def _bent_inside(arm: SpaceArm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:

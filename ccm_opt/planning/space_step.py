@@ -9,11 +9,11 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.pose import Term, normal_equations
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.space_pose import Chains, SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
-from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -64,7 +64,7 @@ class SpaceStepper:
     certificate: SpaceCertificate
     margin: float
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
-    user: SpaceUserLimit | None = None
+    user: UserLimit | None = None
 
     @property
     def unit(self) -> float:
@@ -122,16 +122,17 @@ class SpaceStepper:
         lower = np.concatenate((clear.target, low))
         upper = np.concatenate((np.full(len(clear.target), _FAR), high))
         if self.user is not None:
-            own = self.user.linearised(pose, settings.turn)
-            rows.append(own.rows)
+            own = self.user.step_rows(self.user.values(pose.q), pose.slopes, pose.chain.turning, settings.turn)
+            rows.append(own.matrix)
             lower = np.append(lower, own.lower)
             upper = np.append(upper, own.upper)
-            pulls = [*pulls, own.pull]
+            pulls = [*pulls, *own.pulls]
         matrix = np.ascontiguousarray(np.vstack(rows))
         hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], _RIDGE)
         sense = np.zeros(len(upper), dtype=np.intc)
         if self.user is not None:
-            sense[len(clear.target) + len(low) :] = EQUAL * (own.lower == own.upper)
+            begin = len(clear.target) + len(low)
+            sense[begin : begin + own.equations] = EQUAL
         delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense)
         if delta is None:
             return pose

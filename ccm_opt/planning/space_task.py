@@ -11,12 +11,12 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.failures import Sought
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_step import SpaceStepper
-from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.space_arm import SpaceArm
@@ -71,7 +71,7 @@ class SpaceTask:
     seed: int = 0
     refuse: Callable[[], None] | None = None
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
-    user: SpaceUserLimit | None = None
+    user: UserLimit | None = None
 
     @property
     def unit(self) -> float:
@@ -215,7 +215,7 @@ def space_task(
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,
-        user=None if terms is None else SpaceUserLimit.of(arm, terms, _LEAD),
+        user=None if terms is None else UserLimit(terms, lead=_LEAD),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.pose import Term
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
@@ -23,7 +24,6 @@ from ccm_opt.planning.space_settings import ScheduleSettings
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
-from ccm_opt.planning.space_user_limit import SpaceUserLimit
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _PLACES = 101
@@ -40,7 +40,7 @@ def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
     return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
 
 
-def schedule(motion: SpaceMotion, user: SpaceUserLimit, slowness: FloatArray, settings: ScheduleSettings) -> FloatArray:
+def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray, settings: ScheduleSettings) -> FloatArray:
     """Path parameters of the configurations of a motion, increasing from 0 to 1, shape (K,).
 
     Args:
@@ -62,7 +62,7 @@ def schedule(motion: SpaceMotion, user: SpaceUserLimit, slowness: FloatArray, se
     return np.asarray(np.interp(share, moved, grown))
 
 
-def _missed(user: SpaceUserLimit, q: FloatArray, u: float) -> FloatArray:
+def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
     """By how much the worst row is missed at u, as a turn of the whole arm, in each of N configurations, shape (N,)."""
     rows = user.placed(u).rows
     table = rows.table(q, u)
@@ -125,7 +125,7 @@ class _Tracking:
     """
 
     task: SpaceTask
-    user: SpaceUserLimit
+    user: UserLimit
     motion: SpaceMotion
     of_motion: FloatArray
     settings: TrackingSettings = field(default_factory=TrackingSettings)
@@ -216,7 +216,7 @@ class _Tracking:
         return MotionNotFound(Diagnosis(reason, "motion", ("relax the constraints, or make them soft",)))
 
 
-def moved_onto_terms(stepper: SpaceStepper, here: SpaceUserLimit, pose: SpacePose) -> SpacePose | None:
+def moved_onto_terms(stepper: SpaceStepper, here: UserLimit, pose: SpacePose) -> SpacePose | None:
     """A pose that keeps the constraints of a place of the motion, near one that may not; None where that fails.
 
     Args:
@@ -226,7 +226,7 @@ def moved_onto_terms(stepper: SpaceStepper, here: SpaceUserLimit, pose: SpacePos
     """
     start = pose
     for _ in range(here.settings.newton_steps):
-        rows, change = here.missed(pose)
+        rows, change = here.missed_turns(pose.q, pose.slopes)
         if not np.all(np.isfinite(change)):
             return None
         if float(np.max(np.abs(change), initial=0.0)) <= here.settings.met:

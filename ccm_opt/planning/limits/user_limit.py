@@ -1,10 +1,15 @@
 """The user's hard constraints as a limit, with the costs that go with them.
 
 Gaps are treated as clearances are: they keep a margin where there is room for it. Equations are rows that a step has
-to meet; after it Newton's method brings the coordinates back onto them.
+to meet; after it Newton's method brings the unknowns back onto them.
+
+A gap is divided by the norm of its slope by the headings of the links, in which the base's way counts by a length of
+the arm: so it is the turn of the whole arm that closes it, and one margin suits gaps in metres, radians or any other
+unit, in the plane and in space.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +19,6 @@ from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitR
 from ccm_opt.planning.limits.limit_stack import overbent
 from ccm_opt.planning.limits.user_motion_rows import (
     UserCosts,
-    intervals_with_broken_gaps,
     refuse_broken_goal,
     refuse_broken_start,
     slope_norms,
@@ -46,12 +50,15 @@ class UserLimit(Limit):
         settings: numbers.
         u: path parameter at which the constraints are looked at.
         at_goal: whether those at the goal are meant, not those on the way.
+        lead: by how much of the motion intervals are widened at most, so that a path which is smooth at keyframes keeps
+            them on all of it; where one ends shortly before another begins, they stay apart.
     """
 
     terms: "UserTerms"
     settings: UserLimitSettings = field(default_factory=UserLimitSettings)
     u: float = 0.0
     at_goal: bool = False
+    lead: float = 0.0
 
     @property
     def parametric(self) -> bool:
@@ -69,19 +76,40 @@ class UserLimit(Limit):
         return True
 
     @property
-    def shapes_path(self) -> bool:
-        """Whether there are equations, or anything that depends on the path parameter."""
-        return bool(self.terms.path_rows.equal.any()) or self.terms.parametric
+    def has_equations(self) -> bool:
+        """Whether a path beside the keyframes may miss equations that these meet."""
+        return bool(self.terms.path_rows.equal.any())
 
     @property
+    def shapes_path(self) -> bool:
+        """Whether there are equations, or anything that depends on the path parameter."""
+        return self.has_equations or self.terms.parametric
+
+    @cached_property
     def breaks(self) -> tuple[float, ...]:
         """Path parameters inside (0, 1) at which a term begins or ends to apply."""
-        return tuple(self.terms.breaks.tolist())
+        if self.lead == 0.0:
+            return tuple(self.terms.breaks.tolist())
+        way = self._way
+        inside = np.unique(np.concatenate((way.first, way.last, self.terms.breaks)))
+        return tuple(inside[(inside > 0.0) & (inside < 1.0)].tolist())
+
+    @cached_property
+    def _way(self) -> "RowSet":
+        """Rows at keyframes on the way."""
+        exact = self.terms.motion_rows
+        if self.lead == 0.0:
+            return exact
+        places = np.unique(np.concatenate(([0.0, 1.0], self.terms.breaks)))
+        lead = min(self.lead, float(np.min(np.diff(places))) / 3.0)
+        first = np.where(exact.first > 0.0, exact.first - lead, 0.0)
+        last = np.where(exact.last < 1.0, exact.last + lead, 1.0)
+        return replace(exact, first=first, last=last)
 
     @property
     def rows(self) -> "RowSet":
         """Rows of the constraints, on the way or at the goal."""
-        return self.terms.goal_rows if self.at_goal else self.terms.motion_rows
+        return self.terms.goal_rows if self.at_goal else self._way
 
     def placed(self, u: float) -> "UserLimit":
         """The constraints at another place of the motion."""
@@ -91,42 +119,54 @@ class UserLimit(Limit):
         """The constraints at the goal."""
         return replace(self, u=1.0, at_goal=True)
 
-    def values(self, headings: FloatArray) -> "RowValues":
-        """Rows at link headings, shape (links,) [rad]."""
-        return self.rows.at(headings, self.u)
+    def values(self, q: FloatArray) -> "RowValues":
+        """Rows at a pose, shape (c,): headings or bends, and what carries the base."""
+        return self.rows.at(q, self.u)
+
+    def turns(self, slopes: FloatArray) -> FloatArray:
+        """By how much a turn of the whole arm changes each row of slopes, shapes (m,) and (m, c); never 0."""
+        return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
         """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
         del jacobians
-        settings = self.settings
         before = self.values(pose.headings)
-        # A gap is compared in radians of the whole arm, that is divided by the norm of its slope: so the one margin
-        # suits gaps in metres, radians or any other unit.
-        equations, target = self._independent(space, before, turn)
-
-        scale = slope_norms(before.gap_slopes)
-        # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
-        # factor 2 leaves room for its curvature.
-        farthest = 2.0 * turn * np.sqrt(space.arm.links)  # what a step can close at most
-        # Negated, so that a gap that is NaN keeps its row and is refused, instead of passing unseen.
-        within = ~(before.gaps > (settings.margin + farthest) * scale)
-        scale = scale[within]
-        gaps = before.gaps[within] / scale
-        rows = before.gap_slopes[within] @ space.matrix / scale[:, None]
-        # Never above 0: δ = 0 stays feasible even inside the margin, where the pull asks for more room instead.
-        lower = np.minimum(-0.5 * (gaps - settings.margin), 0.0)
 
         def keeps(trial: Pose) -> bool:
             return self._keeps(before, self.values(trial.headings))
 
+        return replace(self.step_rows(before, space.matrix, space.matrix[:, None], turn), keeps=keeps)
+
+    def step_rows(self, now: "RowValues", slopes: FloatArray, turning: FloatArray, turn: float) -> LimitRows:
+        """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close.
+
+        Args:
+            now: values at the pose.
+            slopes: of the pose by the unknowns, shape (c, p).
+            turning: of the links by the unknowns, shape (links, 1, p) or (links, 3, p).
+            turn: largest turn of a link in the step [rad].
+        """
+        settings = self.settings
+        equations, target = self._independent(now.equations, now.equation_slopes @ slopes, turning, turn)
+
+        scale = self.turns(now.gap_slopes)
+        # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
+        # factor 2 leaves room for its curvature.
+        farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # what a step can close at most
+        # Negated, so that a gap that is NaN keeps its row and is refused, instead of passing unseen.
+        within = ~(now.gaps > (settings.margin + farthest) * scale)
+        scale = scale[within]
+        gaps = now.gaps[within] / scale
+        rows = now.gap_slopes[within] @ slopes / scale[:, None]
+        # Never above 0: δ = 0 stays feasible even inside the margin, where the pull asks for more room instead.
+        lower = np.minimum(-0.5 * (gaps - settings.margin), 0.0)
         return LimitRows(
             np.vstack((equations, rows)),
             np.concatenate((target, lower)),
             np.concatenate((target, np.full(len(rows), UNBOUNDED))),
             len(target),
             (self._pull(rows, gaps, turn),),
-            keeps,
         )
 
     def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
@@ -139,29 +179,34 @@ class UserLimit(Limit):
         wanted = np.where(gaps[near] < 0.0, short, 0.5 * short)
         return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
 
-    def _independent(self, space: LinkSpace, values: "RowValues", turn: float) -> tuple[FloatArray, FloatArray]:
+    def _independent(
+        self, equations: FloatArray, slopes: FloatArray, turning: FloatArray, turn: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Orthonormal combinations of the equations' rows, and what they have to change by.
 
         Equations far from met ask for half of the largest turn of a link, so that the QP stays feasible.
         """
-        slopes = values.equation_slopes @ space.matrix
         if not len(slopes):
-            return slopes, values.equations
+            return slopes, equations
 
         # Dependent equations would make the QP degenerate. With J = U S Vᵀ, J δ = −c becomes Vᵀ δ = −S⁻¹ Uᵀ c on the
         # directions whose singular value counts.
         left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
         kept = sizes > self.settings.rank * max(float(sizes[0]), TINY)
-        target = -(left.T @ values.equations)[kept] / sizes[kept]
+        target = -(left.T @ equations)[kept] / sizes[kept]
 
-        most = float(np.max(np.abs(space.matrix @ (right[kept].T @ target)), initial=0.0))
+        most = float(np.max(np.linalg.norm(turning @ (right[kept].T @ target), axis=1), initial=0.0))
         return right[kept], target * min(1.0, 0.5 * turn / max(most, TINY))
+
+    def keeps(self, before: FloatArray, after: FloatArray) -> bool:
+        """Whether a step between two poses, shape (c,), leaves every gap its share of the margin, or what it had."""
+        return self._keeps(self.values(before), self.values(after))
 
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
         settings = self.settings
         # A pose that begins inside the margin may stay there, but not lose more.
-        floor = np.minimum(settings.keep_share * settings.margin * slope_norms(before.gap_slopes), before.gaps)
+        floor = np.minimum(settings.keep_share * settings.margin * self.turns(before.gap_slopes), before.gaps)
         if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - TINY):
             return False
 
@@ -219,21 +264,43 @@ class UserLimit(Limit):
 
     def mending(self, space: LinkSpace, headings: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
         """Rows of all that is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
-        values = self.values(headings)
-        margins = self.settings.margin * slope_norms(values.gap_slopes)
+        term = self.drawn_onto(headings, space.matrix, most)
+        return term.rows, term.target
+
+    def drawn_onto(self, q: FloatArray, slopes: FloatArray, most: float) -> Term:
+        """What draws a pose onto equations and out of narrow gaps, by at most a turn [rad] at a time.
+
+        Args:
+            q: the pose, shape (c,).
+            slopes: of it by the unknowns, shape (c, p).
+            most: largest turn of the whole arm [rad].
+        """
+        values = self.values(q)
+        margins = self.settings.margin * self.turns(values.gap_slopes)
         short = values.gaps < margins
-        slopes = np.vstack((values.equation_slopes, values.gap_slopes[short]))
-        scale = slope_norms(slopes)
+        by_pose = np.vstack((values.equation_slopes, values.gap_slopes[short]))
+        scale = self.turns(by_pose)
         wanted = np.append(-values.equations, margins[short] - values.gaps[short]) / scale
-        return slopes @ space.matrix / scale[:, None], np.clip(wanted, -most, most)
+        return Term(by_pose @ slopes / scale[:, None], np.clip(wanted, -most, most), self.settings.pull_weight)
 
     def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
-        values = self.values(headings)
+        by_pose, change = self._missed_at(headings)
+        return by_pose @ space.matrix, change
+
+    def missed_turns(self, q: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same at a pose with slopes by the unknowns, shapes (c,) and (c, p), as turns of the whole arm [rad]."""
+        by_pose, change = self._missed_at(q)
+        scale = self.turns(by_pose)
+        return by_pose @ slopes / scale[:, None], change / scale
+
+    def _missed_at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slopes of the equations and of broken gaps by the pose, shape (k, c), and by how much they have to change."""
+        values = self.values(q)
         broken = values.gaps < 0.0
-        slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken])) @ space.matrix
+        slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
         # Aimed a little beyond 0, else rounding would leave the gap broken and Newton would go on in vain.
-        aim = self.settings.keep_share * self.settings.margin * slope_norms(values.gap_slopes[broken])
+        aim = self.settings.keep_share * self.settings.margin * self.turns(values.gap_slopes[broken])
         return slopes, np.append(-values.equations, aim - values.gaps[broken])
 
     # ------------------------------------------------------------ the optimisation of a motion
@@ -260,7 +327,7 @@ class UserLimit(Limit):
         least = [np.zeros(0)]
         for k in range(1, len(u)):
             values = self._at_keyframe(k, u).values(sweep.headings[k])
-            scale = slope_norms(values.gap_slopes)
+            scale = self.turns(values.gap_slopes)
             near = values.gaps < self.settings.far * scale
             scale = scale[near]
             rows.append(values.gap_slopes[near] @ sweep.space.matrix / scale[:, None])
@@ -292,17 +359,49 @@ class UserLimit(Limit):
         return all(self._at_keyframe(k, u).miss(sweep.headings[k]) <= 0.0 for k in range(1, len(u)))
 
     # ------------------------------------------------------------ between keyframes
+    @cached_property
+    def _lasting(self) -> BoolArray:
+        """Which rows are gaps that hold over the whole motion, wherever keyframes are on it."""
+        rows = self.terms.path_rows
+        return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
+
     def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals in which a gap falls below its reserve; samples need no bisection."""
+        """Intervals in which a gap falls below its reserve at samples, which need no bisection.
+
+        A gap that has less at an end of the interval, as a start or a goal may, has to be kept in between.
+        """
         del depth
-        return intervals_with_broken_gaps(self.terms.path_rows, headings, self.settings)
+        lasting = self._lasting
+        if not lasting.any():
+            return np.zeros(0, dtype=np.intp)
+        settings = self.settings
+        rows = self.terms.path_rows
+        share = np.linspace(0.0, 1.0, settings.samples + 1)[:, None]
+        between = headings[:-1, None] + share * np.diff(headings, axis=0)[:, None]
+        gaps = rows.table(between.reshape(-1, headings.shape[1]))[:, lasting].reshape(*between.shape[:2], -1)
+        # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
+        steepest = np.max([self.turns(np.asarray(rows.slopes(end, 0.0)[1])) for end in headings[[0, -1]]], axis=0)
+        reserve = settings.reserve * settings.keep_share * settings.margin * steepest[lasting]
+        ends = np.minimum(gaps[:, 0], gaps[:, -1])
+        floor = np.where(ends >= reserve, reserve, np.clip(ends, -settings.allowed, -self._slack))
+        # Negated, so that NaN counts as short.
+        return np.flatnonzero(np.any(~(gaps >= floor[:, None]), axis=(1, 2)))
+
+    def holds_between(self, before: FloatArray, after: FloatArray) -> bool:
+        """Whether gaps are kept on an edge that is linear between two poses, shape (c,)."""
+        return len(self.failures(np.stack((before, after)))) == 0
+
+    @property
+    def _slack(self) -> float:
+        """By how much a gap may be missed between keyframes, in the user's unit."""
+        return self.settings.path_share * self.settings.allowed
 
     # ------------------------------------------------------------ the smooth path
     def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """Slopes by the link headings of equations and broken gaps, shape (k, links), and what they have to change."""
         values = self.terms.path_rows.at(headings, u)
         settings = self.settings
-        reserve = settings.reserve * settings.keep_share * settings.margin * slope_norms(values.gap_slopes)
+        reserve = settings.reserve * settings.keep_share * settings.margin * self.turns(values.gap_slopes)
         # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
         # than at them.
         broken = values.gaps < 0.5 * _KNOT_RESERVES * reserve
@@ -314,8 +413,7 @@ class UserLimit(Limit):
         rows = self.terms.path_rows
         table = rows.table(headings, u)
         miss = np.where(rows.equal, np.abs(table), -table)
-        missed: BoolArray = np.any(miss > self.settings.path_share * self.settings.allowed, axis=1)
-        return missed
+        return np.asarray(np.any(miss > self._slack, axis=1))
 
     # ------------------------------------------------------------ ends and words
     @property
@@ -348,7 +446,7 @@ class UserLimit(Limit):
     def describe(self, headings: FloatArray) -> str:
         """The constraint that is missed, or else at its bound, in words; empty when none is."""
         name, miss = self.worst(headings)
-        if miss > self.settings.met:
+        if miss > self.settings.met_at_goal:
             return f"constraint '{name}' is missed by {miss:.3g}"
         rows = self.rows
         turns = rows.table(headings[None], self.u)[0] / self._slope_norms(headings)
@@ -357,7 +455,7 @@ class UserLimit(Limit):
 
     def _slope_norms(self, headings: FloatArray) -> FloatArray:
         """Norm of the slope of every row, whether it applies here or not, shape (rows,)."""
-        return slope_norms(np.asarray(self.rows.slopes(headings, self.u)[1]))
+        return self.turns(np.asarray(self.rows.slopes(headings, self.u)[1]))
 
 
 def _least_change(space: LinkSpace, v: FloatArray, slopes: FloatArray, change: FloatArray) -> FloatArray:

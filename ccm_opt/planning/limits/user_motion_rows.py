@@ -10,21 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.ik.terms import Interval
 from ccm_opt.planning.limits.limit import Quadratic
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.settings import UserLimitSettings
 
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
     from ccm_opt.ik.functions import CompiledConstraint, CompiledCost
-    from ccm_opt.ik.row_set import RowSet
     from ccm_opt.planning.swept_motion import Sweep
-
-_NEAR_END = 0.1
-"""Share of the intervals at either end at which a gap may be as narrow as at that end. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,51 +137,3 @@ def slope_norms(slopes: FloatArray) -> FloatArray:
     """Norm of every row's slope by the link headings, shape (m,); never 0."""
     norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms
-
-
-def intervals_with_broken_gaps(rows: "RowSet", headings: FloatArray, settings: UserLimitSettings) -> IntArray:
-    """Intervals of a piecewise-linear motion in which a gap is less than its reserve, sorted.
-
-    Args:
-        rows: of the constraints that hold between keyframes.
-        headings: link headings at the keyframes, shape (K, links) [rad].
-        settings: samples and reserve.
-    """
-    lasting = _lasting(rows)
-    if not lasting.any():
-        return np.zeros(0, dtype=np.intp)
-    intervals = len(headings) - 1
-
-    # Places in units of intervals: place 2.25 is a quarter of the way through interval 2.
-    place = np.arange(settings.samples * intervals + 1) / settings.samples
-    k = np.minimum(place.astype(np.intp), intervals - 1)
-    between = headings[k] + (place - k)[:, None] * (headings[k + 1] - headings[k])
-    gaps = rows.table(between)[:, lasting]
-    # Negated, so that NaN counts as short.
-    short = ~(gaps >= _reserve(rows, lasting, gaps, headings[[0, -1]], settings)).all(axis=1)
-
-    # A sample on a keyframe belongs to the intervals on both sides of it.
-    before = np.maximum(np.ceil(place[short]).astype(np.intp) - 1, 0)
-    return np.unique(np.concatenate((k[short], before)))
-
-
-def _lasting(rows: "RowSet") -> BoolArray:
-    """Which rows are gaps that hold over the whole motion, wherever keyframes are on it."""
-    lasting: BoolArray = ~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric
-    return lasting
-
-
-def _reserve(
-    rows: "RowSet", lasting: BoolArray, gaps: FloatArray, ends: FloatArray, settings: UserLimitSettings
-) -> FloatArray:
-    """Least gap at every sample, shape (N, rows): the reserve, but near an end no more than that end has."""
-    # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
-    slopes = np.stack([slope_norms(np.asarray(rows.slopes(end, 0.0)[1])) for end in ends])[:, lasting]
-    least = settings.reserve * settings.keep_share * settings.margin * slopes.max(axis=0)
-    reserve = np.broadcast_to(least, gaps.shape).copy()
-
-    # The start and the goal are given: a motion cannot have more room near them than they have.
-    near = max(1, round(_NEAR_END * len(gaps)))
-    reserve[:near] = np.minimum(reserve[:near], np.maximum(gaps[0], -settings.allowed))
-    reserve[-near:] = np.minimum(reserve[-near:], np.maximum(gaps[-1], -settings.allowed))
-    return reserve
