@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.cli.notes import TIMES
 from ccm_opt.errors import ProblemFileError
+from ccm_opt.io.placement import PlacedFile
 from ccm_opt.io.reading import load_problem
-from ccm_opt.io.table_reading import PlacedFile
 from ccm_opt.scene.workspace import Workspace
 
 from .conftest import SMALL_PROBLEM

@@ -10,7 +10,7 @@ from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console, units_of
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
-from ccm_opt.io.space_reading import odd_mesh_size
+from ccm_opt.io.placement import odd_mesh_size
 from ccm_opt.problem import ImportedDrawing, Limits, Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.bodies import MeshBody

@@ -1,8 +1,9 @@
-"""Builds a planar problem from checked tables."""
+"""Builds a problem from the checked tables of its file; defaults are filled in here."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, overload
 
 import numpy as np
 import shapely
@@ -11,17 +12,23 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.schema import (
     ArmTable,
-    ChainTable,
     DisturbancesTable,
     FeedTable,
     GoalTable,
     LimitsTable,
     ObstacleTable,
+    PlacementTable,
     PlannerTable,
     PoseTable,
     RootTable,
     SegmentTable,
     SimulationTable,
+    SpaceArmTable,
+    SpaceGoalTable,
+    SpaceObstacleTable,
+    SpacePoseTable,
+    SpaceStartTable,
+    SpaceWorkspaceTable,
     StartTable,
     ToleranceTable,
     VerificationTable,
@@ -43,10 +50,14 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
+from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
+from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
 from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _GAP_IN_DIAMETERS = 1.1
@@ -124,53 +135,86 @@ def _diagonal(arm: Arm, bends: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Tables:
-    """All tables of a problem file, validated."""
+    """All tables of a problem file, validated.
+
+    Attributes:
+        obstacles: each with its place in the file.
+        meshes: bodies of those that are meshes, by that place.
+    """
 
     root: RootTable
-    workspace: WorkspaceTable
-    obstacles: tuple[ObstacleTable, ...]
-    arm: ArmTable
+    workspace: WorkspaceTable | SpaceWorkspaceTable
+    obstacles: tuple[tuple[int, ObstacleTable | SpaceObstacleTable], ...]
+    meshes: Mapping[int, MeshBody]
+    arm: ArmTable | SpaceArmTable
     limits: LimitsTable
-    start: StartTable
-    goals: tuple[GoalTable, ...]
+    start: StartTable | SpaceStartTable
+    goals: tuple[GoalTable | SpaceGoalTable, ...]
     planner: PlannerTable
     simulation: SimulationTable
     tolerance: ToleranceTable
     verification: VerificationTable
 
 
-def build_problem(tables: Tables, source: str) -> Problem:
+def build_problem(tables: Tables, source: str) -> AnyProblem:
     """Assemble a problem from tables that have passed all checks."""
     arm = build_arm(tables.arm)
     mapping = tables.planner.mapping
+    in_space = isinstance(arm, SpaceArm)
     *stops, last = tables.goals
-    return Problem(
-        name=tables.root.name,
-        description=tables.root.description,
-        workspace=build_workspace(tables.workspace, tables.obstacles),
-        arm=arm,
-        limits=build_limits(tables.limits, arm.links),
-        start=build_pose(tables.start, arm, mapping),
-        goal=build_goal(last, arm, mapping),
-        tolerances=build_tolerances(last),
-        stops=tuple(Stop(build_goal(stop, arm, mapping), build_tolerances(stop), stop.pause) for stop in stops),
-        planner=build_options(tables.planner),
-        simulation=build_simulation(tables.simulation),
-        joint_error=tables.tolerance.joint_error_deg,
-        verification=VerificationOptions(tables.verification.contact_tolerance),
-        source=source,
-        length_unit=tables.root.units,
-    )
+    kind = SpaceStop if in_space else Stop
+    parts: dict[str, Any] = {
+        "name": tables.root.name,
+        "description": tables.root.description,
+        "workspace": build_workspace(tables.workspace, tables.obstacles, tables.meshes),
+        "arm": arm,
+        "limits": build_limits(tables.limits, arm.links),
+        "start": build_pose(tables.start, arm, mapping),
+        "goal": _goal(last, arm, mapping),
+        "tolerances": _tolerances(last),
+        "stops": tuple(kind(_goal(stop, arm, mapping), _tolerances(stop), stop.pause) for stop in stops),  # type: ignore[arg-type]
+        "planner": build_options(tables.planner),
+        "simulation": build_simulation(tables.simulation),
+        "joint_error": tables.tolerance.joint_error_deg,
+        "verification": VerificationOptions(tables.verification.contact_tolerance),
+        "source": source,
+        "length_unit": tables.root.units,
+    }
+    return SpaceProblem(**parts) if in_space else Problem(**parts)
 
 
-def build_workspace(table: WorkspaceTable, obstacles: Sequence[ObstacleTable]) -> Workspace:
-    """The room and its obstacles; an obstacle without a name is ``obstacle`` and its place in the file, from 1."""
-    boundary = _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
-    named = tuple(build_obstacle(item, item.name or f"obstacle {k}") for k, item in enumerate(obstacles, start=1))
-    return Workspace(boundary, named, table.clearance)
+def build_workspace(
+    table: WorkspaceTable | SpaceWorkspaceTable,
+    obstacles: Sequence[tuple[int, ObstacleTable | SpaceObstacleTable]],
+    meshes: Mapping[int, MeshBody] | None = None,
+) -> Workspace | SpaceWorkspace:
+    """Build the room and its obstacles.
+
+    Args:
+        table: the room.
+        obstacles: each with its place in the file, counted from 0; one without a name is ``obstacle`` and that place
+            counted from 1.
+        meshes: bodies of those that are meshes, by that place.
+    """
+    named = [(number, item.name or f"obstacle {number + 1}", item) for number, item in obstacles]
+    if isinstance(table, SpaceWorkspaceTable):
+        bounds = None if table.bounds is None else np.array(table.bounds)
+        bodies = tuple(
+            SpaceObstacle(name, (meshes or {}).get(number) or _body(item))
+            for number, name, item in named
+            if isinstance(item, SpaceObstacleTable)
+        )
+        return SpaceWorkspace(bounds, bodies, table.clearance)
+    shapes = tuple(_obstacle(item, name) for _, name, item in named if isinstance(item, ObstacleTable))
+    return Workspace(build_boundary(table), shapes, table.clearance)
 
 
-def build_obstacle(table: ObstacleTable, name: str) -> Obstacle:
+def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
+    """The outline of the room in the plane."""
+    return _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
+
+
+def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
     """One obstacle; the table holds exactly one kind."""
     if table.circle is not None:
         return Obstacle(name, shapely.Point(table.circle.center), table.circle.radius)
@@ -186,49 +230,80 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
     return shapely.box(xmin, ymin, xmax, ymax)
 
 
-def build_arm(table: ArmTable) -> Arm:
-    """The arm; its links are solid cylinders unless the inertia is given."""
-    masses = link_masses(table)
-    axial, transverse = link_inertia(table, masses)
-    return Arm(
-        links=table.links,
-        link_length=table.link_length,
-        radius=table.radius,
-        base=np.array(table.base),
-        base_heading=table.base_heading_deg,
-        joint_limit=table.joint_limit_deg,
-        base_limit=table.base_limit_deg,
-        self_collision=table.self_collision,
-        mount_length=table.radius if table.mount_length is None else table.mount_length,
-        masses=masses,
-        inertia_axial=axial,
-        inertia_transverse=transverse,
-        axes=table.axes,
-        feed=None if table.feed is None else build_feed(table.feed),
-        payload=table.payload,
-        rotor_inertia=each_revolute(table.rotor_inertia, table.links),
-        friction=each_revolute(table.friction, table.links),
-    )
+def _body(table: SpaceObstacleTable) -> Body:
+    """A body that is no mesh; the table holds exactly one kind."""
+    placement = build_placement(table.pose)
+    if table.sphere is not None:
+        return SphereBody(placement.points(np.array(table.sphere.center)), table.sphere.radius)
+    bar = table.cylinder or table.capsule
+    if bar is not None:
+        kind = CapsuleBody if table.cylinder is None else CylinderBody
+        return kind(placement.points(np.array(bar.start)), placement.points(np.array(bar.end)), bar.radius)
+    low, high = np.array(table.box)
+    return BoxBody(low, high, placement)
 
 
-def link_masses(table: ChainTable) -> FloatArray:
-    """One mass a link: from the list, else the same for all, shape (links,) [kg]."""
-    if table.masses is not None:
-        return _each(table.masses, table.links)
-    return _each(DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass, table.links)
+def build_placement(table: PlacementTable | None) -> RigidPlacement:
+    """Where a body stands and how it is turned."""
+    if table is None:
+        return RigidPlacement()
+    position = np.array(table.position)
+    if table.quaternion is not None:
+        return RigidPlacement.of_quaternion(position, np.array(table.quaternion))
+    return RigidPlacement.turned(position, np.array(table.rotation_deg or [0.0, 0.0, 0.0]))
 
 
-def build_feed(table: FeedTable) -> Feed:
+@overload
+def build_arm(table: ArmTable) -> Arm: ...
+@overload
+def build_arm(table: SpaceArmTable) -> SpaceArm: ...
+@overload
+def build_arm(table: ArmTable | SpaceArmTable) -> Arm | SpaceArm: ...
+def build_arm(table: ArmTable | SpaceArmTable) -> Arm | SpaceArm:
+    """Build the arm; its links are solid cylinders unless the inertia is given."""
+    in_space = isinstance(table, SpaceArmTable)
+    masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
+    if table.inertia is not None:
+        axial, transverse = (_each(value, table.links) for value in (table.inertia.axial, table.inertia.transverse))
+    else:
+        thinnest = SPACE_ROD_RADIUS * table.link_length if in_space else 0.0
+        axial, transverse = cylinder_inertia(masses, max(table.radius, thinnest), table.link_length)
+    parts: dict[str, Any] = {
+        "links": table.links,
+        "link_length": table.link_length,
+        "radius": table.radius,
+        "joint_limit": table.joint_limit_deg,
+        "base_limit": table.base_limit_deg,
+        "self_collision": table.self_collision,
+        "mount_length": table.radius if table.mount_length is None else table.mount_length,
+        "masses": masses,
+        "inertia_axial": axial,
+        "inertia_transverse": transverse,
+        "axes": table.axes,
+        "feed": None if table.feed is None else _feed(table.feed),
+        "payload": table.payload,
+        "rotor_inertia": each_revolute(table.rotor_inertia, table.links),
+        "friction": each_revolute(table.friction, table.links),
+    }
+    if isinstance(table, ArmTable):
+        return Arm(base=np.array(table.base), base_heading=table.base_heading_deg, **parts)
+    direction = np.array(table.base.direction)
+    up = _across(np.array(table.base.up), direction)
+    return SpaceArm(base=np.array(table.base.position), direction=direction, up=up, **parts)
+
+
+def _feed(table: FeedTable) -> Feed:
     """The feed axis; its guide tube ends where the base stands at full feed unless the file says otherwise."""
     low, high = table.range
     return Feed(low, high, high if table.hole is None else table.hole)
 
 
-def link_inertia(table: ChainTable, masses: FloatArray, thinnest: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Given, or a solid cylinder's of the arm's radius, or of the thinnest that may stand for it [m]."""
-    if table.inertia is not None:
-        return _each(table.inertia.axial, table.links), _each(table.inertia.transverse, table.links)
-    return cylinder_inertia(masses, max(table.radius, thinnest), table.link_length)
+def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
+    """What of a vector lies across a unit vector, as a unit vector, shape (3,)."""
+    rest = up - (up @ direction) * direction
+    # Once more, since what the first time leaves of the direction is rounding of the whole.
+    rest = rest - (rest @ direction) * direction
+    return np.asarray(rest / np.linalg.norm(rest))
 
 
 def build_limits(table: LimitsTable, links: int) -> Limits:
@@ -254,35 +329,45 @@ def _point_limits(table: LimitsTable) -> tuple[PointLimit, ...]:
     return (PointLimit(None, table.tip_velocity or np.inf, table.tip_acceleration or np.inf), *points)
 
 
-def build_pose(table: PoseTable, arm: Arm, mapping: MappingName) -> JointPose:
-    """A whole-arm pose; the table holds exactly one kind.
+def build_pose(
+    table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm, mapping: MappingName
+) -> JointPose | SpaceJointPose:
+    """Build a pose of the whole arm; the table holds exactly one kind.
 
     Raises:
         ProblemError: the arm cannot be folded, or not be laid along the curve.
     """
     feed = feed_of(table, arm)
-    if table.segments is not None:
+    if isinstance(arm, SpaceArm):
+        return SpaceJointPose(
+            np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed
+        )
+    if isinstance(table, PoseTable) and table.segments is not None:
         return JointPose.along(arm, _configuration(table.segments, table.heading_deg, arm), mapping, feed)
     if table.joints_deg is not None:
         return JointPose(np.array(table.joints_deg), feed)
     return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm), feed)
 
 
-def feed_of(table: PoseTable, arm: Arm) -> float:
+def feed_of(table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm) -> float:
     """Where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
     return arm.base_range[0] if table.feed is None else table.feed
 
 
-def build_goal(table: GoalTable, arm: Arm, mapping: MappingName) -> Goal:
-    """A goal for the tip or for the whole arm."""
-    if table.position is not None:
+def _goal(table: GoalTable | SpaceGoalTable, arm: Arm | SpaceArm, mapping: MappingName) -> Goal | SpaceGoal:
+    """Build a goal for the tip or for the whole arm."""
+    if table.position is None:
+        return build_pose(table, arm, mapping)
+    if isinstance(table, GoalTable):
         return TipGoal(np.array(table.position), table.heading_deg)
-    return build_pose(table, arm, mapping)
+    direction = None if table.direction is None else np.array(table.direction)
+    return SpaceTipGoal(np.array(table.position), direction, tuple(np.array(place) for place in table.via or ()))
 
 
-def build_tolerances(table: GoalTable) -> Tolerances:
+def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
     """How near the goal counts."""
-    return Tolerances(table.position_tolerance, table.heading_tolerance_deg)
+    angle = table.heading_tolerance_deg if isinstance(table, GoalTable) else table.direction_tolerance_deg
+    return Tolerances(table.position_tolerance, angle)
 
 
 def _configuration(segments: Sequence[SegmentTable], heading: float | None, arm: Arm) -> Configuration:

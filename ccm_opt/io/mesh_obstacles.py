@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.errors import ProblemError
+from ccm_opt.io.build import build_placement
 from ccm_opt.io.drawing import place_beside
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues
@@ -19,7 +20,6 @@ from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.io.schema import SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
 from ccm_opt.io.settings import MESHES, MeshSettings
-from ccm_opt.io.space_build import build_placement
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf
 from ccm_opt.scene.bodies import MeshBody

@@ -32,7 +32,6 @@ from ccm_opt.io.problem_data import (
     workspace_table,
 )
 from ccm_opt.io.schema import ArmTable
-from ccm_opt.io.space_reading import check_space_data
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import (
     Goal,
@@ -241,7 +240,7 @@ def make_problem(
         "verification": parts.table(verification, VerificationOptions, verification_table),
     }
     problem = check_data(plain(data), issues, "")
-    if problem is None:
+    if not isinstance(problem, Problem):
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
     # What was given as an object stays that object, to the last bit.
     given = {"arm": arm, "limits": limits, "start": start, "goal": goal}
@@ -326,8 +325,8 @@ def make_space_problem(
         **tables,
     }
     issues = Issues()
-    problem = check_space_data(plain(data), issues, "", None if folder is None else Path(folder))
-    if problem is None:
+    problem = check_data(plain(data), issues, "", None if folder is None else Path(folder))
+    if not isinstance(problem, SpaceProblem):
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
     whole = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, *bodies))
     return replace(problem, workspace=whole)

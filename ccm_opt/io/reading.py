@@ -15,7 +15,6 @@ from ccm_opt.core.expected import expect, expect_that
 from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath, dotted, locate_keys
-from ccm_opt.io.space_reading import check_space_data
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem.space_problem import AnyProblem
 
@@ -201,8 +200,6 @@ def content_defect(data: Mapping[str, object], bounds: InputBounds = BOUNDS) -> 
 
 STANDARD_INPUT = "-"
 """Stands for standard input in the place of a file."""
-IN_SPACE = 3
-"""What the key ``space`` says where the arm leaves the plane."""
 
 
 def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> AnyProblem:
@@ -266,7 +263,7 @@ def _read(
     """
     data = _parse_toml(changed.text, path_name)
     issues = Issues()
-    problem = _checked(data, issues, changed.text, folder, allow_outside=allow_outside)
+    problem = check_data(data, issues, changed.text, folder, allow_outside=allow_outside)
     if problem is None:
         raise ProblemFileError(path_name, issues.located(locate_keys(original), changed.setting_of))
     return problem
@@ -290,18 +287,10 @@ def problem_from_mapping(
     """
     text = _to_toml(data, path_name)
     issues = Issues()
-    problem = _checked(_parse_toml(text, path_name), issues, text, folder)
+    problem = check_data(_parse_toml(text, path_name), issues, text, folder)
     if problem is None:
         raise ProblemFileError(path_name, issues.located({}))
     return problem
-
-
-def _checked(
-    data: Mapping[str, object], issues: Issues, text: str, folder: Path | None, *, allow_outside: bool = False
-) -> AnyProblem | None:
-    """The problem of parsed data, or None when there are issues."""
-    check = check_space_data if data.get("space") == IN_SPACE else check_data
-    return check(data, issues, text, folder, allow_outside=allow_outside)
 
 
 def _read_text(path: Path) -> str:

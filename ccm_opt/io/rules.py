@@ -1,8 +1,12 @@
-"""Rules between the keys of a planar problem."""
+"""Rules between the keys of a problem."""
 
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from ccm_opt.core.length_words import file_length
 from ccm_opt.io.issues import Issues, closest
@@ -11,26 +15,61 @@ from ccm_opt.io.schema import (
     ArmTable,
     ChainTable,
     GoalTable,
-    InertiaTable,
     LimitsTable,
     ObstacleTable,
     PoseTable,
+    SpaceArmTable,
     SpaceGoalTable,
     SpaceObstacleTable,
+    SpacePoseTable,
     SpaceWorkspaceTable,
     WorkspaceTable,
 )
 from ccm_opt.io.settings import READING, ReadingSettings
 from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 
-OBSTACLE_KINDS = ("polygon", "box", "circle", "wall")
-"""Of which every obstacle has exactly one."""
-ROOM_KINDS = ("bounds", "boundary")
-"""Of which the workspace has exactly one."""
-START_KINDS = ("shape", "joints_deg", "segments")
-"""Of which the start has exactly one."""
-GOAL_KINDS = ("position", "joints_deg", "shape", "segments")
-"""Of which every goal has exactly one."""
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Keys of which a table takes exactly one, and keys that need another beside them.
+
+    Attributes:
+        room: of the workspace; any or none where there are none.
+        obstacle: of every obstacle.
+        start: of the start.
+        goal: of every goal.
+        obstacle_needs: for a key of an obstacle those of which one is needed beside it.
+        start_needs: the same of the start.
+        goal_needs: the same of every goal.
+    """
+
+    room: tuple[str, ...]
+    obstacle: tuple[str, ...]
+    start: tuple[str, ...]
+    goal: tuple[str, ...]
+    obstacle_needs: Mapping[str, tuple[str, ...]]
+    start_needs: Mapping[str, tuple[str, ...]]
+    goal_needs: Mapping[str, tuple[str, ...]]
+
+
+IN_THE_PLANE = Alternatives(
+    room=("bounds", "boundary"),
+    obstacle=("polygon", "box", "circle", "wall"),
+    start=("shape", "joints_deg", "segments"),
+    goal=("position", "joints_deg", "shape", "segments"),
+    obstacle_needs={},
+    start_needs={"heading_deg": ("segments",)},
+    goal_needs={"heading_deg": ("position", "segments")},
+)
+IN_SPACE = Alternatives(
+    room=(),
+    obstacle=("mesh", "box", "sphere", "cylinder", "capsule"),
+    start=("shape", "joints_deg"),
+    goal=("position", "joints_deg", "shape"),
+    obstacle_needs=dict.fromkeys(("scale", "up", "solid", "sha256"), ("mesh",)),
+    start_needs={},
+    goal_needs=dict.fromkeys(("direction", "via"), ("position",)),
+)
 KNOWN = frozenset(
     key
     for table in (WorkspaceTable, ObstacleTable, GoalTable, SpaceWorkspaceTable, SpaceObstacleTable, SpaceGoalTable)
@@ -39,23 +78,31 @@ KNOWN = frozenset(
 """Keys of the tables that offer alternatives; none of them is a misspelling."""
 
 
-def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
-    """Every table that offers alternatives must take exactly one, and a heading needs something to apply to."""
-    exactly_one(data, ("workspace",), ROOM_KINDS, issues)
+def check_alternatives(data: Mapping[str, object], issues: Issues, kinds: Alternatives) -> None:
+    """Check the keys of each table against each other: alternatives, and keys that need another one."""
+    if kinds.room:
+        _exactly_one(data, ("workspace",), kinds.room, issues, ', or closed = "room" with a drawing of the room')
     obstacles = lookup(data, ("workspace", "obstacles"))
     if isinstance(obstacles, list):
         for k in range(len(obstacles)):
-            exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
-        refuse_equal_names(obstacles, issues)
-    exactly_one(data, ("start",), START_KINDS, issues)
-    _heading_applies(data, ("start",), ("segments",), issues)
+            path: KeyPath = ("workspace", "obstacles", k)
+            _exactly_one(data, path, kinds.obstacle, issues)
+            _check_needs(data, path, kinds.obstacle_needs, issues)
+            if len(_given(data, (*path, "pose"), ("rotation_deg", "quaternion"))) == 2:
+                issues.add((*path, "pose", "quaternion"), "expected only one of rotation_deg, quaternion; got both")
+        _refuse_equal_names(obstacles, issues)
+    _exactly_one(data, ("start",), kinds.start, issues)
+    _check_needs(data, ("start",), kinds.start_needs, issues)
     for path in goal_paths(data):
-        exactly_one(data, path, GOAL_KINDS, issues)
-        _heading_applies(data, path, ("position", "segments"), issues)
-    check_masses(data, issues)
-    check_feed_keys(data, issues)
-    check_tries(data, issues)
-    check_contact(data, issues)
+        _exactly_one(data, path, kinds.goal, issues)
+        _check_needs(data, path, kinds.goal_needs, issues)
+    if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
+        issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
+    _check_feed_keys(data, issues)
+    _check_tries(data, issues)
+    _check_contact(data, issues)
+    if kinds is IN_SPACE:
+        _refuse_planar_planning(data, issues)
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -68,8 +115,10 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
     return [kind for kind in kinds if lookup(data, (*path, kind)) is not None]
 
 
-def exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:
-    """A table has one of some keys, and no more."""
+def _exactly_one(
+    data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues, otherwise: str = ""
+) -> None:
+    """Note a table that has none of some keys, or several; ``otherwise`` says what else would do."""
     if not isinstance(lookup(data, path), Mapping):
         return
     given = _given(data, path, kinds)
@@ -77,8 +126,23 @@ def exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str],
     if len(given) > 1:
         issues.add((*path, given[1]), f"{expected}; got {' and '.join(given)}")
     elif not given and not _misspelt(data, path, kinds):
-        drawn = ', or closed = "room" with a drawing of the room' if kinds is ROOM_KINDS else ""
-        issues.add(path, f"{expected}{drawn}; got none of them")
+        issues.add(path, f"{expected}{otherwise}; got none of them")
+
+
+def _check_needs(
+    data: Mapping[str, object], path: KeyPath, needs: Mapping[str, tuple[str, ...]], issues: Issues
+) -> None:
+    """Note keys that stand without any of those that they need."""
+    for key, others in needs.items():
+        if lookup(data, (*path, key)) is not None and not _given(data, path, others):
+            issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
+
+
+def _refuse_planar_planning(data: Mapping[str, object], issues: Issues) -> None:
+    """The paper's planner and its mapping know the plane alone."""
+    for key, word in (("method", "hill-climbing"), ("mapping", "even-joints")):
+        if lookup(data, ("planner", key)) == word:
+            issues.add(("planner", key), f'"{word}" is the paper\'s and knows the plane alone; leave it out in space')
 
 
 def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
@@ -90,7 +154,7 @@ def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -
     return any(closest(key, kinds) is not None for key in unknown)
 
 
-def refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
+def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
     """No two obstacles may have the same name, given or by their place: messages call them by it."""
     first: dict[object, int] = {}
     for k, entry in enumerate(obstacles):
@@ -104,25 +168,14 @@ def refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
             )
 
 
-def _heading_applies(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:
-    if lookup(data, (*path, "heading_deg")) is not None and not _given(data, path, kinds):
-        issues.add((*path, "heading_deg"), f"only allowed together with {' or '.join(kinds)}")
-
-
-def check_masses(data: Mapping[str, object], issues: Issues) -> None:
-    """Masses are given for all links or for each."""
-    if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
-        issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
-
-
-def check_tries(data: Mapping[str, object], issues: Issues) -> None:
+def _check_tries(data: Mapping[str, object], issues: Issues) -> None:
     """Several tries need a planner that draws something."""
     tries = lookup(data, ("planner", "tries"))
     if isinstance(tries, int) and tries > 1 and lookup(data, ("planner", "method")) == "hill-climbing":
         issues.add(("planner", "tries"), '"hill-climbing" draws nothing, so that all tries would be the same; use 1')
 
 
-def check_contact(data: Mapping[str, object], issues: Issues) -> None:
+def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
     """What may be missing of a gap is there for rounding, and not for plans that go through walls."""
     path: KeyPath = ("verification", "contact_tolerance")
     tolerance, links, length = (lookup(data, place) for place in (path, ("arm", "links"), ("arm", "link_length")))
@@ -133,7 +186,7 @@ def check_contact(data: Mapping[str, object], issues: Issues) -> None:
             issues.add(path, f"at most a thousandth of the arm's length can be left to rounding; got {tolerance:g}")
 
 
-def check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
+def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     """A feed axis needs its limits, and nothing may speak of one that is not there."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
@@ -151,15 +204,26 @@ def check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
             issues.add(path, "only allowed with a goal for the whole arm; for a goal of the tip the feed is planned")
 
 
-def check_arm_lists(arm: ChainTable, issues: Issues) -> None:
-    """Masses and moments of inertia given as lists need one value a link."""
+LEAST_ACROSS = 1e-6
+"""Part of ``up`` that must lie across the direction; less is rounding of one along it."""
+
+
+def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
+    """Check lists for one value a link, and the base's up for lying across its direction.
+
+    Returns:
+        Whether the arm can be built.
+    """
+    before = len(issues.found)
     _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
     for key in ("rotor_inertia", "friction"):
         _one_each(getattr(arm, key), ("arm", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
-    inertia = arm.inertia
-    if isinstance(inertia, InertiaTable):
-        _one_each(inertia.axial, ("arm", "inertia", "axial"), (arm.links,), "link", issues)
-        _one_each(inertia.transverse, ("arm", "inertia", "transverse"), (arm.links,), "link", issues)
+    if arm.inertia is not None:
+        _one_each(arm.inertia.axial, ("arm", "inertia", "axial"), (arm.links,), "link", issues)
+        _one_each(arm.inertia.transverse, ("arm", "inertia", "transverse"), (arm.links,), "link", issues)
+    if isinstance(arm, SpaceArmTable) and np.linalg.norm(np.cross(arm.base.up, arm.base.direction)) < LEAST_ACROSS:
+        issues.add(("arm", "base", "up"), "it lies along arm.base.direction; expected a vector across it")
+    return len(issues.found) == before
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
@@ -187,13 +251,25 @@ def check_limited_points(
 
 
 def check_pose(
-    arm: ArmTable, pose: PoseTable, path: KeyPath, issues: Issues, settings: ReadingSettings = READING
+    arm: ArmTable | SpaceArmTable,
+    pose: PoseTable | SpacePoseTable,
+    path: KeyPath,
+    issues: Issues,
+    settings: ReadingSettings = READING,
 ) -> None:
     """A pose given by joints must suit the joints, one given by segments the arm's length."""
-    if pose.joints_deg is not None:
-        _one_each(pose.joints_deg, (*path, "joints_deg"), (arm.links,), "link", issues)
-        _within_limits(arm, pose.joints_deg, (*path, "joints_deg"), issues, settings.angle_tolerance)
-    if pose.segments is not None:
+    bends: Sequence[Any] = pose.joints_deg or []
+    if bends and len(bends) != arm.links:
+        each = "[a, b] a joint" if isinstance(bends[0], list) else "value a link"
+        issues.add((*path, "joints_deg"), f"expected one {each}, that is {arm.links}; got {len(bends)}")
+    for k, bend in enumerate(bends):
+        key = "base_limit_deg" if k == 0 else "joint_limit_deg"
+        limit = arm.base_limit_deg if k == 0 else arm.joint_limit_deg
+        for *which, value in [(*pair,) for pair in enumerate(bend)] if isinstance(bend, list) else [(bend,)]:
+            if abs(value) > limit + settings.angle_tolerance:
+                passed = f"{math.degrees(value):g} deg passes {key} = {math.degrees(limit):g}"
+                issues.add((*path, "joints_deg", k, *which), passed)
+    if isinstance(pose, PoseTable) and pose.segments is not None:
         total = sum(segment.length for segment in pose.segments)
         length = arm.links * arm.link_length
         if abs(total - length) > settings.length_tolerance * length:
@@ -210,11 +286,3 @@ def _one_each(
     if isinstance(value, Sequence) and len(value) not in counts:
         wanted = " or ".join(map(str, counts))
         issues.add(path, f"expected one value a {what}, that is {wanted}; got {len(value)}")
-
-
-def _within_limits(arm: ArmTable, bends: Sequence[float], path: KeyPath, issues: Issues, tolerance: float) -> None:
-    for k, bend in enumerate(bends):
-        key = "base_limit_deg" if k == 0 else "joint_limit_deg"
-        limit = arm.base_limit_deg if k == 0 else arm.joint_limit_deg
-        if abs(bend) > limit + tolerance:
-            issues.add((*path, k), f"{math.degrees(bend):g} deg passes {key} = {math.degrees(limit):g}")

@@ -1,6 +1,6 @@
 """Keys of a problem file, of workspace, start and goal.
 
-Rules between keys are in ``rules``, checks between tables in ``agreement``, checks of places in ``placement``.
+Rules between keys are in ``rules``, checks between tables in ``table_reading``, checks of places in ``placement``.
 
 Below each key stands what it means; the tables of the pages are made from that by ``docs/write_references.py``.
 """

@@ -2,25 +2,26 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
-import shapely
 import tomlkit
-from pydantic import BaseModel
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.build import Tables, build_arm, build_pose, build_problem, build_workspace, feed_of
+from ccm_opt.io.build import Tables, build_arm, build_boundary, build_pose, build_problem, build_workspace, feed_of
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath, lookup
+from ccm_opt.io.mesh_obstacles import MeshObstacles
+from ccm_opt.io.placement import check_base, check_drawing, check_meshes, odd_mesh_size
 from ccm_opt.io.rules import (
+    IN_SPACE,
+    IN_THE_PLANE,
     check_alternatives,
-    check_arm_lists,
+    check_arm,
     check_limit_lists,
     check_limited_points,
     check_pose,
@@ -32,98 +33,46 @@ from ccm_opt.io.schema import (
     LimitsTable,
     ObstacleTable,
     PlannerTable,
+    PoseTable,
     RootTable,
     SimulationTable,
+    SpaceArmTable,
+    SpaceGoalTable,
+    SpaceObstacleTable,
+    SpacePoseTable,
+    SpaceStartTable,
+    SpaceWorkspaceTable,
     StartTable,
     ToleranceTable,
     VerificationTable,
     WorkspaceTable,
 )
+from ccm_opt.io.schema_tables import Table
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing, Problem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import MappingName
-from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, Workspace
 
-_SLIPS = (1e-3, 1e3, 1.0 / 25.4, 25.4)
-"""Factors by which scales are off where millimetres are taken for metres or inches, or the other way round."""
-_TINY_SHARE = 0.01
-"""What would be smaller than this share of the room is not what was meant."""
-
-
-def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:
-    """How far a point is inside an obstacle [m]; negative outside, minus the distance to it."""
-    place = shapely.Point(point)
-    inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
-    edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
-    with np.errstate(divide="ignore"):  # of coordinates like 1e-320, whose distances are right all the same
-        distance = float(shapely.distance(edge, place))
-    return obstacle.rounding + (distance if inside_core else -distance)
-
-
-def depth_outside(workspace: Workspace, point: Sequence[float]) -> float:
-    """How far a point is outside the boundary [m]; negative inside, minus the distance to it."""
-    return -depth_inside(Obstacle(BOUNDARY_NAME, workspace.boundary), point)
-
-
-@dataclass(frozen=True)
-class PlacedFile:
-    """A drawing or a mesh as it lies in the room.
-
-    Attributes:
-        name: of the file.
-        box: least and greatest corner, shape (2, d) [m].
-        origin: where its own origin lies, shape (d,) [m].
-        scale: length of one of its units, in the problem file's.
-        scale_key: that says so.
-        place_key: that says where its origin lies.
-    """
-
-    name: str
-    box: FloatArray
-    origin: FloatArray
-    scale: float
-    scale_key: str
-    place_key: str
-
-    def told_outside(self, room: FloatArray, unit: str) -> str:
-        """Say that it lies wholly outside a room, shape (2, d) [m], and what would bring it in."""
-        place = (self.origin + room.mean(axis=0) - self.box.mean(axis=0)) / METRES[unit]
-        told = (
-            f"{self.name} lies wholly outside the room: it spans {_span(self.box, unit)}, "
-            f"the room {_span(room, unit)}; "
-            f"{self.place_key} = [{', '.join(f'{value:.6g}' for value in place)}] would put it into the middle"
-        )
-        for slip in _SLIPS:
-            box = self.origin + slip * (self.box - self.origin)
-            fits = np.all(box[0] >= room[0]) and np.all(box[1] <= room[1])
-            if fits and np.ptp(box, axis=0).max() > _TINY_SHARE * np.ptp(room, axis=0).max():
-                return f"{told}, or {self.scale_key} = {self.scale * slip:.6g} would bring it in as it is placed"
-        return told
-
-
-def _span(box: FloatArray, unit: str) -> str:
-    corners = [f"({', '.join(f'{value:.4g}' for value in corner / METRES[unit])})" for corner in box]
-    return f"{corners[0]} to {corners[1]} {unit}"
-
-
-def check_base(
-    workspace: Workspace, base: Sequence[float], issues: Issues, drawing: ImportedDrawing | None = None
-) -> None:
-    """The base may touch walls, as the mount does, but not stand inside an obstacle or outside the room."""
-    xmin, ymin, xmax, ymax = workspace.boundary.bounds
-    rounding = READING.depth_rounding * max(xmax - xmin, ymax - ymin)
-    first_drawn = len(workspace.obstacles) - (0 if drawing is None else drawing.obstacles)
-    for k, obstacle in enumerate(workspace.obstacles):
-        if (depth := depth_inside(obstacle, base)) > rounding:
-            advice = "move it out"
-            if drawing is not None and k >= first_drawn:
-                advice += (
-                    f"; where that outline of {drawing.file} is no solid but the room, set workspace.closed = "
-                    '"room", where it is a line, "walls"'
-                )
-            issues.add(("arm", "base"), f"the base is {file_length(depth)} inside '{obstacle.name}'; {advice}")
-    if (depth := depth_outside(workspace, base)) > rounding:
-        issues.add(("arm", "base"), f"the base is {file_length(depth)} outside the {BOUNDARY_NAME}; move it in")
+IN_SPACE_KEY = 3
+"""What the key ``space`` says where the arm leaves the plane."""
+_OPTIONAL: Mapping[str, type[Table]] = {
+    "planner": PlannerTable,
+    "simulation": SimulationTable,
+    "tolerance": ToleranceTable,
+    "verification": VerificationTable,
+}
+_SECTIONS: Mapping[bool, Mapping[str, type[Table]]] = {
+    False: {"workspace": WorkspaceTable, "arm": ArmTable, "limits": LimitsTable, "start": StartTable, **_OPTIONAL},
+    True: {
+        "workspace": SpaceWorkspaceTable,
+        "arm": SpaceArmTable,
+        "limits": LimitsTable,
+        "start": SpaceStartTable,
+        **_OPTIONAL,
+    },
+}
+"""Tables that stand once in a file, of the plane and of space."""
+_Pose: TypeAlias = PoseTable | SpacePoseTable
 
 
 def toml_with_obstacles(data: Mapping[str, object]) -> str:
@@ -158,26 +107,6 @@ def _text(value: object) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-Model = TypeVar("Model", bound=BaseModel)
-
-
-@dataclass(frozen=True)
-class _Draft:
-    """The tables that could be validated; None for the others."""
-
-    root: RootTable | None
-    workspace: WorkspaceTable | None
-    obstacles: tuple[ObstacleTable, ...]
-    arm: ArmTable | None
-    limits: LimitsTable | None
-    start: StartTable | None
-    goals: tuple[GoalTable, ...] | None
-    planner: PlannerTable | None
-    simulation: SimulationTable | None
-    tolerance: ToleranceTable | None
-    verification: VerificationTable | None
-
-
 def check_data(
     data: Mapping[str, object],
     issues: Issues,
@@ -185,33 +114,37 @@ def check_data(
     folder: Path | None = None,
     *,
     allow_outside: bool = False,
-) -> Problem | None:
+) -> AnyProblem | None:
     """Check parsed data and build the problem.
 
     Args:
         data: the parsed TOML.
         issues: receives every defect found.
         source: the text of the file, kept in the problem; obstacles from a drawing are written out in it.
-        folder: of the problem file, where the path to a drawing begins; None when there is no file.
-        allow_outside: whether the drawing may lie outside that folder.
+        folder: of the problem file, where the paths to drawings and meshes begin; None when there is no file.
+        allow_outside: whether they may lie outside that folder.
 
     Returns:
         The problem, or None when there are issues.
     """
-    whole, drawing = with_scene(data, folder, issues, allow_outside=allow_outside)
-    check_alternatives(whole, issues)
-    draft = _validate(whole, issues)
-    with words_in(_unit_of(whole)):
-        _check_between(draft, issues, drawing)
-        _check_drawing(drawing, draft, data, issues)
-        tables = _complete(draft)
-        if tables is None or issues.found:
-            _hint_at_scale(drawing, draft, issues)
+    in_space = data.get("space") == IN_SPACE_KEY
+    whole, drawing = (data, None) if in_space else with_scene(data, folder, issues, allow_outside=allow_outside)
+    check_alternatives(whole, issues, IN_SPACE if in_space else IN_THE_PLANE)
+    # A defective table is None, or left out where there may be several: defects of others are told all the same.
+    found = _validate(whole, issues, in_space=in_space)
+    unit = _unit_of(data)
+    meshes = MeshObstacles(folder, METRES[unit], issues, allow_outside)
+    found["meshes"] = meshes.bodies(found["obstacles"] if in_space else ())
+    with words_in(unit):
+        _check_rooms(found, drawing, data, issues)
+        if found["arm"] is not None:
+            _check_between(found, issues, drawing)
+        if issues.found or any(table is None for table in found.values()):
+            _hint_at_scale(drawing, found, issues)
             return None
     # With the obstacles of a drawing written out the problem can be read again without that drawing.
-    has_drawing = whole is not data
-    problem = build_problem(tables, toml_with_obstacles(whole) if has_drawing else source)
-    return replace(problem, drawing=drawing)
+    problem = build_problem(Tables(**found), source if whole is data else toml_with_obstacles(whole))
+    return replace(problem, drawing=drawing) if isinstance(problem, Problem) else problem
 
 
 def _unit_of(data: Mapping[str, object]) -> LengthUnit:
@@ -220,47 +153,37 @@ def _unit_of(data: Mapping[str, object]) -> LengthUnit:
     return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
 
 
-def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
+def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> dict[str, Any]:
+    """The tables of a file as fields of ``Tables``; None for those with defects."""
     scale = METRES[_unit_of(data)]
-
-    def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
-        optional = name in {"planner", "simulation", "tolerance", "verification"}
-        table = data.get(name, {} if optional else None)
-        if not isinstance(table, Mapping):
-            return None
-        return issues.validate(model, {k: v for k, v in table.items() if k != leave_out}, (name,), scale)
-
-    return _Draft(
-        root=issues.validate(RootTable, data, (), scale),
-        # Obstacles are validated one by one, so that a defect of one does not hide those of the others.
-        workspace=section(WorkspaceTable, "workspace", leave_out="obstacles"),
-        obstacles=_obstacles(data, issues, scale),
-        arm=section(ArmTable, "arm"),
-        limits=section(LimitsTable, "limits"),
-        start=section(StartTable, "start"),
-        goals=_goals(data, issues, scale),
-        planner=section(PlannerTable, "planner"),
-        simulation=section(SimulationTable, "simulation"),
-        tolerance=section(ToleranceTable, "tolerance"),
-        verification=section(VerificationTable, "verification"),
-    )
-
-
-def _goals(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[GoalTable, ...] | None:
-    """The goals in order, or None when one is defective, missing or no table."""
-    found = []
-    for path in goal_paths(data):
-        table = lookup(data, path)
+    found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
+    for name, model in _SECTIONS[in_space].items():
+        table = data.get(name, {} if name in _OPTIONAL else None)
         if isinstance(table, Mapping):
-            found.append(issues.validate(GoalTable, table, path, scale))
-    if data.get("goal") == []:
+            # Obstacles are validated one by one, so that a defect of one does not hide those of the others.
+            values = {key: value for key, value in table.items() if (name, key) != ("workspace", "obstacles")}
+            table = issues.validate(model, values, (name,), scale)
+        found[name] = table if isinstance(table, Table) else None
+    found["obstacles"] = _obstacles(data, issues, scale, SpaceObstacleTable if in_space else ObstacleTable)
+    found["goals"] = _goals(data, issues, scale, SpaceGoalTable if in_space else GoalTable)
+    return found
+
+
+def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]) -> tuple[Table, ...] | None:
+    """The goals in order, or None when one is defective, missing or no table."""
+    paths = goal_paths(data)
+    if not paths:
         issues.add(("goal",), "expected at least one goal")
+    tables = [(path, table) for path in paths if isinstance(table := lookup(data, path), Mapping)]
+    found = [issues.validate(model, table, path, scale) for path, table in tables]
     usable = tuple(goal for goal in found if goal is not None)
-    return usable if usable and len(usable) == len(goal_paths(data)) else None
+    return usable if usable and len(usable) == len(paths) else None
 
 
-def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[ObstacleTable, ...]:
-    """The obstacles, each with a name; a defective one is noted and left out."""
+def _obstacles(
+    data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]
+) -> tuple[tuple[int, Table], ...]:
+    """The obstacles with their places in the file; a defective one is noted and left out."""
     workspace = data.get("workspace")
     entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
     if not isinstance(entries, list):
@@ -272,127 +195,105 @@ def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tupl
         if not isinstance(entry, Mapping):
             issues.add(path, "expected a table; write [[workspace.obstacles]] above each")
             continue
-        named = {"name": f"obstacle {k + 1}", **entry}
-        table = issues.validate(ObstacleTable, named, path, scale)
-        if table is not None:
-            found.append(table)
+        table = issues.validate(model, entry, path, scale)
+        if table is not None and not _is_flat_bar(table, path, issues):
+            found.append((k, table))
     return tuple(found)
 
 
-def _check_drawing(drawing: ImportedDrawing | None, draft: _Draft, data: Mapping[str, object], issues: Issues) -> None:
-    """Refuse a drawing that lies wholly outside the room: nobody means to plan without it."""
-    if drawing is None or draft.workspace is None or not (draft.workspace.bounds or draft.workspace.boundary):
-        return
-    room = build_workspace(draft.workspace, ()).boundary
-    if shapely.intersects(room, shapely.box(*drawing.box)):
-        return
-    unit = _unit_of(data)
-    origin = METRES[unit] * np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
-    scale = lookup(data, ("workspace", "scale")) or 1.0
-    placed = PlacedFile(
-        drawing.file,
-        np.reshape(drawing.box, (2, 2)),
-        origin,
-        float(scale),  # type: ignore[arg-type]  # it was validated with the drawing
-        "workspace.scale",
-        "workspace.offset",
-    )
-    issues.add(("workspace", "file"), placed.told_outside(np.reshape(room.bounds, (2, 2)), unit))
+def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
+    """Whether both ends of a cylinder are one place, which is noted. A capsule may be a ball."""
+    bar = getattr(table, "cylinder", None)
+    if bar is None or not np.allclose(bar.start, bar.end, rtol=1e-12, atol=1e-12):
+        return False
+    issues.add((*path, "cylinder"), "both ends are the same place; expected two different ones")
+    return True
 
 
-def _check_between(draft: _Draft, issues: Issues, drawing: ImportedDrawing | None = None) -> None:
-    """The checks that need two tables, for those tables that are there."""
-    if draft.arm is None:
-        return
-    check_arm_lists(draft.arm, issues)
-    if draft.limits is not None:
-        check_limit_lists(draft.arm, draft.limits, issues)
-        check_limited_points(draft.arm, draft.limits, issues)
-    mapping: MappingName = "least-squares" if draft.planner is None else draft.planner.mapping
-    for path, pose in _poses(draft):
-        check_pose(draft.arm, pose, path, issues)
-        _check_shape(draft.arm, pose, mapping, path, issues)
-        _check_feed(draft.arm, pose, path, issues)
-    _check_places(draft, issues, drawing)
-
-
-def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
-    """Start and goals with where they stand."""
-    found: list[tuple[KeyPath, StartTable | GoalTable]] = []
-    if draft.start is not None:
-        found.append((("start",), draft.start))
-    goals = draft.goals or ()
-    for k, goal in enumerate(goals):
-        path: KeyPath = ("goal", k) if len(goals) > 1 else ("goal",)
-        found.append((path, goal))
-    return found
-
-
-def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
-    """A pose lies within the range of the feed axis, and the guide tube holds its joints straight."""
-    if arm.feed is None or not _lists_fit(arm):
-        return
-    built = build_arm(arm)
-    low, high = arm.feed.range
-    at = feed_of(pose, built)
-    if not low <= at <= high:
-        issues.add(
-            (*path, "feed"), f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
-        )
-    bends = pose.joints_deg or []
-    held = built.held(at)
-    for k in range(min(len(bends), arm.links)):  # a list of the wrong length is reported elsewhere
-        if held[k] and abs(bends[k]) > READING.angle_tolerance:
-            issues.add(
-                (*path, "joints_deg", k), "this joint is still inside the guide tube of the feed axis; expected 0"
-            )
-
-
-def _check_shape(
-    arm: ArmTable, pose: StartTable | GoalTable, mapping: MappingName, path: KeyPath, issues: Issues
+def _check_rooms(
+    found: Mapping[str, Any], drawing: ImportedDrawing | None, data: Mapping[str, object], issues: Issues
 ) -> None:
-    """The arm can be folded, or be laid along the curve."""
-    key = "segments" if pose.segments is not None else "shape"
-    if (pose.shape == "folded" or pose.segments) and _lists_fit(arm) and not issues.at((*path, key)):
+    """Check that drawing and meshes lie in the room, as far as there is one."""
+    room = found["workspace"]
+    if room is None:
+        return
+    if isinstance(room, SpaceWorkspaceTable) and room.bounds is not None:
+        check_meshes(found["meshes"], np.array(room.bounds), _unit_of(data), issues)
+    elif drawing is not None and (room.bounds or room.boundary):
+        offset = np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
+        scale: Any = lookup(data, ("workspace", "scale")) or 1.0  # it was validated with the drawing
+        check_drawing(drawing, offset, float(scale), build_boundary(room), _unit_of(data), issues)
+
+
+def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDrawing | None) -> None:
+    """Make the checks that need the arm and another table, for those tables that are there."""
+    table: ArmTable | SpaceArmTable = found["arm"]
+    arm_is_whole = check_arm(table, issues)
+    if found["limits"] is not None:
+        check_limit_lists(table, found["limits"], issues)
+        check_limited_points(table, found["limits"], issues)
+    mapping: MappingName = "least-squares" if found["planner"] is None else found["planner"].mapping
+    goals = found["goals"] or ()
+    poses: list[tuple[KeyPath, _Pose]] = [(("start",), found["start"])] if found["start"] is not None else []
+    poses += [(("goal", k) if len(goals) > 1 else ("goal",), goal) for k, goal in enumerate(goals)]
+    for path, pose in poses:
+        check_pose(table, pose, path, issues)
+        if arm_is_whole:
+            _check_built_pose(table, pose, mapping, path, issues)
+    room = found["workspace"]
+    walled = isinstance(room, SpaceWorkspaceTable) or (room is not None and (room.bounds or room.boundary))
+    if arm_is_whole and found["start"] is not None and walled:
+        kinds = IN_SPACE.obstacle if isinstance(room, SpaceWorkspaceTable) else IN_THE_PLANE.obstacle
+        # An obstacle without a shape, or with two, is reported elsewhere, and cannot be built.
+        whole = [(k, each) for k, each in found["obstacles"] if k in found["meshes"] or _has_shape(each, kinds)]
+        arm = build_arm(table)
+        base = arm.base + feed_of(found["start"], arm) * arm.direction
+        check_base(build_workspace(room, whole, found["meshes"]), base, arm.length, issues, drawing)
+
+
+def _has_shape(table: Table, kinds: Sequence[str]) -> bool:
+    """Whether an obstacle can be built from its table alone."""
+    return any(getattr(table, kind) is not None for kind in kinds if kind != "mesh")
+
+
+def _check_built_pose(
+    table: ArmTable | SpaceArmTable, pose: _Pose, mapping: MappingName, path: KeyPath, issues: Issues
+) -> None:
+    """Check a pose of an arm that can be built.
+
+    It can be folded or laid along the curve, lies in the range of the feed axis, and is straight in the guide tube.
+    """
+    arm = build_arm(table)
+    segments = isinstance(pose, PoseTable) and pose.segments is not None
+    key = "segments" if segments else "shape"
+    if (pose.shape == "folded" or segments) and not issues.at((*path, key)):
         try:
-            build_pose(pose, build_arm(arm), mapping)
+            build_pose(pose, arm, mapping)
         except ProblemError as error:
             issues.add((*path, key), str(error))
-
-
-def _check_places(draft: _Draft, issues: Issues, drawing: ImportedDrawing | None) -> None:
-    """The base stands where it may, as far as there are a room, an arm and a start to tell."""
-    if draft.arm is None or draft.workspace is None or draft.start is None:
+    if table.feed is None:
         return
-    has_boundary = draft.workspace.bounds is not None or draft.workspace.boundary is not None
-    if has_boundary and _lists_fit(draft.arm):
-        # An obstacle without a shape is reported elsewhere, and cannot be built.
-        whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
-        workspace = build_workspace(draft.workspace, whole)
-        arm = build_arm(draft.arm)
-        base = arm.base + feed_of(draft.start, arm) * arm.direction
-        check_base(workspace, base.tolist(), issues, drawing)
+    low, high = table.feed.range
+    at = feed_of(pose, arm)
+    if not low <= at <= high:
+        words = f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
+        issues.add((*path, "feed"), words)
+    straight = "0" if isinstance(table, ArmTable) else "[0, 0]"
+    # A list of the wrong length is reported elsewhere.
+    given: Sequence[Any] = pose.joints_deg or []
+    for k, (held, bends) in enumerate(zip(arm.held(at), given, strict=False)):
+        if held and np.max(np.abs(bends)) > READING.angle_tolerance:
+            words = f"this joint is still inside the guide tube of the feed axis; expected {straight}"
+            issues.add((*path, "joints_deg", k), words)
 
 
-def _lists_fit(arm: ArmTable) -> bool:
-    """Whether the arm's lists have one value a link, so that it can be built."""
-    probe = Issues()
-    check_arm_lists(arm, probe)
-    return not probe.found
-
-
-def _hint_at_scale(drawing: ImportedDrawing | None, draft: _Draft, issues: Issues) -> None:
-    """Beside other defects say that the drawing does not fit the arm, which may be where they come from."""
-    if drawing is None or draft.arm is None:
+def _hint_at_scale(drawing: ImportedDrawing | None, found: Mapping[str, Any], issues: Issues) -> None:
+    """Beside other defects say that a drawing or a mesh does not fit the arm, which may be where they come from."""
+    if found["arm"] is None:
         return
-    odd = drawing.odd_size(draft.arm.links * draft.arm.link_length)
-    if odd is not None:
+    length = found["arm"].links * found["arm"].link_length
+    if drawing is not None and (odd := drawing.odd_size(length)) is not None:
         issues.add(("workspace", "scale"), odd)
-
-
-def _complete(draft: _Draft) -> Tables | None:
-    """All tables, or None when one could not be validated."""
-    values = {item.name: getattr(draft, item.name) for item in fields(draft)}
-    if any(value is None for value in values.values()):
-        return None
-    return Tables(**values)
+    for number, body in found["meshes"].items():
+        if (odd := odd_mesh_size(body, length)) is not None:
+            issues.add(("workspace", "obstacles", number, "scale"), odd)
