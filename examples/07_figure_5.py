@@ -32,7 +32,7 @@ def main() -> None:
     names = dict.fromkeys(step.stage for step in steps)
     stages = {name: [step.configuration for step in steps if step.stage == name] for name in names}
     stages["6 all of it"] = [step.configuration for step in steps]
-    hollow = TipGoal(subgoal.position, subgoal.heading)
+    hollow = TipGoal(subgoal.position, heading=subgoal.heading)
     panels = [
         SchemaPanel(f"({name[0]}){name[1:]}", tuple(way), problem.goal, problem.workspace, hollow)
         for name, way in stages.items()

@@ -44,7 +44,9 @@ def swing() -> Problem:
     problem = ccm_opt.load_problem(OPEN_SPACE)
     bends = np.full(problem.arm.links, np.deg2rad(2.0))
     bends[0] = np.deg2rad(120.0)
-    return replace(problem, name="prefer-low-torque", start=JointPose(bends), goal=TipGoal(np.array([0.55, 0.3]), -0.2))
+    return replace(
+        problem, name="prefer-low-torque", start=JointPose(bends), goal=TipGoal(np.array([0.55, 0.3]), heading=-0.2)
+    )
 
 
 def main() -> None:

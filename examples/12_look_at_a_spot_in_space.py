@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 import ccm_opt
-from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.problem import TipGoal
 from ccm_opt.viz.space_plan import space_plan_picture
 
 ROOM = Path(__file__).parent.parent / "problems" / "space" / "swan-neck-in-space.toml"
@@ -58,7 +58,7 @@ def little_turning_at_the_base(q: Any) -> ca.SX:
 def main() -> None:
     """Solve, report, draw."""
     room = ccm_opt.load_problem(ROOM)
-    problem = replace(room, name="look-at-a-spot", goal=SpaceTipGoal(np.array([0.40, 0.12, 0.02])))
+    problem = replace(room, name="look-at-a-spot", goal=TipGoal(np.array([0.40, 0.12, 0.02])))
     solution = ccm_opt.solve(problem, constraints=CONSTRAINTS, costs=[little_turning_at_the_base])
     joints = solution.joint_positions[-1]
     along = (joints[-1] - joints[-2]) / np.linalg.norm(joints[-1] - joints[-2])

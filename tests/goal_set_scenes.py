@@ -50,8 +50,8 @@ def slot(rng: np.random.Generator) -> Drawn:
     obstacles = tuple(Obstacle(f"side {k}", side) for k, side in enumerate(sides))
     width = float(np.deg2rad(rng.choice((30.0, 60.0, 180.0))))
     heading = turn + 0.9 * width * rng.uniform(-1.0, 1.0)
-    problem = _problem(rng, arm, obstacles, TipGoal(middle, turn))
-    return problem, TipGoal(middle, heading), Tolerances(heading=width)
+    problem = _problem(rng, arm, obstacles, TipGoal(middle, heading=turn))
+    return problem, TipGoal(middle, heading=heading), Tolerances(heading=width)
 
 
 def pocket(rng: np.random.Generator) -> Drawn:
@@ -68,11 +68,11 @@ def pocket(rng: np.random.Generator) -> Drawn:
     ]
     obstacles = tuple(Obstacle(f"part {k}", _placed(part, mouth, turn)) for k, part in enumerate(parts))
     direction = unit_vector(turn)
-    narrow = TipGoal(mouth + (depth - arm.radius - 0.008) * direction, turn)
+    narrow = TipGoal(mouth + (depth - arm.radius - 0.008) * direction, heading=turn)
     middle = mouth + (depth + rng.uniform(0.0, 0.06)) * direction
     width = float(np.hypot(*(middle - narrow.position))) * rng.uniform(1.05, 1.3)
     problem = _problem(rng, arm, obstacles, narrow)
-    return problem, TipGoal(middle, turn), Tolerances(position=width)
+    return problem, TipGoal(middle, heading=turn), Tolerances(position=width)
 
 
 def wall_behind(rng: np.random.Generator) -> Drawn:

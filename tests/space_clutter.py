@@ -6,7 +6,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.space_arm import SpaceArm
@@ -57,11 +58,11 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
 
 def problem_at(arm: SpaceArm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProblem:
     """A problem whose goal is where the tip of a pose is."""
-    goal = SpaceTipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
+    goal = TipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
     rates = np.ones(3 * arm.links)
     fed = {"feed_velocity": 0.1, "feed_acceleration": 0.5} if arm.base_axes else {}
     limits = Limits(rates, 4.0 * rates, **fed)
-    return SpaceProblem("clutter", workspace, arm, limits, SpaceJointPose(np.zeros((arm.links, 2))), goal)
+    return SpaceProblem("clutter", workspace, arm, limits, JointPose(np.zeros((arm.links, 2))), goal)
 
 
 def _obstacle(random: np.random.Generator, number: int) -> SpaceObstacle:

@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.problem import SimulationOptions, Tolerances
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, SimulationOptions, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.retiming import retime
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.robot.frames import revolute_angles
@@ -74,9 +74,9 @@ def true_plan() -> SpacePlan:
     )
     last = trajectory.positions[-1:]
     tip = chain_of(arm, trajectory.positions)[:, -1]
-    goal = SpaceTipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
+    goal = TipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
     workspace = SpaceWorkspace(np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), bodies(), 0.005)
-    start = SpaceJointPose.from_configuration(trajectory.positions[0], arm.links)
+    start = JointPose.from_configuration(trajectory.positions[0], arm.coordinates)
     problem = SpaceProblem("true", workspace, arm, limits, start, goal, tolerances=Tolerances(1e-3, 0.01))
     problem = replace(problem, simulation=SimulationOptions(gravity=GRAVITY))
     problem = replace(problem, planner=replace(problem.planner, effort_share=0.9))

@@ -130,7 +130,7 @@ def test_reach_and_bends_prove_nothing_false(seed: int, limit: float, base: floa
     bends = np.clip(np.where(rng.random(12) < 0.3, limit, bends), -limit, limit)
     bends[0] = rng.uniform(-base, base)
     headings = arm.headings(bends)
-    goal = TipGoal(arm.joint_positions(headings)[-1], float(headings[-1]))
+    goal = TipGoal(arm.joint_positions(headings)[-1], heading=float(headings[-1]))
     refuse_impossible(Scene(arm, Workspace(shapely.box(-3, -3, 3, 3)), np.zeros(12), headings).problem(goal))
 
 

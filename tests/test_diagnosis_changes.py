@@ -37,7 +37,7 @@ def with_post(seed: int) -> Problem:
     arm = make_arm()
     workspace = Workspace(ROOM, (Obstacle("post", shapely.Point(middle), 0.05),))
     heading = float(rng.uniform(-np.pi, np.pi)) if rng.uniform() < 0.5 else None
-    return Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(TipGoal(place, heading))
+    return Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(TipGoal(place, heading=heading))
 
 
 @settings(deadline=None, max_examples=30)
@@ -59,7 +59,9 @@ def test_a_heading_that_cannot_be_taken_is_turned() -> None:
     """Where the last link would lie in a wall, the least turn that frees it is told, and solved with."""
     workspace = Workspace(ROOM, (Obstacle("wall", shapely.box(0.55, -0.2, 0.6, 0.2)),))
     arm = make_arm()
-    problem = Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(TipGoal(np.array([0.53, 0.0]), np.pi))
+    problem = Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(
+        TipGoal(np.array([0.53, 0.0]), heading=np.pi)
+    )
     found = {each.key: each for each in moved_goals(problem, failed(problem), Deadline.never())}
     turned = found["goal.heading_deg"]
     assert turned.bound is not None

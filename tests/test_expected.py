@@ -56,7 +56,7 @@ def test_other_functions_refuse_what_they_are_not_made_for() -> None:
         ccm_opt.load_problem(None)  # type: ignore[arg-type]
     with pytest.raises(ProblemError, match=r"expected a ccm_opt\.Solution, got Problem <"):
         ccm_opt.tolerance_of(problem)  # type: ignore[arg-type]
-    with pytest.raises(ProblemError, match=r"expected a goal, got .*TipGoal\(position, heading\)"):
+    with pytest.raises(ProblemError, match=r"expected a goal, got .*TipGoal.at\(position\)"):
         ccm_opt.retarget(solution, 0.1, np.array([0.1, 0.2]))  # type: ignore[arg-type]
 
 

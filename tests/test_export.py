@@ -218,7 +218,7 @@ def test_new_files_have_usual_permissions(written: Path) -> None:
 
 def test_the_copy_is_of_the_problem_that_was_solved(small_solution: Solution, tmp_path: Path) -> None:
     """After ``dataclasses.replace`` and without any source text, the record has the new values, not the file's."""
-    moved = replace(small_solution.problem, goal=TipGoal(np.array([0.25, 0.15]), 0.5))
+    moved = replace(small_solution.problem, goal=TipGoal(np.array([0.25, 0.15]), heading=0.5))
     for problem in (moved, replace(moved, source=""), replace(moved, source="not TOML")):
         folder = write_solution(replace(small_solution, problem=problem), tmp_path)
         goal = problem_from_mapping(load_problem_data(folder)).goal

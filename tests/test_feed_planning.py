@@ -95,7 +95,7 @@ def test_walls_are_seen_by_the_moving_base() -> None:
 def test_feeding_round_a_plate() -> None:
     """A whole problem: a straight arm is fed round a plate to a pose of its tip, and the verifier agrees."""
     arm = fed_arm()
-    solution = solve(make_problem(arm, make_room(*_plate(0.35)), TipGoal(np.array([0.45, 0.25]), 0.0)))
+    solution = solve(make_problem(arm, make_room(*_plate(0.35)), TipGoal(np.array([0.45, 0.25]), heading=0.0)))
     assert all(check.passed for check in solution.checks)
     assert solution.metrics["leader_deviation_straight_mean_m"] < 0.02 * arm.radius
     assert solution.metrics["tip_error_m"] < 1e-6
@@ -127,7 +127,7 @@ def test_a_tube_is_passed() -> None:
     middle = shapely.LineString(np.cumsum(np.vstack(([0.0, 0.0], steps)), axis=0))
     tube = shapely.buffer(middle, 0.06, cap_style="flat").difference(shapely.buffer(middle, 0.026, cap_style="flat"))
     walls = [Obstacle(f"tube {k}", part) for k, part in enumerate(shapely.get_parts(tube))]
-    goal = TipGoal(np.array(middle.coords[-8]), 0.0)
+    goal = TipGoal(np.array(middle.coords[-8]), heading=0.0)
     problem = make_problem(fed_arm(), make_room(*walls), goal)
     path = FeedPlanner().plan(problem)
     assert path.candidate.startswith("follow the leader")

@@ -86,7 +86,7 @@ def test_nothing_is_proved_against_a_set_with_a_free_pose(
     bends = scene.arm.bends(scene.goal)
     limits = np.abs(np.concatenate((bends, scene.arm.bends(scene.start))))
     tight = replace(scene.arm, joint_limit=max(float(limits.reshape(2, -1)[:, 1:].max()), 1e-3))
-    problem = replace(scene.problem(TipGoal(middle, turned)), arm=tight)
+    problem = replace(scene.problem(TipGoal(middle, heading=turned)), arm=tight)
     wide = replace(problem, tolerances=Tolerances(width + 1e-9, turn + 1e-9))
     assert not any(finding.proved for finding in failed(wide)), failed(wide)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.problem import JointPose, Limits, Problem
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.scene.workspace import Workspace
@@ -90,7 +90,7 @@ def test_the_record_of_a_plan_in_space_says_it() -> None:
     """A plan of two links, which nothing keeps apart."""
     arm = space_arm(2)
     ones = np.ones(3 * arm.links)
-    rest, bent = (SpaceJointPose(np.full((2, 2), bend)) for bend in (0.0, 0.2))
+    rest, bent = (JointPose(np.full((2, 2), bend)) for bend in (0.0, 0.2))
     problem = SpaceProblem("two links", SpaceWorkspace(None, ()), arm, Limits(ones, ones), rest, bent)
     (remark,) = ccm_opt.solve(problem).not_checked
     assert "all are near each other" in remark

@@ -250,7 +250,7 @@ def test_a_closed_box_round_the_goal_is_unreachable() -> None:
 
 def test_a_slot_that_is_too_narrow_is_no_way() -> None:
     """A slot narrower than the arm is as good as none; one four times as wide lets the arm in."""
-    goal = TipGoal(np.array([0.7, 0.0]), 0.0)
+    goal = TipGoal(np.array([0.7, 0.0]), heading=0.0)
     with pytest.raises(UnreachableGoal, match=r"diameter 30\.0 mm"):
         CurvePlanner(refuse=refuse_closed).plan(boxed_goal(0.028).problem(goal))
     scene = boxed_goal(0.12)

@@ -14,8 +14,8 @@ from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
-from ccm_opt.problem import Limits
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, Limits, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -63,8 +63,8 @@ def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
         SpaceWorkspace(None, (ball,)),
         arm,
         Limits(np.ones(12), 4.0 * np.ones(12)),
-        SpaceJointPose.from_configuration(np.zeros(8), 4),
-        SpaceTipGoal(np.array([0.25, 0.05, 0.2]), None),
+        JointPose.from_configuration(np.zeros(8), arm.coordinates),
+        TipGoal(np.array([0.25, 0.05, 0.2]), None),
     )
     gap = SpaceGoalPoses(problem, SurfaceTree.of(problem.workspace.soup)).gap
     path = SpacePlanner().plan(problem)

@@ -227,7 +227,7 @@ def test_a_goal_without_heading_is_reached() -> None:
 def test_a_goal_at_the_start_is_a_short_motion() -> None:
     """A tip that is on its goal already needs no motion to speak of."""
     scene = clutter(2, 15)
-    tip = TipGoal(scene.arm.joint_positions(scene.start)[-1], float(scene.start[-1]))
+    tip = TipGoal(scene.arm.joint_positions(scene.start)[-1], heading=float(scene.start[-1]))
     solution = solve(scene.problem(tip))
     assert_sound(solution)
     assert solution.metrics["joint_path_length_rad"] < 1.0

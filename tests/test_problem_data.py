@@ -70,7 +70,7 @@ def mixed_problem() -> Problem:
         arm=arm,
         limits=Limits(every, 3.0 * every, 0.7 * every),
         start=JointPose.along(arm, curve, "even-joints"),
-        goal=TipGoal(np.array([0.3, 0.1]), -0.4),
+        goal=TipGoal(np.array([0.3, 0.1]), heading=-0.4),
         tolerances=Tolerances(0.002, 0.03),
         planner=PlannerOptions("nlp", "even-joints", 7.0, 3, 5, 2, "none"),
         simulation=SimulationOptions(np.array([0.1, 0.2, -9.0]), 5e-4, "pd", 40.0, 3.0, 0.01),

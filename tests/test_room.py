@@ -196,7 +196,7 @@ def test_the_goal_bounds_the_gap_by_what_it_fixes() -> None:
     """A tip without a heading has the room of its place; with one, that of the last link."""
     post = Obstacle("post", shapely.Point(0.3, 0.3), 0.01)
     free = bounded(TipGoal(np.array([0.3, 0.35])), [post])
-    along = bounded(TipGoal(np.array([0.345, 0.3]), 0.0), [Obstacle("post", shapely.Point(0.3, 0.335), 0.01)])
+    along = bounded(TipGoal(np.array([0.345, 0.3]), heading=0.0), [Obstacle("post", shapely.Point(0.3, 0.335), 0.01)])
     assert (free.by, along.by) == ("goal", "goal")
     assert free.value == pytest.approx(0.02, abs=1e-9)
     assert along.value == pytest.approx(0.005, abs=1e-9)

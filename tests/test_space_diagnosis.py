@@ -23,8 +23,8 @@ from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, WholeSpacePose
 from ccm_opt.diagnosis.reach_in_space import TurnCaps, least_limit, most_turn
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import UnreachableGoal, sentences
-from ccm_opt.problem import Tolerances
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BoxBody, SphereBody
@@ -44,10 +44,10 @@ seeds = st.integers(0, 10**6)
 ROOM = np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]])
 
 
-def problem_of(arm: SpaceArm, goal: SpaceTipGoal | SpaceJointPose, *obstacles: SpaceObstacle) -> SpaceProblem:
+def problem_of(arm: SpaceArm, goal: TipGoal | JointPose, *obstacles: SpaceObstacle) -> SpaceProblem:
     """A problem in a large room with a straight start."""
     ones = np.ones(3 * arm.links)
-    start = SpaceJointPose(np.zeros((arm.links, 2)))
+    start = JointPose(np.zeros((arm.links, 2)))
     return SpaceProblem("made", SpaceWorkspace(ROOM, obstacles), arm, Limits(ones, ones), start, goal)
 
 
@@ -71,16 +71,16 @@ def backwards(problem: SpaceProblem) -> SpaceProblem:
     """The problem with a straight start that points away from what is ahead."""
     bends = np.zeros((problem.arm.links, 2))
     bends[0, 0] = 2.8
-    return replace(problem, start=SpaceJointPose(bends))
+    return replace(problem, start=JointPose(bends))
 
 
 def ways_of(problem: SpaceProblem) -> AxisWays:
     """The ways to the only goal of a problem, which is for the tip."""
-    assert isinstance(problem.goal, SpaceTipGoal)
+    assert isinstance(problem.goal, TipGoal)
     return AxisWays(problem, SpaceTipPlace("goal", "goal.position", problem.goal, problem.tolerances))
 
 
-BEYOND = SpaceTipGoal(np.array([0.7, 0.05, 0.0]))
+BEYOND = TipGoal(np.array([0.7, 0.05, 0.0]))
 """Behind the window."""
 
 
@@ -126,7 +126,7 @@ def test_no_pose_in_space_is_out_of_reach(seed: int, limit: float, base: float, 
     q = arm.configuration(bends, 0.0)
     tip = arm.joint_positions_at(q)[-1]
     direction = arm.link_rotations(q)[-1, :, 0] if asked else None
-    problem = problem_of(arm, SpaceTipGoal(tip, direction))
+    problem = problem_of(arm, TipGoal(tip, direction))
     refuse_impossible(replace(problem, workspace=SpaceWorkspace(None)))
 
 
@@ -153,9 +153,9 @@ def test_the_most_turn_of_a_joint_is_that_of_its_bends(limit: float, seed: int) 
 def test_caps_are_as_far_as_the_arm_when_nothing_bends_it_back() -> None:
     """Straight ahead an arm reaches its length, against the direction asked for at its goal it falls short."""
     arm = space_arm(8, joint_limit=0.1, base_limit=0.1)
-    ahead = SpaceTipPlace("goal", "goal", SpaceTipGoal(np.array([0.8, 0.0, 0.0])), Tolerances())
+    ahead = SpaceTipPlace("goal", "goal", TipGoal(np.array([0.8, 0.0, 0.0])), Tolerances())
     assert TurnCaps(arm, ahead).farthest(np.eye(3)[:1])[0] == pytest.approx(0.8)
-    back = replace(ahead, goal=SpaceTipGoal(np.array([0.7, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])))
+    back = replace(ahead, goal=TipGoal(np.array([0.7, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])))
     found = failed_in_space(problem_of(arm, back.goal))
     assert {finding.kind for finding in found} == {"too stiff"}
 
@@ -203,7 +203,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     """Behind a screen that ends above, the arm is too short, by as much as a string over its edge is long."""
     arm = space_arm(12, 0.8 / 12, radius=0.015)
     screen = box("screen", [0.35, -1.5, -1.5], [0.4, 1.5, 0.35])
-    problem = backwards(problem_of(arm, SpaceTipGoal(np.array([0.7, 0.0, 0.0])), screen))
+    problem = backwards(problem_of(arm, TipGoal(np.array([0.7, 0.0, 0.0])), screen))
     (finding,) = failed_in_space(problem)
     string = np.hypot(0.35, 0.35) + 0.05 + np.hypot(0.3, 0.35)
     assert (finding.kind, finding.obstacles[0]) == ("too short", "screen")
@@ -253,7 +253,7 @@ def test_contacts_in_space_are_told_with_link_depth_and_place() -> None:
     """A ball 5 mm into the third link of a straight start, a box about the tip, and the room's wall behind the tip."""
     arm = space_arm(6)
     ball = SpaceObstacle("ball", SphereBody(np.array([0.25, 0.025, 0.0]), 0.01))
-    problem = problem_of(arm, SpaceTipGoal(np.array([0.0, 0.4, 0.2])), ball)
+    problem = problem_of(arm, TipGoal(np.array([0.0, 0.4, 0.2])), ball)
     (finding,) = failed_in_space(problem)
     assert "start: the start is in contact: link 3 overlaps 'ball' by 5.0 mm" in finding.reason
     assert finding.bounds["arm.radius"] == pytest.approx(0.015)
@@ -278,8 +278,8 @@ def test_the_load_of_a_straight_arm_in_space_is_weight_times_lever(tilt: float) 
     """A straight arm at an angle needs m g L / 2 cos of it; a limit just above passes, just below fails."""
     arm = space_arm(6)
     need = float(arm.masses.sum()) * 9.81 * 0.5 * arm.length * np.cos(tilt)
-    start = SpaceJointPose(np.array([[0.0, -tilt], *[[0.0, 0.0]] * 5]))
-    problem = replace(problem_of(arm, SpaceTipGoal(np.array([0.2, 0.3, 0.2]))), start=start)
+    start = JointPose(np.array([[0.0, -tilt], *[[0.0, 0.0]] * 5]))
+    problem = replace(problem_of(arm, TipGoal(np.array([0.2, 0.3, 0.2]))), start=start)
     ones = np.ones(18)
     for share, count in ((1.001, 0), (0.999, 1)):
         held = replace(problem, limits=Limits(ones, ones, torque=share * need * ones))
@@ -311,7 +311,7 @@ def test_a_goal_moved_in_space_is_free(seed: int) -> None:
     if goal[0] > 0.8 * float(np.linalg.norm(goal)):
         goal[0] *= -1.0  # away from the straight start
     ball = SpaceObstacle("ball", SphereBody(goal + rng.uniform(-0.02, 0.02, 3), 0.06))
-    problem = problem_of(space_arm(8), SpaceTipGoal(goal), ball)
+    problem = problem_of(space_arm(8), TipGoal(goal), ball)
     (moved,) = moved_space_goals(problem, failed_in_space(problem), Deadline.never())
     assert moved.bound is not None
     there = moved.write(problem, moved.bound)

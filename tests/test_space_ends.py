@@ -9,7 +9,8 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.planning.space_planner import SpacePlanner
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.problem import JointPose
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from tests.space_files import CUBE, binary_stl, written
 
@@ -124,6 +125,6 @@ def test_an_end_without_room_to_leave_it_is_refused(tmp_path: Path, gap: float) 
     lifted = on_a_table(tmp_path, gap, laid)
     bent = np.zeros((16, 2))
     bent[0, 1] = -0.3
-    lifted = replace(lifted, start=SpaceJointPose(bent))
+    lifted = replace(lifted, start=JointPose(bent))
     with pytest.raises(UnreachableGoal, match=r"the goal pose has no room: link 5 and 'table' at .* too near"):
         SpacePlanner().plan(lifted)

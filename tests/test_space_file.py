@@ -9,7 +9,8 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from tests.space_files import CUBE, TEXT, binary_stl, written
 
@@ -40,7 +41,7 @@ def test_shipped_problems_are_read(name: str, obstacles: int) -> None:
     assert isinstance(problem, SpaceProblem)
     assert (problem.name, len(problem.workspace.obstacles)) == (name, obstacles)
     assert (problem.arm.feed is None) == (name == "swan-neck-in-space")
-    assert isinstance(problem.goal, SpaceTipGoal)
+    assert isinstance(problem.goal, TipGoal)
     assert problem.goal.direction is not None
     assert np.linalg.norm(problem.goal.direction) == pytest.approx(1.0)
     for obstacle in problem.workspace.obstacles:
@@ -81,11 +82,11 @@ def test_a_start_by_joints_and_the_base_across() -> None:
     """A pose has two bends a joint, and up is what lies across the direction."""
     text = PLAIN.replace('shape = "straight"', "joints_deg = [[10, 20], [0, 0], [-45, 45], [0, 1]]")
     problem = read(text.replace("up = [0.0, 0.0, 1.0]", "up = [3.0, 0.0, 4.0]"))
-    assert isinstance(problem.start, SpaceJointPose)
+    assert isinstance(problem.start, JointPose)
     assert np.allclose(np.rad2deg(problem.start.bends), [[10, 20], [0, 0], [-45, 45], [0, 1]])
     assert np.allclose(problem.arm.up, [0.0, 0.0, 1.0])
     q = problem.start.configuration(problem.arm)
-    assert np.array_equal(SpaceJointPose.from_configuration(q, 4).bends, problem.start.bends)
+    assert np.array_equal(JointPose.from_configuration(q, problem.arm.coordinates).bends, problem.start.bends)
 
 
 def test_all_defects_at_once() -> None:

@@ -19,7 +19,8 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import quaternions
 from ccm_opt.io.reading_back import load_any_problem, load_motion
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges, thinned
@@ -99,7 +100,7 @@ def test_a_folder_is_read_back_as_it_was(folder: Path) -> None:
     assert np.allclose(np.sort(ours.triangles.ravel()), np.sort(theirs.triangles.ravel()), atol=1e-7)
     assert np.allclose(plan.problem.arm.up, asked.arm.up, atol=1e-15)
     assert np.allclose(plan.problem.limits.velocity, asked.limits.velocity, rtol=1e-15)
-    assert isinstance(plan.problem.goal, SpaceTipGoal)
+    assert isinstance(plan.problem.goal, TipGoal)
     assert len(plan.problem.goal.via) == 1
 
 
@@ -333,7 +334,7 @@ def test_what_only_the_plane_knows_is_refused_by_name() -> None:
     with pytest.raises(ProblemError, match=r"planner\.method = .hill-climbing. works in the plane alone"):
         solve(replace(problem, planner=replace(problem.planner, method="hill-climbing")))
     with pytest.raises(UnreachableGoal):
-        solve(replace(problem, goal=SpaceTipGoal(np.array([1.5, 0.9, 0.9]))), explain=False)
+        solve(replace(problem, goal=TipGoal(np.array([1.5, 0.9, 0.9]))), explain=False)
 
 
 def test_angles_of_revolutes_are_those_of_the_bends(folder: Path) -> None:

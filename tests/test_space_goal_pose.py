@@ -15,7 +15,7 @@ from ccm_opt.ik.bishop_shooting import axis, product, quaternions_of, turned_by
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, link_sides
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
 from ccm_opt.ik.space_pose_task import SpacePoseSettings
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -61,7 +61,7 @@ def test_a_found_pose_is_at_its_goal_within_limits_and_has_more_room(solved: tup
     scene, found = solved
     arm = scene.problem.arm
     goal = scene.problem.goal
-    assert isinstance(goal, SpaceTipGoal)
+    assert isinstance(goal, TipGoal)
     assert goal.direction is not None
     np.testing.assert_allclose(arm.joint_positions_at(found.q)[-1], goal.position, atol=1e-8)
     np.testing.assert_allclose(arm.link_rotations(found.q)[-1, :, 0], goal.direction, atol=1e-7)
@@ -204,7 +204,7 @@ def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
 def test_a_goal_that_is_a_pose_leaves_nothing_to_find() -> None:
     """It is refused by what it is."""
     scene = clutter(0, 8)
-    whole = replace(scene.problem, goal=SpaceJointPose.from_configuration(scene.seed, 8))
+    whole = replace(scene.problem, goal=JointPose.from_configuration(scene.seed, scene.problem.arm.coordinates))
     with pytest.raises(ProblemError, match="whole arm"):
         goal_pose(whole, scene.seed, scene.tree)
 

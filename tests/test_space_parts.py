@@ -7,7 +7,8 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BOX_FACES, MeshBody, SphereBody
 from tests.space_files import CUBE
 
@@ -36,7 +37,7 @@ def test_tables_and_bodies() -> None:
     assert (ball.name, cube.name, cube.body is mesh, mesh.closed) == ("ball", "cube", True, True)
     assert isinstance(ball.body, SphereBody)
     assert ball.body.radius == pytest.approx(0.05)
-    assert isinstance(problem.goal, SpaceTipGoal)
+    assert isinstance(problem.goal, TipGoal)
     assert np.allclose(problem.goal.position, [0.3, 0.1, 0.0])
     assert problem.arm.length == pytest.approx(0.4)
     assert problem.planner.time_limit == 5.0

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ccm_opt.problem import Limits, Tolerances
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.problem import JointPose, Limits, Stop, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.viz.space_plan import ArmSection, draw_goals_in_space, section_along
@@ -24,8 +24,8 @@ def section_beside(body: Body, base: tuple[float, float, float]) -> ArmSection:
         SpaceWorkspace(None, (SpaceObstacle("body", body),)),
         arm,
         Limits(np.ones(12), np.full(12, 4.0)),
-        SpaceJointPose(np.zeros((4, 2))),
-        SpaceTipGoal(np.array([0.3, 0.0, 0.0])),
+        JointPose(np.zeros((4, 2))),
+        TipGoal(np.array([0.3, 0.0, 0.0])),
     )
     return section_along(problem, arm.joint_positions_at(np.zeros(len(arm.coordinates))), 9, 1.0)
 
@@ -64,7 +64,7 @@ def test_goals_of_a_tour_are_numbered_in_every_view() -> None:
     points = plan.joint_positions
     tour = replace(
         plan,
-        problem=replace(plan.problem, stops=(SpaceStop(SpaceTipGoal(points[3, -1]), Tolerances()),)),
+        problem=replace(plan.problem, stops=(Stop(TipGoal(points[3, -1]), Tolerances()),)),
         trajectory=replace(plan.trajectory, stops=(3,)),
     )
     for shown, numbers in ((plan, []), (tour, ["1", "2"])):
@@ -78,7 +78,7 @@ def test_places_to_pass_are_named_in_the_legend() -> None:
     plan = solved()
     points = plan.joint_positions
     for via, named in (((), 0), ((points[1, -1], points[2, -1]), 1)):
-        problem = replace(plan.problem, goal=SpaceTipGoal(points[-1, -1], via=via))
+        problem = replace(plan.problem, goal=TipGoal(points[-1, -1], via=via))
         axes = Figure().add_subplot()
         draw_goals_in_space(axes, replace(plan, problem=problem), SIDES[0], points)
         assert axes.get_legend_handles_labels()[1].count("to pass") == named

@@ -9,7 +9,8 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution.space_solution import SpaceStaticPose
 from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
 
@@ -45,7 +46,7 @@ def assert_sound(found: SpaceStaticPose) -> None:
     problem = found.problem
     arm = problem.arm
     goal = problem.goal
-    assert isinstance(goal, SpaceTipGoal)
+    assert isinstance(goal, TipGoal)
     q = found.pose.configuration[None]
     points = chain_of(arm, q)[0]
     assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
@@ -140,11 +141,11 @@ position = [0.4, 0.0, 0.0]
 def test_questions_without_an_answer_are_refused() -> None:
     """A goal for the whole arm leaves nothing to find; one out of reach, or inside of a body, is told as such."""
     problem = clutter(3, links=12, bodies=40).problem
-    whole = SpaceJointPose(np.zeros((12, 2)))
+    whole = JointPose(np.zeros((12, 2)))
     with pytest.raises(ProblemError, match="for the whole arm"):
         ccm_opt.find_pose(replace(problem, goal=whole))
     with pytest.raises(UnreachableGoal, match="out of reach"):
-        ccm_opt.find_pose(replace(problem, goal=SpaceTipGoal(np.array([3.0, 0.0, 0.0]))))
+        ccm_opt.find_pose(replace(problem, goal=TipGoal(np.array([3.0, 0.0, 0.0]))))
 
 
 def test_a_direction_that_no_pose_takes_is_not_found() -> None:
@@ -152,7 +153,7 @@ def test_a_direction_that_no_pose_takes_is_not_found() -> None:
     problem = clutter(3, links=8, bodies=1).problem
     arm = problem.arm
     end = arm.base + 0.999 * arm.length * arm.direction
-    back = SpaceTipGoal(end, -arm.direction)
+    back = TipGoal(end, -arm.direction)
     hurried = replace(problem.planner, time_limit=2.0)
     with pytest.raises(NoPlanFound) as caught:
         ccm_opt.find_pose(replace(problem, goal=back, planner=hurried))

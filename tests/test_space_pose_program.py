@@ -13,7 +13,7 @@ from ccm_opt.ik.holding import HoldingLoads, holding_loads
 from ccm_opt.ik.space_pose_program import SPACE_PARTS, SpacePoseProgram, SpacePoseSize, space_pose_program
 from ccm_opt.ik.space_pose_solver import CurveNumbers, SpacePoseQuestion, link_quaternions, start_values
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask
-from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.problem import TipGoal
 from ccm_opt.robot.curve_space import CurveSpace
 from tests.space_arms import FEED_OF_TESTS, turned_arm
 
@@ -39,7 +39,7 @@ def question(seed: int, *, fed: bool = False) -> SpacePoseQuestion:
     normals = rotations[link, :, 1]
     offsets = np.sum(normals * points[link], axis=1) - np.array([0.004, 0.006])
     sides = LinkSides(link, normals, offsets, np.ones(2))
-    target = SpaceTipGoal(points[-1], rotations[-1, :, 0])
+    target = TipGoal(points[-1], rotations[-1, :, 0])
     task = SpacePoseTask(arm, target, q, q, sides, 0.01)
     return SpacePoseQuestion(program(), task, np.ones(len(SPACE_PARTS)), SETTINGS)
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle
@@ -65,10 +66,10 @@ MISTAKES: dict[str, tuple[Change, str]] = {
         lambda problem: replace(problem, workspace=replace(problem.workspace, bounds=np.zeros((2, 3)))),
         "workspace.bounds must have a lower corner",
     ),
-    "a goal in the plane": (to(SpaceTipGoal(np.zeros(2))), r"goal.position must have shape \(3,\)"),
-    "a goal without a direction": (to(SpaceTipGoal(PLACE, np.zeros(3))), "goal.direction must have the length 1"),
-    "a way nowhere": (to(SpaceTipGoal(PLACE, via=(NOWHERE,))), "goal.via 1 must be finite"),
-    "a goal of one bend": (to(SpaceJointPose(np.zeros((1, 2)))), "goal.bends must have shape"),
+    "a goal in the plane": (to(TipGoal(np.zeros(2))), r"goal.position must have shape \(3,\)"),
+    "a goal without a direction": (to(TipGoal(PLACE, np.zeros(3))), "goal.direction must have the length 1"),
+    "a way nowhere": (to(TipGoal(PLACE, via=(NOWHERE,))), "goal.via 1 must be finite"),
+    "a goal of one bend": (to(JointPose(np.zeros((1, 2)))), "goal.bends must have shape"),
     "too much effort": (
         lambda problem: replace(problem, planner=replace(problem.planner, effort_share=2.0)),
         "planner.effort_share must be above 0",
@@ -89,4 +90,4 @@ def test_all_mistakes_are_named_together() -> None:
     problem = true_plan().problem
     wrong = replace(problem.workspace, clearance=-1.0, obstacles=(SpaceObstacle("ball", SphereBody(PLACE, -0.1)),))
     with pytest.raises(ProblemError, match=r"(?s)clearance.*'ball'.*goal.position"):
-        replace(problem, workspace=wrong, goal=SpaceTipGoal(np.zeros(2)))
+        replace(problem, workspace=wrong, goal=TipGoal(np.zeros(2)))

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import ccm_opt
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, look_at_cell
-from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.problem import TipGoal
 from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, even_directions
 from ccm_opt.viz.space_views import SIDES, SeenScene
 
@@ -84,7 +84,7 @@ def test_what_is_reached_keeps_off_what_is_proved() -> None:
 
 def test_every_pose_of_a_cell_is_sound() -> None:
     """The tip is in the middle of its cell, joints keep their limits, and nothing is touched, by a slow measure."""
-    problem = replace(mapped().problem, goal=SpaceTipGoal(np.array([0.05, 0.1, 0.1])))
+    problem = replace(mapped().problem, goal=TipGoal(np.array([0.05, 0.1, 0.1])))
     axes = (np.array([0.0, 0.09]), np.array([-0.05, 0.05]), np.array([-0.1, 0.0, 0.1]))
     settings = replace(DEFAULT_SPACE_REACH, drawn=40)
     question = SpaceReachQuestion.about(problem, 0.1, even_directions(0), settings)

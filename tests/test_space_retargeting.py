@@ -8,12 +8,11 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceTipGoal
 from ccm_opt.solution.space_solution import SpaceSolution
 
 from .solved_problems import solved_in_space
 
-ELSEWHERE = SpaceTipGoal(np.array([0.4, -0.2, 0.15]), np.array([1.0, 0.0, 0.0]))
+ELSEWHERE = TipGoal(np.array([0.4, -0.2, 0.15]), np.array([1.0, 0.0, 0.0]))
 
 
 @cache
@@ -51,8 +50,8 @@ def test_a_fed_arm_is_given_another_goal_while_it_goes_in() -> None:
     """Among the blades the whole motion is verified, with joints in the guide tube straight at all times."""
     plan = solved_in_space("blade-row")
     goal = plan.problem.goal
-    assert isinstance(goal, SpaceTipGoal)
-    moved = SpaceTipGoal(goal.position + np.array([0.01, -0.02, 0.01]), goal.direction)
+    assert isinstance(goal, TipGoal)
+    moved = TipGoal(goal.position + np.array([0.01, -0.02, 0.01]), goal.direction)
     # At the second moment the arm could not go on from where it would rest soonest.
     for share in (0.1, 0.95):
         changed = ccm_opt.retarget(plan, share * plan.trajectory.duration, moved)
@@ -64,7 +63,7 @@ def test_a_goal_may_change_twice() -> None:
     """A motion that was retargeted can be retargeted again; both stops are kept and verified."""
     once = ccm_opt.retarget(bowed(), 0.4, ELSEWHERE)
     late = 0.5 * (once.trajectory.time[once.trajectory.stops[-1]] + once.trajectory.duration)
-    twice = ccm_opt.retarget(once, late, SpaceTipGoal(np.array([0.3, 0.1, 0.3])))
+    twice = ccm_opt.retarget(once, late, TipGoal(np.array([0.3, 0.1, 0.3])))
     assert len(twice.problem.stops) == 2
     assert all(check.passed for check in twice.checks)
 
@@ -72,9 +71,9 @@ def test_a_goal_may_change_twice() -> None:
 def test_what_cannot_be_is_refused() -> None:
     """A goal of the plane, a moment outside of the motion, and a goal out of reach, each in one sentence."""
     plan = bowed()
-    with pytest.raises(ProblemError, match="expected a goal in space"):
-        ccm_opt.retarget(plan, 0.1, TipGoal(np.array([0.3, 0.1])))  # type: ignore[call-overload]
+    with pytest.raises(ProblemError, match=r"goal.position must have shape \(3,\), got \(2,\)"):
+        ccm_opt.retarget(plan, 0.1, TipGoal(np.array([0.3, 0.1])))
     with pytest.raises(ProblemError, match="time must be within the motion, 0 to"):
         ccm_opt.retarget(plan, plan.trajectory.duration + 0.1, ELSEWHERE)
     with pytest.raises(NoPlanFound, match="out of reach"):
-        ccm_opt.retarget(plan, 0.1, SpaceTipGoal(np.array([2.0, 0.0, 0.0])))
+        ccm_opt.retarget(plan, 0.1, TipGoal(np.array([2.0, 0.0, 0.0])))

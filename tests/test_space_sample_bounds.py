@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.problem import JointPose
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.verification.newton_euler import efforts_in_space
@@ -25,7 +26,7 @@ def limited(arm: SpaceArm, most: np.ndarray) -> SpaceProblem:
     """A problem of an arm with limits on accelerations, given for all bends."""
     accelerations = np.ones((arm.links, 3))
     accelerations[:, :2] = most.reshape(-1, 2)
-    straight = SpaceJointPose(np.zeros((arm.links, 2)))
+    straight = JointPose(np.zeros((arm.links, 2)))
     return replace(
         fixed().problem,
         arm=arm,

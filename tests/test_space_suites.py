@@ -9,7 +9,8 @@ from ccm_opt.compare.comparison_files import write_problems
 from ccm_opt.compare.suites import SPACE_SUITES, Case, cases_of_suite
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
@@ -20,11 +21,11 @@ def made(case: Case) -> SpaceProblem:
     return problem
 
 
-def tip_of(problem: SpaceProblem) -> SpaceTipGoal:
+def tip_of(problem: SpaceProblem) -> TipGoal:
     """The goal of the tip, or where the tip is in the pose that is asked."""
-    if isinstance(problem.goal, SpaceTipGoal):
+    if isinstance(problem.goal, TipGoal):
         return problem.goal
-    return SpaceTipGoal(problem.arm.joint_positions_at(problem.goal.configuration(problem.arm))[-1])
+    return TipGoal(problem.arm.joint_positions_at(problem.goal.configuration(problem.arm))[-1])
 
 
 LONG_MADE = {"space-other-hole", "space-other-branch", "space-blades", "space-reach-in"}
@@ -67,8 +68,8 @@ def test_a_seed_has_the_same_ends_for_any_number_of_links() -> None:
     """Arms of few and of many links get the same job: the same base, feed and goal."""
     few, many = (made(cases_of_suite(f"space-elbow-{links}-links", 1, 3)[0]) for links in (8, 96))
     assert (few.arm.links, many.arm.links) == (8, 96)
-    assert isinstance(few.goal, SpaceTipGoal)
-    assert isinstance(many.goal, SpaceTipGoal)
+    assert isinstance(few.goal, TipGoal)
+    assert isinstance(many.goal, TipGoal)
     assert np.array_equal(few.goal.position, many.goal.position)
     assert np.array_equal(few.arm.base, many.arm.base)
     assert few.start.feed == many.start.feed
@@ -96,7 +97,7 @@ def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path
         assert np.allclose(again.start.configuration(again.arm), problem.start.configuration(problem.arm), atol=1e-12)
         assert np.allclose(again.arm.masses, problem.arm.masses)
         assert np.allclose(again.arm.base_rotation, problem.arm.base_rotation, atol=1e-15)
-        assert isinstance(again.goal, SpaceTipGoal)
-        assert isinstance(problem.goal, SpaceTipGoal)
+        assert isinstance(again.goal, TipGoal)
+        assert isinstance(problem.goal, TipGoal)
         assert np.allclose(again.goal.position, problem.goal.position, atol=1e-12)
     assert write_problems(cases, tmp_path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceStop, SpaceTipGoal
+from ccm_opt.problem import JointPose, Stop, TipGoal
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
@@ -46,13 +46,13 @@ def arm(plan: SpacePlan, **changes: object) -> SpacePlan:
 
 def goal(plan: SpacePlan, **changes: object) -> SpacePlan:
     """The same for another goal."""
-    assert isinstance(plan.problem.goal, SpaceTipGoal)
+    assert isinstance(plan.problem.goal, TipGoal)
     return plan.asking(goal=replace(plan.problem.goal, **changes))  # type: ignore[arg-type]
 
 
 def beside(plan: SpacePlan) -> FloatArray:
     """A place beside the goal, twice the tolerance away."""
-    assert isinstance(plan.problem.goal, SpaceTipGoal)
+    assert isinstance(plan.problem.goal, TipGoal)
     return np.asarray(plan.problem.goal.position + np.array([0.0, 2e-3, 0.0]))
 
 
@@ -161,11 +161,11 @@ LIES: dict[str, tuple[Change, str]] = {
     "a place that is not passed": (lambda p: goal(p, via=(np.array([0.0, 0.9, 0.0]),)), "goal via 1"),
     "places in another order": (lambda p: goal(p, via=tuple(places_of(p)[[-1, 0], -1])), "goal via 2"),
     "a pose at the goal": (
-        lambda p: p.asking(goal=SpaceJointPose(p.trajectory.bend_angles[-1].reshape(8, 2) + 0.02, 0.4)),
+        lambda p: p.asking(goal=JointPose(p.trajectory.bend_angles[-1].reshape(8, 2) + 0.02, 0.4)),
         "goal joints",
     ),
     "a base elsewhere at the goal": (
-        lambda p: p.asking(goal=SpaceJointPose(p.trajectory.bend_angles[-1].reshape(8, 2), 0.3)),
+        lambda p: p.asking(goal=JointPose(p.trajectory.bend_angles[-1].reshape(8, 2), 0.3)),
         "goal feed",
     ),
     "another start": (lambda p: turned(p, 6, 1e-5), "start joints"),
@@ -198,7 +198,7 @@ LIES: dict[str, tuple[Change, str]] = {
     "other names": (lambda p: driven(p, names=p.joints.names[::-1]), "joint names"),
     "not a number": (lambda p: reported(p, positions=p.trajectory.positions * np.nan), "samples"),
     "too few samples": (lambda p: _every(p, 2), "samples"),
-    "a stop left out": (lambda p: p.asking(stops=(SpaceStop(p.problem.goal, p.problem.tolerances),)), "samples"),
+    "a stop left out": (lambda p: p.asking(stops=(Stop(p.problem.goal, p.problem.tolerances),)), "samples"),
 }
 
 
@@ -235,7 +235,7 @@ STILL_TRUE: dict[str, Change] = {
     "a mount in a wall": lambda p: with_body(
         arm(p, mount_length=0.2), "wall", BoxBody(np.array([-0.2, -0.1, -0.1]), np.array([0.02, 0.1, 0.1]))
     ),
-    "the pose at the goal": lambda p: p.asking(goal=SpaceJointPose(p.trajectory.bend_angles[-1].reshape(8, 2), 0.4)),
+    "the pose at the goal": lambda p: p.asking(goal=JointPose(p.trajectory.bend_angles[-1].reshape(8, 2), 0.4)),
 }
 
 

@@ -19,7 +19,8 @@ from ccm_opt.cli.view.handles import GOAL, direction_of, frames_of
 from ccm_opt.cli.view.scene import SpaceScene
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.verification.space_verifier import verify_in_space
@@ -190,7 +191,7 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
     viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
     assert viewer.frames.trajectory is live.plan.trajectory
     assert "planned and verified" in viewer._status.content
-    assert isinstance(live.problem.goal, SpaceTipGoal)
+    assert isinstance(live.problem.goal, TipGoal)
     viewer._planned(live, live.move_goal((0.35, -0.3, 0.0)))
     assert "No plan to here" in viewer._status.content
     assert "box" in viewer._status.content

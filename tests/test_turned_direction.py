@@ -8,7 +8,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.in_space import IN_SPACE, turned_direction
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.scene import SpaceWorkspace
 from tests.scenes import later
@@ -32,7 +33,7 @@ def named(words: str) -> FloatArray:
 
 def direction_of(problem: SpaceProblem) -> FloatArray | None:
     """The direction of a problem's goal."""
-    assert isinstance(problem.goal, SpaceTipGoal)
+    assert isinstance(problem.goal, TipGoal)
     return problem.goal.direction
 
 
@@ -40,8 +41,8 @@ def asked_for(direction: FloatArray, end: FloatArray) -> SpaceProblem:
     """In an empty room, a goal where the tip is in a configuration, with another direction."""
     arm = space_arm(LINKS, 0.1, 0.01)
     ones = np.ones(3 * LINKS)
-    goal = SpaceTipGoal(arm.joint_positions_at(end)[-1], direction)
-    start = SpaceJointPose(np.zeros((LINKS, 2)))
+    goal = TipGoal(arm.joint_positions_at(end)[-1], direction)
+    start = JointPose(np.zeros((LINKS, 2)))
     return SpaceProblem("turned", SpaceWorkspace(None, ()), arm, Limits(ones, ones), start, goal)
 
 

@@ -11,7 +11,7 @@ from ccm_opt.problem import Problem, TipGoal
 
 from .feed_scenes import fed_arm, make_problem, make_room
 
-GOAL = TipGoal(np.array([0.55, 0.25]), 0.0)
+GOAL = TipGoal(np.array([0.55, 0.25]), heading=0.0)
 
 
 def problem() -> Problem:

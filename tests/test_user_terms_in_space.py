@@ -15,7 +15,8 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.problem import Stop, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution.space_solution import SpaceSolution
 
 POST = """
@@ -204,7 +205,7 @@ def test_equations_that_a_fed_arm_cannot_keep_are_named() -> None:
 
 def test_constraints_hold_for_every_leg_of_goals_in_sequence() -> None:
     """One check a goal; what applies at the goal applies at the end of each."""
-    stop = SpaceStop(SpaceTipGoal(np.array([0.75, 0.3, 0.1])), post().tolerances, 0.2)
+    stop = Stop(TipGoal(np.array([0.75, 0.3, 0.1])), post().tolerances, 0.2)
     two = replace(post(), stops=(stop,))
     terms = [
         Constraint("above", lambda q: q.tip[2], lower=-0.01),

@@ -468,9 +468,9 @@ def test_start_rest_and_goal_are_checked() -> None:
     arm = problem.arm
     headings = arm.headings(trajectory.bend_angles[-1])
     tip = arm.joint_positions(headings)[-1]
-    good = TipGoal(tip + np.array([9e-4, 0.0]), float(headings[-1]) + 4.0 * np.pi + 0.017)
+    good = TipGoal(tip + np.array([9e-4, 0.0]), heading=float(headings[-1]) + 4.0 * np.pi + 0.017)
     assert not failures(verify(replace(problem, goal=good), trajectory, joints))
-    bad = TipGoal(tip + np.array([1.1e-3, 0.0]), float(headings[-1]) + 0.018)
+    bad = TipGoal(tip + np.array([1.1e-3, 0.0]), heading=float(headings[-1]) + 0.018)
     assert failures(verify(replace(problem, goal=bad), trajectory, joints)) == {"goal position", "goal heading"}
     assert failures(verify(replace(problem, goal=JointPose(np.full(6, 0.22))), trajectory, joints)) == {"goal joints"}
     moved = replace(problem, start=JointPose(np.full(6, 2e-6)))

@@ -139,7 +139,7 @@ def test_coils_have_a_known_way_out(seed: int) -> None:
 def test_an_arm_leaves_a_duct_by_drawing_back() -> None:
     """The whole planner finds the way out, by this candidate, and the verifier passes it."""
     scene = in_duct(0.05, 2.6)
-    goal = TipGoal(scene.goal_tip.position, 2.6)
+    goal = TipGoal(scene.goal_tip.position, heading=2.6)
     planned = run(replace(scene.problem(goal), name="out of a duct"))
     assert planned.outcome == "verified", planned.reason
     assert planned.candidate.startswith("drawn back")

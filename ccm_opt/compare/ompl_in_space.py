@@ -22,7 +22,8 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_smooth_path import certified_spline
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath
@@ -147,7 +148,7 @@ class SpaceOmplPlanner:
 
         In ducts hardly any pose that is drawn at a goal touches nothing, and a sampler without a goal can only fail.
         """
-        if not isinstance(problem.goal, SpaceTipGoal) or problem.goal.via:
+        if not isinstance(problem.goal, TipGoal) or problem.goal.via:
             return []
         until = Deadline.after(self.settings.goal_share * problem.planner.time_limit)
         try:

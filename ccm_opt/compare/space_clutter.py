@@ -14,7 +14,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.link_bodies import cylinder_inertia
@@ -274,14 +275,14 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
             bodies.append(SpaceObstacle(f"body {len(bodies)}", body))
     wide = 1.3 * LENGTH
     bounds = np.array([[-wide, -wide, -wide], [wide, wide, wide]])
-    tip = SpaceTipGoal(arm.joint_positions_at(goal)[-1], arm.link_rotations(goal)[-1, :, 0])
+    tip = TipGoal(arm.joint_positions_at(goal)[-1], arm.link_rotations(goal)[-1, :, 0])
     revolutes = 3 * links
     return SpaceProblem(
         name,
         SpaceWorkspace(bounds, tuple(bodies)),
         arm,
         Limits(np.full(revolutes, VELOCITY), np.full(revolutes, ACCELERATION)),
-        SpaceJointPose(start.reshape(links, 2)),
+        JointPose(start.reshape(links, 2)),
         tip,
     )
 
@@ -380,7 +381,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> S
     """
     problem, tree = _shipped(folder / f"{job}.toml")
     goal = problem.goal
-    if not isinstance(goal, SpaceTipGoal) or goal.direction is None:
+    if not isinstance(goal, TipGoal) or goal.direction is None:
         raise ProblemError(f"the goal of {job} is no place and direction of the tip")
     moved = JOBS[job]
     rng = np.random.default_rng(seed)
@@ -388,7 +389,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> S
     for _ in range(MOST_DRAWS):
         base = whole.base + moved.base * _across(rng, whole.direction)
         arm = with_links(replace(whole, base=base), links)
-        start = SpaceJointPose(np.zeros((links, 2)), arm.base_range[0] + float(rng.uniform(0.0, moved.fed)))
+        start = JointPose(np.zeros((links, 2)), arm.base_range[0] + float(rng.uniform(0.0, moved.fed)))
         place = goal.position + moved.goal * _in_ball(rng)
         direction = goal.direction + np.tan(moved.turn) * _in_ball(rng)
         direction /= np.linalg.norm(direction)
@@ -410,7 +411,7 @@ def _shipped(file: Path) -> tuple[SpaceProblem, SurfaceTree]:
     return problem, SurfaceTree.of(problem.workspace.soup)
 
 
-def _stands_free(tree: SurfaceTree, arm: SpaceArm, start: SpaceJointPose, kept: float) -> bool:
+def _stands_free(tree: SurfaceTree, arm: SpaceArm, start: JointPose, kept: float) -> bool:
     """Whether the arm beyond its mount keeps a distance at the start."""
     points = arm.joint_positions_at(start.configuration(arm))
     along = points[0] + (arm.mount_length + arm.radius) * arm.direction

@@ -15,7 +15,8 @@ from ccm_opt.compare.space_clutter import Route, Site, arm_of_links, laid_along
 from ccm_opt.compare.space_ducts import holed_plate, ring, straight_pipe
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.space_arm import SpaceArm
@@ -370,7 +371,7 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
         return None
     position = arm.joint_positions_at(goal)[-1]
     direction = arm.link_rotations(goal)[-1, :, 0] if site.directed else None
-    tip = SpaceTipGoal(position, direction, site.via)
+    tip = TipGoal(position, direction, site.via)
     rates = np.ones(3 * links)
     limits = (
         Limits(rates, 4.0 * rates, feed_velocity=0.1, feed_acceleration=0.5) if site.fed else Limits(rates, 4.0 * rates)
@@ -380,8 +381,8 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
         soup_of,
         arm,
         limits,
-        SpaceJointPose.from_configuration(start, links),
-        SpaceJointPose.from_configuration(goal, links) if site.whole_pose else tip,
+        JointPose.from_configuration(start, arm.coordinates),
+        JointPose.from_configuration(goal, arm.coordinates) if site.whole_pose else tip,
     )
 
 
@@ -409,10 +410,10 @@ def _turned(problem: SpaceProblem, by: RigidPlacement) -> SpaceProblem:
         obstacles=tuple(SpaceObstacle(each.name, _moved(each.body, by)) for each in problem.workspace.obstacles),
     )
     goal = problem.goal
-    if isinstance(goal, SpaceTipGoal):
+    if isinstance(goal, TipGoal):
         direction = None if goal.direction is None else turned @ goal.direction
         via = tuple(by.points(place[None])[0] for place in goal.via)
-        goal = SpaceTipGoal(by.points(goal.position[None])[0], direction, via)
+        goal = TipGoal(by.points(goal.position[None])[0], direction, via)
     base = by.points(arm.base[None])[0]
     moved = replace(arm, base=base, direction=turned @ arm.direction, up=turned @ arm.up)
     return replace(problem, workspace=workspace, arm=moved, goal=goal)

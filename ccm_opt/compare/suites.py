@@ -99,7 +99,7 @@ class Scene:
     @property
     def goal_tip(self) -> TipGoal:
         """Position and heading of the tip in the goal pose."""
-        return TipGoal(self.arm.joint_positions(self.goal)[-1], float(self.goal[-1]))
+        return TipGoal(self.arm.joint_positions(self.goal)[-1], heading=float(self.goal[-1]))
 
     def problem(
         self, goal: TipGoal | JointPose | None = None, time_limit: float = 60.0, name: str = "scene"

@@ -21,7 +21,8 @@ from ccm_opt.diagnosis.possible_gap import bound_at_ends
 from ccm_opt.diagnosis.way_search import Answer, WayEnds, WaySearch
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.space_task import reach_box
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -358,14 +359,14 @@ def _goal_gaps(problem: SpaceProblem, room: RoomRecord) -> Iterator[float]:
     tree = SurfaceTree.of(problem.workspace.soup)
     kept = problem.arm.radius + problem.workspace.clearance
     for stop, end in zip(problem.goals, room.ends[1:], strict=True):
-        if isinstance(stop.goal, SpaceTipGoal):
+        if isinstance(stop.goal, TipGoal):
             fixed = _fixed_segment(stop.goal, problem.arm.link_length)
             yield float(tree.distances(fixed[None], problem.arm.length)[0]) - kept
         elif end.link:
             yield end.gap
 
 
-def _fixed_segment(goal: SpaceTipGoal, link_length: float) -> FloatArray:
+def _fixed_segment(goal: TipGoal, link_length: float) -> FloatArray:
     """Ends of what a goal for the tip fixes of the arm, shape (2, 3) [m]: the tip twice, or the last link."""
     if goal.direction is None:
         return np.stack((goal.position, goal.position))

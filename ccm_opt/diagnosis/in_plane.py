@@ -25,7 +25,7 @@ from ccm_opt.planning.curve_routes import configuration_task, find_routes, route
 from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import narrowest_passage, nearest_walls
@@ -260,7 +260,7 @@ def _of_lengths(problem: AnyProblem, settings: UnitHintSettings) -> Iterator[str
         ("arm.radius", arm.radius, settings.thick),
         ("workspace.clearance", problem.workspace.clearance, settings.thick),
     ]
-    if isinstance(problem.goal, TipGoal | SpaceTipGoal):
+    if isinstance(problem.goal, TipGoal):
         far = float(np.linalg.norm(problem.goal.position - arm.base))
         lengths.append(("goal.position (its distance from the base)", far, _THOUSAND))
     for name, length, (least, most) in lengths:

@@ -23,7 +23,8 @@ from ccm_opt.diagnosis.relaxation import Knowledge, heading_may_mend
 from ccm_opt.diagnosis.ways_in_space import between, closed_in_space, wide_and_short_enough_in_space
 from ccm_opt.errors import Finding
 from ccm_opt.planning.space_task import reach_box
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import ROOM_NAME
 
@@ -61,7 +62,7 @@ def moved_space_goals(
         settings: numbers.
     """
     goal = problem.goal
-    if not about_the_goal(findings) or not isinstance(goal, SpaceTipGoal) or problem.stops:
+    if not about_the_goal(findings) or not isinstance(goal, TipGoal) or problem.stops:
         return
     place = _nearest_place(problem, goal, until, settings)
     if place is not None:
@@ -69,7 +70,7 @@ def moved_space_goals(
 
 
 def _nearest_place(
-    problem: SpaceProblem, goal: SpaceTipGoal, until: Deadline, settings: MovedSpaceGoalSettings
+    problem: SpaceProblem, goal: TipGoal, until: Deadline, settings: MovedSpaceGoalSettings
 ) -> FloatArray | None:
     """The nearest place (3,) of some grids that no necessary check refuses; None where none is found."""
     looked = 0
@@ -92,7 +93,7 @@ _QUICK = (within_space_reach, contact_at_space_tips, supple_enough_in_space)
 """What is looked at first at every place."""
 
 
-def _by_distance(problem: SpaceProblem, goal: SpaceTipGoal, settings: MovedSpaceGoalSettings) -> Iterator[FloatArray]:
+def _by_distance(problem: SpaceProblem, goal: TipGoal, settings: MovedSpaceGoalSettings) -> Iterator[FloatArray]:
     """Places with room for the tip, those nearest to the goal first, each well off the ones before it."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
@@ -136,9 +137,7 @@ def _roomy(tree: SurfaceTree, box: FloatArray, cells: int, need: float) -> Float
     return np.asarray(first + cell * np.argwhere(gaps > need))
 
 
-def _position(
-    problem: SpaceProblem, goal: SpaceTipGoal, place: FloatArray, settings: MovedSpaceGoalSettings
-) -> Parameter:
+def _position(problem: SpaceProblem, goal: TipGoal, place: FloatArray, settings: MovedSpaceGoalSettings) -> Parameter:
     """The goal's position moved towards a place, by a distance, and beyond it."""
     distance = float(np.linalg.norm(place - goal.position))
     # What lies far beyond a goal far away is no better for that.
@@ -262,7 +261,7 @@ def turned_direction(problem: SpaceProblem, end: FloatArray) -> Parameter | None
         end: a configuration with the tip at the goal, shape (c,) [rad, m].
     """
     goal = problem.goal
-    if not isinstance(goal, SpaceTipGoal) or goal.direction is None:
+    if not isinstance(goal, TipGoal) or goal.direction is None:
         return None
     wanted = goal.direction / np.linalg.norm(goal.direction)
     taken = problem.arm.link_rotations(end)[-1, :, 0]
@@ -354,7 +353,7 @@ def _hopeless(problem: SpaceProblem) -> bool:
 def _left_out(problem: SpaceProblem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
     """The goal's direction, where all that is known to stand in the way may be due to it, and places on the way."""
     goal = problem.goal
-    if not isinstance(goal, SpaceTipGoal):
+    if not isinstance(goal, TipGoal):
         return
     # Where nothing is known to stand in the way, few links may not be able to turn where there is little room.
     if goal.direction is not None and all(heading_may_mend(finding) for finding in findings):

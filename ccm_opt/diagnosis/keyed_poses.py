@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.space_arm import SpaceArm
 
@@ -153,7 +153,7 @@ class WholeSpacePose:
         return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
 
 
-SpaceTipPlace: TypeAlias = KeyedGoal[SpaceTipGoal]
+SpaceTipPlace: TypeAlias = KeyedGoal[TipGoal]
 """A goal for the tip."""
 
 
@@ -162,7 +162,7 @@ def whole_space_poses(problem: SpaceProblem) -> Iterator[WholeSpacePose]:
     arm = problem.arm
     yield WholeSpacePose("the start", "start", problem.start.configuration(arm))
     for asked in keyed_goals(problem):
-        if isinstance(asked.goal, SpaceJointPose):
+        if isinstance(asked.goal, JointPose):
             q = asked.goal.configuration(arm)
             yield WholeSpacePose(asked.name, asked.key, q, asked.tolerances.heading, asked.tolerances.position)
 
@@ -170,5 +170,5 @@ def whole_space_poses(problem: SpaceProblem) -> Iterator[WholeSpacePose]:
 def space_tip_places(problem: SpaceProblem) -> Iterator[SpaceTipPlace]:
     """Every goal for the tip alone."""
     for asked in keyed_goals(problem):
-        if isinstance(asked.goal, SpaceTipGoal):
+        if isinstance(asked.goal, TipGoal):
             yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal, asked.tolerances)

@@ -19,7 +19,7 @@ from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.diagnosis.reach import beyond_hole, least_chord, supple_enough
 from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem
 
 _MOST_PLACES = 60
 """Of them at most, spread over all. Taste: some 10 ms each."""
@@ -109,7 +109,7 @@ def about_the_goal(findings: tuple[Finding, ...]) -> bool:
 
 
 def moved_position(
-    problem: AnyProblem, goal: TipGoal | SpaceTipGoal, place: FloatArray, bound: float, tried: Sequence[float]
+    problem: AnyProblem, goal: TipGoal, place: FloatArray, bound: float, tried: Sequence[float]
 ) -> Parameter:
     """The position of the goal of a problem, moved by a distance towards a place, or beyond it.
 
@@ -174,7 +174,7 @@ def moved_goals(
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
 
     def refused(place: FloatArray) -> bool:
-        return until.passed() or hopeless(replace(problem, goal=TipGoal(place, goal.heading)))
+        return until.passed() or hopeless(replace(problem, goal=TipGoal(place, heading=goal.heading)))
 
     found = None if fixed is None else nearest_place(fixed, goal, refused, settings)
     if found is not None:
@@ -205,7 +205,7 @@ def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Paramet
         "goal.heading_deg",
         +1,
         lambda _: 0.0,
-        lambda p, by: replace(p, goal=TipGoal(goal.position, given + sign * by)),
+        lambda p, by: replace(p, goal=TipGoal(goal.position, heading=given + sign * by)),
         lambda _, by: f"goal.heading_deg turned by {np.rad2deg(by):.4g}°, to {np.rad2deg(given + sign * by):.2f}°",
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
@@ -222,7 +222,7 @@ def _least_turn(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) ->
     given = goal.heading
 
     def refused(turn: float) -> bool:
-        turned = replace(problem, goal=TipGoal(goal.position, given + turn))
+        turned = replace(problem, goal=TipGoal(goal.position, heading=given + turn))
         # How far a fed arm can turn depends on how far it is fed.
         checks = (contact_at_tips,) if problem.arm.base_axes else (contact_at_tips, supple_enough)
         return any(True for check in checks for _ in check(turned))

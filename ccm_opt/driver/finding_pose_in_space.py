@@ -19,7 +19,8 @@ from ccm_opt.planning.space_ending import pose_record
 from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import PoseOutcome
 from ccm_opt.solution.space_solution import SpaceStaticPose
@@ -78,7 +79,7 @@ def find_pose_in_space(
         ProblemError: the goal is for the whole arm.
         NoPlanFound: no pose was found.
     """
-    if not isinstance(problem.goal, SpaceTipGoal):
+    if not isinstance(problem.goal, TipGoal):
         raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
     stages = Stages(progress, problem.planner.time_limit)
     terms = compiled_terms(problem.arm, constraints, costs)

@@ -7,11 +7,10 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.problem import JointPose, Problem, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceJointPose, SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
@@ -144,15 +143,8 @@ def plan_legs(
                 raise type(error)(_of_goal(error.diagnosis, number, len(goals))) from error
             known.append((leg, path))
         legs.append(Leg(leg, path))
-        start = pose_at(problem, path.spline(1.0))
+        start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
     return tuple(legs)
-
-
-def pose_at(problem: AnyProblem, q: FloatArray) -> JointPose | SpaceJointPose:
-    """The pose of a problem's arm in a configuration, shape (c,) [rad, m]."""
-    if isinstance(problem, SpaceProblem):
-        return SpaceJointPose.from_configuration(q, problem.arm.links)
-    return JointPose.from_configuration(q, problem.arm.coordinates)
 
 
 def _of_goal(found: Diagnosis, number: int, count: int) -> Diagnosis:
@@ -172,7 +164,7 @@ def way_back(legs: Sequence[Leg], goal: object) -> JointPath | None:
     Returns:
         None where the goal is not a pose in space in which a leg began.
     """
-    if not isinstance(goal, SpaceJointPose):
+    if not isinstance(goal, JointPose) or goal.bends.ndim == 1:
         return None
     back: list[JointPath] = []
     for leg in reversed(legs):

@@ -32,7 +32,7 @@ from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import Check, JointPath
 from ccm_opt.solution.space_solution import AnySolution
@@ -215,11 +215,11 @@ class LivePlan:
             ProblemError: the goal is one for the whole arm, or what is asked for is no place or direction.
         """
         goal = self.problem.goal
-        if not isinstance(goal, (TipGoal, SpaceTipGoal)):
+        if not isinstance(goal, TipGoal):
             raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
         place = goal.position if position is None else self._vector(position, "a place {} in metres")
-        moved: Any = replace(goal, position=place)
-        if direction is not None and isinstance(goal, TipGoal):
+        moved = replace(goal, position=place)
+        if direction is not None and self.problem.dimension == 2:
             moved = replace(moved, heading=self._heading(direction))
         elif direction is not None:
             moved = replace(moved, direction=self._unit(direction))

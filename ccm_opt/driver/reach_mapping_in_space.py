@@ -17,7 +17,8 @@ from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.space_ends import contact_words
 from ccm_opt.planning.space_task import SpaceTask, reach_box
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, TipLooker, look_at_cell
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, SpaceReachSettings, even_directions
@@ -96,7 +97,7 @@ def _begin(flood: TipFlood, problem: SpaceProblem, looker: TipLooker) -> None:
 def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask) -> FloatArray:
     """Keyframes of a motion to the problem's goal, whose tip shows the way through ducts and holes; none without."""
     none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
-    if not isinstance(problem.goal, SpaceTipGoal):
+    if not isinstance(problem.goal, TipGoal):
         return none
     try:
         return any_motion(task.deadline_within(_MOTION_TIME)).unknowns

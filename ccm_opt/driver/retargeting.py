@@ -16,7 +16,7 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.kept_plan import described
-from ccm_opt.driver.legs import Planner, end_to_end, pose_at
+from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import VerifiedPlan, results_of_terms, verified
@@ -26,7 +26,7 @@ from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Stop, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
@@ -54,7 +54,7 @@ def retarget(
 def retarget(
     solution: SpaceSolution,
     time: float,
-    goal: SpaceGoal,
+    goal: Goal,
     *,
     tolerances: Tolerances | None = None,
     planner: Planner | None = None,
@@ -68,7 +68,7 @@ def retarget(
 def retarget(
     solution: AnySolution,
     time: float,
-    goal: Goal | SpaceGoal,
+    goal: Goal,
     *,
     tolerances: Tolerances | None = None,
     planner: Planner | None = None,
@@ -106,7 +106,7 @@ def retarget(
     expect_arguments(progress=progress, planner=planner, settings=settings)
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     _check(solution, time)
-    _expect_goal(solution, goal)
+    expect(goal, (TipGoal, JointPose), "a goal", "for example ccm_opt.TipGoal.at(position)")
     near = tolerances or solution.problem.tolerances
     with on_one_thread(), words_in(solution.problem.length_unit):
         return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))
@@ -231,7 +231,7 @@ def _onward(problem: AnyProblem, under_way: _UnderWay, changed: _ChangedGoal) ->
     """The whole motion, from the motion down to rest."""
     arm = problem.arm
     numbers = changed.numbers
-    rest: Any = pose_at(problem, under_way.rest)
+    rest = JointPose.from_configuration(under_way.rest, arm.coordinates)
     either: Any = problem
     onward = replace(either, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
     leg = changed.reached(onward)
@@ -239,8 +239,7 @@ def _onward(problem: AnyProblem, under_way: _UnderWay, changed: _ChangedGoal) ->
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     # The arm stopped at its first goals on the way before it was braked; the others are dropped.
     passed: Any = problem.stops[: len(under_way.first.stops)]
-    stop: Any = SpaceStop if isinstance(problem, SpaceProblem) else Stop
-    whole = replace(onward, start=problem.start, stops=(*passed, stop(rest, Tolerances())))
+    whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
     trajectory, joints = under_way.whole(leg.trajectory, arm)
     with under_way.stages("verification"):
         checks = verified(whole, trajectory, joints, numbers.verification)
@@ -249,15 +248,6 @@ def _onward(problem: AnyProblem, under_way: _UnderWay, changed: _ChangedGoal) ->
     plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
     under_way.count(leg.timings)
     return described(whole, plan, under_way.stages, numbers)
-
-
-def _expect_goal(solution: AnySolution, goal: object) -> None:
-    if isinstance(solution, SpaceSolution):
-        example = "for example ccm_opt.problem.space_problem.SpaceTipGoal(position, direction)"
-        expect(goal, (SpaceTipGoal, SpaceJointPose), "a goal in space", example)
-    else:
-        example = "for example ccm_opt.problem.TipGoal(position, heading)"
-        expect(goal, (TipGoal, JointPose), "a goal", example)
 
 
 def _check(solution: AnySolution, time: float) -> None:

@@ -10,13 +10,14 @@ import numpy as np
 from ccm_opt import retiming
 from ccm_opt.core.length_words import file_length
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.legs import Leg, RetimerOf, pose_at, whole_path
+from ccm_opt.driver.legs import Leg, RetimerOf, whole_path
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError, VerificationError
 from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
 from ccm_opt.planning.following.leader import feed_limits
 from ccm_opt.planning.own_units import OwnUnits
+from ccm_opt.problem import JointPose
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.points import DrivenArm
@@ -196,7 +197,7 @@ def _leg_in_time(
     parts = leg.path.parts
     if not parts:
         return _timed(leg, dynamics, retimer, terms, settings)
-    ends = [pose_at(leg.problem, part.spline(1.0)) for part in parts]
+    ends = [JointPose.from_configuration(part.spline(1.0), leg.problem.arm.coordinates) for part in parts]
     starts = [leg.problem.start, *ends[:-1]]
     timed = [
         _timed(Leg(replace(leg.problem, start=start, goal=end), part), dynamics, retimer, None, settings)

@@ -11,7 +11,7 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, contradictions, contradictions_in_space
 from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.points import DrivenArm
 
 
@@ -63,7 +63,7 @@ def refuse_contradictions(
     if problem.arm.base_axes and isinstance(problem, Problem):
         return
     several = len(problem.stops) > 0
-    stops: list[tuple[Goal | SpaceGoal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
+    stops: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
     goals = [*stops, (problem.goal, problem.tolerances)]
     for number, (goal, tolerances) in enumerate(goals, start=1):
         where = f"goal {number} of {len(goals)}" if several else "the goal"
@@ -91,9 +91,9 @@ def _shape_at_start(problem: AnyProblem) -> FloatArray:
 
 
 def _contradictions(
-    terms: UserTerms, goal: Goal | SpaceGoal, tolerances: Tolerances, settings: TermCheckSettings
+    terms: UserTerms, goal: Goal, tolerances: Tolerances, settings: TermCheckSettings
 ) -> tuple[Contradiction, ...]:
-    if isinstance(goal, SpaceTipGoal):
+    if isinstance(goal, TipGoal):
         region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
         return contradictions_in_space(terms, region, settings)
     if not isinstance(goal, TipGoal):

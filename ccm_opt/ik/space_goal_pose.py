@@ -15,7 +15,8 @@ from ccm_opt.ik.functions import CompiledConstraint
 from ccm_opt.ik.space_pose_program import SpacePoseProgram, SpacePoseSize, space_pose_program
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, SpacePoseQuestion
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask, free_shares
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -212,14 +213,14 @@ class SpaceGoalPoses:
         return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     @cached_property
-    def target(self) -> SpaceTipGoal:
+    def target(self) -> TipGoal:
         """Where the tip has to be.
 
         Raises:
             ProblemError: the goal is a pose of the whole arm, of which nothing is left to choose.
         """
         goal = self.problem.goal
-        if not isinstance(goal, SpaceTipGoal):
+        if not isinstance(goal, TipGoal):
             raise ProblemError("the goal is a pose of the whole arm; expected one of the tip, to find a pose for")
         return goal
 

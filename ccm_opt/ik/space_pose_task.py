@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.problem import TipGoal
 from ccm_opt.robot.biarc import free_shares_of_bends
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.space_arm import SpaceArm
@@ -75,7 +75,7 @@ class SpacePoseTask:
     """
 
     arm: SpaceArm
-    target: SpaceTipGoal
+    target: TipGoal
     near: FloatArray
     start: FloatArray
     sides: LinkSides

@@ -50,7 +50,7 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
@@ -162,7 +162,6 @@ def build_problem(tables: Tables, source: str) -> AnyProblem:
     mapping = tables.planner.mapping
     in_space = isinstance(arm, SpaceArm)
     *stops, last = tables.goals
-    kind = SpaceStop if in_space else Stop
     parts: dict[str, Any] = {
         "name": tables.root.name,
         "description": tables.root.description,
@@ -172,7 +171,7 @@ def build_problem(tables: Tables, source: str) -> AnyProblem:
         "start": build_pose(tables.start, arm, mapping),
         "goal": _goal(last, arm, mapping),
         "tolerances": _tolerances(last),
-        "stops": tuple(kind(_goal(stop, arm, mapping), _tolerances(stop), stop.pause) for stop in stops),  # type: ignore[arg-type]
+        "stops": tuple(Stop(_goal(stop, arm, mapping), _tolerances(stop), stop.pause) for stop in stops),
         "planner": build_options(tables.planner),
         "simulation": build_simulation(tables.simulation),
         "joint_error": tables.tolerance.joint_error_deg,
@@ -329,9 +328,7 @@ def _point_limits(table: LimitsTable) -> tuple[PointLimit, ...]:
     return (PointLimit(None, table.tip_velocity or np.inf, table.tip_acceleration or np.inf), *points)
 
 
-def build_pose(
-    table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm, mapping: MappingName
-) -> JointPose | SpaceJointPose:
+def build_pose(table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm, mapping: MappingName) -> JointPose:
     """Build a pose of the whole arm; the table holds exactly one kind.
 
     Raises:
@@ -339,9 +336,7 @@ def build_pose(
     """
     feed = feed_of(table, arm)
     if isinstance(arm, SpaceArm):
-        return SpaceJointPose(
-            np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed
-        )
+        return JointPose(np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed)
     if isinstance(table, PoseTable) and table.segments is not None:
         return JointPose.along(arm, _configuration(table.segments, table.heading_deg, arm), mapping, feed)
     if table.joints_deg is not None:
@@ -354,14 +349,14 @@ def feed_of(table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm) -> float:
     return arm.base_range[0] if table.feed is None else table.feed
 
 
-def _goal(table: GoalTable | SpaceGoalTable, arm: Arm | SpaceArm, mapping: MappingName) -> Goal | SpaceGoal:
+def _goal(table: GoalTable | SpaceGoalTable, arm: Arm | SpaceArm, mapping: MappingName) -> Goal:
     """Build a goal for the tip or for the whole arm."""
     if table.position is None:
         return build_pose(table, arm, mapping)
     if isinstance(table, GoalTable):
-        return TipGoal(np.array(table.position), table.heading_deg)
+        return TipGoal(np.array(table.position), heading=table.heading_deg)
     direction = None if table.direction is None else np.array(table.direction)
-    return SpaceTipGoal(np.array(table.position), direction, tuple(np.array(place) for place in table.via or ()))
+    return TipGoal(np.array(table.position), direction, tuple(np.array(place) for place in table.via or ()))
 
 
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:

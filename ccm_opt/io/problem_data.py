@@ -29,7 +29,7 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
-from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.points import DrivenArm
@@ -202,7 +202,7 @@ def _goals(problem: AnyProblem) -> Table | list[Table]:
     """The goal, or with stops on the way the list of all goals."""
     unit = problem.length_unit
 
-    def table(goal: Goal | SpaceGoal, tolerances: Tolerances) -> Table:
+    def table(goal: Goal, tolerances: Tolerances) -> Table:
         angle = "direction" if isinstance(problem, SpaceProblem) else "heading"
         own = goal_table(goal, problem.arm, unit)
         own["position_tolerance"] = in_unit(tolerances.position, unit)
@@ -213,26 +213,26 @@ def _goals(problem: AnyProblem) -> Table | list[Table]:
     return [*stops, last] if stops else last
 
 
-def goal_table(goal: Goal | SpaceGoal, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
+def goal_table(goal: Goal, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     """A goal as ``[goal]``, without its tolerances."""
-    if not isinstance(goal, (TipGoal, SpaceTipGoal)):
+    if not isinstance(goal, TipGoal):
         return pose_table(goal, arm, unit)
     table: Table = {"position": _lengths(goal.position, unit)}
-    if isinstance(goal, TipGoal):
-        return table if goal.heading is None else table | {"heading_deg": _degrees(goal.heading)}
-    if goal.direction is not None:
+    if goal.heading is not None:
+        table["heading_deg"] = _degrees(goal.heading)
+    elif goal.direction is not None:
         table["direction"] = goal.direction.tolist()
     return table | {"via": [_lengths(place, unit) for place in goal.via]} if goal.via else table
 
 
-def pose_table(pose: JointPose | SpaceJointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
+def pose_table(pose: JointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     """A pose of the whole arm as ``[start]``.
 
     Raises:
         ProblemError: a curve does not begin at the base.
     """
     feed: Table = {axis: in_unit(pose.feed, unit) for axis in arm.coordinates.base_names}
-    if isinstance(pose, SpaceJointPose) or pose.curve is None:
+    if pose.curve is None:
         return {"joints_deg": np.rad2deg(pose.bends).tolist()} | feed
     return _curve(pose.curve, arm, unit) | feed
 

@@ -28,7 +28,8 @@ from ccm_opt.planning.space_settings import SpaceCertificateSettings, SpaceMotio
 from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.problem import JointPose
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
@@ -78,7 +79,7 @@ def told_of_clamped_base(failure: NoPlanFound, problem: SpaceProblem) -> NoPlanF
 def _straight_at_ends(problem: SpaceProblem, count: int) -> bool:
     """Whether the first joints are straight at the start, and in a pose of the whole arm that is asked for."""
     arm = problem.arm
-    poses = [problem.start, *([problem.goal] if isinstance(problem.goal, SpaceJointPose) else [])]
+    poses = [problem.start, *([problem.goal] if isinstance(problem.goal, JointPose) else [])]
     bends = np.array([pose.configuration(arm)[: 2 * count] for pose in poses])
     return float(np.max(np.abs(bends))) < STRAIGHT
 

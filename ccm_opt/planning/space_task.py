@@ -17,7 +17,8 @@ from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_step import SpaceStepper
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -202,9 +203,9 @@ def space_task(
         arm=arm,
         tree=tree,
         start=problem.start.configuration(arm),
-        goal=None if isinstance(goal, SpaceJointPose) else tip_pose(problem, goal),
-        goal_pose=goal.configuration(arm) if isinstance(goal, SpaceJointPose) else None,
-        via=() if isinstance(goal, SpaceJointPose) else goal.via,
+        goal=None if isinstance(goal, JointPose) else tip_pose(problem, goal),
+        goal_pose=goal.configuration(arm) if isinstance(goal, JointPose) else None,
+        via=() if isinstance(goal, JointPose) else goal.via,
         via_reach=problem.via_reach,
         clearance=problem.workspace.clearance,
         wanted_gap=problem.wanted_gap,
@@ -228,7 +229,7 @@ def coarse_problem(problem: SpaceProblem, few: SpaceTask) -> SpaceProblem:
         arm=few.arm,
         workspace=replace(problem.workspace, clearance=few.clearance),
         planner=replace(problem.planner, wanted_gap=few.wanted_gap),
-        start=SpaceJointPose.from_configuration(few.start, few.arm.links),
+        start=JointPose.from_configuration(few.start, few.arm.coordinates),
         limits=replace(
             limits,
             velocity=limits.velocity[:revolutes],
@@ -239,7 +240,7 @@ def coarse_problem(problem: SpaceProblem, few: SpaceTask) -> SpaceProblem:
     )
 
 
-def tip_pose(problem: SpaceProblem, goal: SpaceTipGoal) -> SpaceTipPose:
+def tip_pose(problem: SpaceProblem, goal: TipGoal) -> SpaceTipPose:
     """The goal of the tip; half of the tolerances is left to what comes after planning."""
     tolerances = problem.tolerances
     return SpaceTipPose(goal.position, goal.direction, 0.5 * tolerances.position, 0.5 * tolerances.heading)

@@ -22,7 +22,8 @@ from ccm_opt.planning.space_goal_poses import drawn_unknowns
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution.space_solution import SpaceReachSettings
 
@@ -62,7 +63,7 @@ class SpaceReachQuestion:
         """The question for a problem, whose last goal, if it is one for the tip, is where a motion may lead."""
         arm = problem.arm
         tip = arm.joint_positions_at(problem.start.configuration(arm))[-1]
-        goal = problem.goal if isinstance(problem.goal, SpaceTipGoal) else SpaceTipGoal(tip)
+        goal = problem.goal if isinstance(problem.goal, TipGoal) else TipGoal(tip)
         return cls(pickle.dumps(replace(problem, goal=goal, stops=())), width, directions, settings)
 
     @property

@@ -47,6 +47,9 @@ def defects(problem: "Problem") -> Iterator[str]:
         )
     poses = [("start", problem.start), ("goal", problem.goal)]
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    for name, pose in poses:
+        if isinstance(pose, TipGoal) and pose.via:
+            yield f"{name}.via is for arms in space; in the plane, make its places stops"
     yield from feed_defects(
         problem.arm, problem.limits, [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
     )
@@ -132,6 +135,8 @@ def _plain_arrays(problem: "Problem") -> Iterator[_Array]:
             yield f"{end}.bends", pose.bends, (problem.arm.links,)
         elif isinstance(pose, TipGoal):
             yield f"{end}.position", pose.position, (2,)
+            if pose.direction is not None:
+                yield f"{end}.direction", pose.direction, (2,)
 
 
 def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:

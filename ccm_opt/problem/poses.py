@@ -6,7 +6,7 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from ccm_opt.core.arguments import Arguments, finite_array
+from ccm_opt.core.arguments import Arguments, finite_array, is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import LengthUnit
@@ -15,6 +15,7 @@ from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.points import DrivenArm
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class JointPose:
     """A whole-arm pose given by its joints.
 
     Attributes:
-        bends: shape (links,) [rad].
+        bends: shape (links,) [rad]; in space of each joint about its local z, then about the new y, shape (links, 2).
         feed: position of the base on its feed axis [m]; 0 without one.
         curve: that the arm is laid along, as it lies when the feed axis is at 0; None where there is none. A motion
             counts as there when the arm lies along it, by whichever mapping.
@@ -51,7 +52,11 @@ class JointPose:
 
     @classmethod
     def of_degrees(
-        cls, bends_deg: Sequence[float] | FloatArray, *, feed: float = 0.0, unit: LengthUnit = "m"
+        cls,
+        bends_deg: Sequence[float] | Sequence[Sequence[float]] | FloatArray,
+        *,
+        feed: float = 0.0,
+        unit: LengthUnit = "m",
     ) -> "JointPose":
         """A pose from bends in degrees, and the feed in the unit of length that suits.
 
@@ -61,7 +66,8 @@ class JointPose:
         given = Arguments("this pose", unit)
         found = finite_array(bends_deg)
         given.must(
-            found is not None and found.ndim == 1, f"bends_deg: expected a list of numbers, got {in_words(bends_deg)}"
+            found is not None and (found.ndim == 1 or (found.ndim == 2 and found.shape[1] == 2)),
+            f"bends_deg: expected a list of numbers, in space of pairs of them, got {in_words(bends_deg)}",
         )
         carried = given.length("feed", feed)
         given.refuse()
@@ -74,9 +80,12 @@ class JointPose:
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
         """The pose of a configuration, shape (c,) [rad, m]."""
-        return cls(q[coordinates.bends], float(coordinates.advance(q)))
+        bends = q[coordinates.bends]
+        if coordinates.bends_a_joint > 1:
+            bends = bends.reshape(-1, coordinates.bends_a_joint)
+        return cls(bends.copy(), float(coordinates.advance(q)))
 
-    def configuration(self, arm: Arm) -> FloatArray:
+    def configuration(self, arm: DrivenArm) -> FloatArray:
         """The pose as a configuration of an arm, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
 
@@ -85,43 +94,62 @@ class JointPose:
 class TipGoal:
     """A goal for the tip alone.
 
+    In the plane ``heading`` is the angle of ``direction``: either may be given, and the heading counts where both are.
+
     Attributes:
-        position: shape (2,) [m].
-        heading: [rad], or None when any heading will do.
+        position: shape (d,) [m].
+        direction: where the last link points, a unit vector of shape (d,), or None when any direction will do.
+        via: places that the tip passes in this order on its way, each of shape (d,) [m]; none in the plane.
+        heading: of the last link in the plane [rad]; None in space, and when any heading will do.
     """
 
     position: FloatArray
+    direction: FloatArray | None = None
+    via: tuple[FloatArray, ...] = ()
     heading: float | None = None
 
-    @property
-    def direction(self) -> FloatArray | None:
-        """Where the last link points, a unit vector of shape (2,), or None when any direction will do."""
-        return None if self.heading is None else unit_vector(self.heading)
-
-    @property
-    def via(self) -> tuple[FloatArray, ...]:
-        """Places that the tip passes on its way; none in the plane."""
-        return ()
+    def __post_init__(self) -> None:
+        # What is no number or no vector is refused by the problem that the goal is given to.
+        if is_number(self.heading):
+            object.__setattr__(self, "direction", unit_vector(self.heading))
+        elif self.direction is not None and np.shape(self.direction) == (2,):
+            object.__setattr__(self, "heading", float(np.arctan2(self.direction[1], self.direction[0])))
 
     @classmethod
     def at(
-        cls, position: Sequence[float] | FloatArray, heading_deg: float | None = None, *, unit: LengthUnit = "m"
+        cls,
+        position: Sequence[float] | FloatArray,
+        heading_deg: float | None = None,
+        *,
+        direction: Sequence[float] | FloatArray | None = None,
+        unit: LengthUnit = "m",
     ) -> "TipGoal":
-        """A goal in the unit of length that suits, its heading in degrees.
+        """A goal in the unit of length that suits, in the plane with its heading in degrees.
 
         Args:
-            position: of the tip, (x, y).
-            heading_deg: of the last link [deg], or None when any heading will do.
+            position: of the tip, (x, y), in space (x, y, z).
+            heading_deg: of the last link in the plane [deg], or None when any heading will do.
+            direction: of the last link in space, a vector of any length, or None when any direction will do.
             unit: of the position: "m", "mm" or "in".
 
         Raises:
             ProblemError: with all that is wrong with them.
         """
         given = Arguments("this goal", unit)
-        place = given.metres * given.numbers("position", position, 2, "numbers (x, y)")
-        heading = None if heading_deg is None else given.number("heading_deg", heading_deg)
+        found = finite_array(position)
+        in_space = found is not None and found.shape == (3,)
+        names = "numbers (x, y, z)" if in_space else "numbers (x, y)"
+        place = given.metres * given.numbers("position", position, 3 if in_space else 2, names)
+        if not in_space:
+            given.must(direction is None, "direction: only allowed in space; expected heading_deg in the plane")
+            heading = None if heading_deg is None else given.number("heading_deg", heading_deg)
+            given.refuse()
+            return cls(place, heading=None if heading is None else float(np.deg2rad(heading)))
+        given.must(heading_deg is None, "heading_deg: only allowed in the plane; expected direction in space")
+        along = None if direction is None else given.numbers("direction", direction, 3, names)
+        given.must(along is None or bool(np.any(along)), "direction: expected a vector that is not zero")
         given.refuse()
-        return cls(place, None if heading is None else float(np.deg2rad(heading)))
+        return cls(place, None if along is None else along / np.linalg.norm(along))
 
 
 Goal: TypeAlias = TipGoal | JointPose

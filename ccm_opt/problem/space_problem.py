@@ -10,7 +10,17 @@ from ccm_opt.core.arguments import is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem import PlannerOptions, Problem, SimulationOptions, Tolerances, VerificationOptions
+from ccm_opt.problem import (
+    Goal,
+    JointPose,
+    PlannerOptions,
+    Problem,
+    SimulationOptions,
+    Stop,
+    TipGoal,
+    Tolerances,
+    VerificationOptions,
+)
 from ccm_opt.problem.defects import array_defects, drive_defects, feed_defects
 from ccm_opt.problem.field_types import COMMON_NUMBERS, COMMON_PARTS, PartTypes, wrong_types
 from ccm_opt.problem.options import Weights
@@ -108,8 +118,8 @@ def _pose_defects(problem: "SpaceProblem") -> Iterator[str]:
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
     placed = []
     for name, pose in poses:
-        if hasattr(pose, "bends"):
-            placed.append((name, float(getattr(pose, "feed", 0.0))))
+        if isinstance(pose, JointPose):
+            placed.append((name, float(pose.feed)))
             yield from array_defects(f"{name}.bends", pose.bends, (problem.arm.links, 2), positive=False)
             continue
         yield from array_defects(f"{name}.position", pose.position, (3,), positive=False)
@@ -120,74 +130,19 @@ def _pose_defects(problem: "SpaceProblem") -> Iterator[str]:
     yield from feed_defects(problem.arm, problem.limits, placed)
 
 
-@dataclass(frozen=True)
-class SpaceJointPose:
-    """A pose of the whole arm in space, given by its joints.
-
-    Attributes:
-        bends: of each joint about its local z, then about the new y, shape (links, 2) [rad].
-        feed: position of the base on its feed axis [m]; 0 without one.
-    """
-
-    bends: FloatArray
-    feed: float = 0.0
-
-    @classmethod
-    def from_configuration(cls, q: FloatArray, links: int) -> "SpaceJointPose":
-        """The pose of a configuration, shape (c,) [rad, m]."""
-        return cls(q[: 2 * links].reshape(links, 2).copy(), float(q[2 * links :].sum()))
-
-    def configuration(self, arm: SpaceArm) -> FloatArray:
-        """The pose as a configuration of an arm, shape (c,) [rad, m]."""
-        return arm.configuration(self.bends, self.feed)
-
-
-@dataclass(frozen=True)
-class SpaceTipGoal:
-    """A goal for the tip alone.
-
-    Attributes:
-        position: shape (3,) [m].
-        direction: where the last link points, a unit vector of shape (3,), or None when any direction will do.
-        via: places that the tip passes in this order on its way, each of shape (3,) [m].
-    """
-
-    position: FloatArray
-    direction: FloatArray | None = None
-    via: tuple[FloatArray, ...] = ()
-
-
-SpaceGoal: TypeAlias = SpaceTipGoal | SpaceJointPose
-
-
-@dataclass(frozen=True)
-class SpaceStop:
-    """A goal on the way, at which the motion comes to rest.
-
-    Attributes:
-        goal: where the arm stops.
-        tolerances: how near the goal counts.
-        pause: how long it rests there [s].
-    """
-
-    goal: SpaceGoal
-    tolerances: Tolerances
-    pause: float = 0.0
-
-
 IN_SPACE = PartTypes(
     parts={
         **COMMON_PARTS,
         "workspace": (SpaceWorkspace,),
         "arm": (SpaceArm,),
-        "start": (SpaceJointPose,),
-        "goal": (SpaceTipGoal, SpaceJointPose),
+        "start": (JointPose,),
+        "goal": (TipGoal, JointPose),
         "workspace.obstacles": (tuple,),
         "arm.feed": (Feed, type(None)),
         "planner.weights": (Weights,),
     },
     numbers=COMMON_NUMBERS,
-    entries={"stops": SpaceStop, "workspace.obstacles": SpaceObstacle},
+    entries={"stops": Stop, "workspace.obstacles": SpaceObstacle},
 )
 """What the parts of a ``SpaceProblem`` are."""
 
@@ -222,11 +177,11 @@ class SpaceProblem(PlanningProblem):
     workspace: SpaceWorkspace
     arm: SpaceArm
     limits: Limits
-    start: SpaceJointPose
-    goal: SpaceGoal
+    start: JointPose
+    goal: Goal
     description: str = ""
     tolerances: Tolerances = field(default_factory=Tolerances)
-    stops: tuple[SpaceStop, ...] = ()
+    stops: tuple[Stop, ...] = ()
     planner: PlannerOptions = field(default_factory=PlannerOptions)
     simulation: SimulationOptions = field(default_factory=SimulationOptions)
     joint_error: float = 0.0
@@ -246,9 +201,9 @@ class SpaceProblem(PlanningProblem):
             raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))
 
     @property
-    def goals(self) -> Sequence[SpaceStop]:
+    def goals(self) -> Sequence[Stop]:
         """All goals in order, the last one with no pause."""
-        return (*self.stops, SpaceStop(self.goal, self.tolerances))
+        return (*self.stops, Stop(self.goal, self.tolerances))
 
 
 AnyProblem: TypeAlias = Problem | SpaceProblem

@@ -7,7 +7,8 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import (
     JointTrajectory,
@@ -89,7 +90,7 @@ def goal_errors(problem: SpaceProblem, last: FloatArray) -> GoalErrors:
     arm = problem.arm
     turn = arm.link_rotations(last)[-1]
     roll = roll_against(arm.base_rotation, turn)
-    if not isinstance(problem.goal, SpaceTipGoal):
+    if not isinstance(problem.goal, TipGoal):
         return GoalErrors(None, None, roll)
     off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - problem.goal.position))
     wanted = problem.goal.direction

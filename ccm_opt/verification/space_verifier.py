@@ -10,7 +10,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.problem import JointPose, Stop, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
@@ -45,13 +46,13 @@ def check_space_ends(
     before = 0
     for name, stop, sample in _goals(problem, trajectory):
         checks += _goal(name, problem, motion, trajectory, stop, sample, settings)
-        if isinstance(stop.goal, SpaceTipGoal):
+        if isinstance(stop.goal, TipGoal):
             checks += _places(name, motion, stop.goal, before, sample, stop.tolerances.position)
         before = sample
     return checks
 
 
-def _goals(problem: SpaceProblem, trajectory: JointTrajectory) -> Iterator[tuple[str, SpaceStop, int]]:
+def _goals(problem: SpaceProblem, trajectory: JointTrajectory) -> Iterator[tuple[str, Stop, int]]:
     """The goals on the way, in order, and the last, each with its name and its sample."""
     samples = (*trajectory.stops, len(trajectory.time) - 1)
     for number, (stop, sample) in enumerate(zip(problem.goals, samples, strict=True), start=1):
@@ -81,13 +82,13 @@ def _goal(
     problem: SpaceProblem,
     motion: SpaceChainMotion,
     trajectory: JointTrajectory,
-    stop: SpaceStop,
+    stop: Stop,
     sample: int,
     settings: VerificationSettings,
 ) -> list[Check]:
     """A goal of the tip, or of all joints."""
     place = motion.positions[sample]
-    if isinstance(stop.goal, SpaceJointPose):
+    if isinstance(stop.goal, JointPose):
         bends = place[trajectory.coordinates.bends]
         joints = _same_joints(f"{name}joints", trajectory, bends, stop.goal, stop.tolerances.heading)
         on_base = _base_place(name, trajectory, sample, stop.goal, stop.tolerances.position, settings)
@@ -108,9 +109,7 @@ def _goal(
     return checks
 
 
-def _same_joints(
-    name: str, trajectory: JointTrajectory, bends: FloatArray, pose: SpaceJointPose, tolerance: float
-) -> Check:
+def _same_joints(name: str, trajectory: JointTrajectory, bends: FloatArray, pose: JointPose, tolerance: float) -> Check:
     """The bend that is farthest from where it should be."""
     error = np.abs(bends - np.ravel(pose.bends))
     j = int(np.argmax(error))
@@ -123,7 +122,7 @@ def _base_place(
     name: str,
     trajectory: JointTrajectory,
     sample: int,
-    pose: SpaceJointPose,
+    pose: JointPose,
     tolerance: float,
     settings: VerificationSettings,
 ) -> list[Check]:
@@ -139,7 +138,7 @@ def _base_place(
 def _places(
     name: str,
     motion: SpaceChainMotion,
-    goal: SpaceTipGoal,
+    goal: TipGoal,
     begin: int,
     end: int,
     tolerance: float,

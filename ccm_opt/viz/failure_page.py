@@ -9,7 +9,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.viz.document import (
     COMMON,
     COMMON_IN_SPACE,
@@ -256,9 +256,7 @@ def failure_data(
 def _space_failure_data(problem: SpaceProblem, diagnosis: Diagnosis, settings: ReportSettings) -> dict[str, object]:
     arm = problem.arm
     goals = [
-        goal.position
-        if isinstance(goal, SpaceTipGoal)
-        else np.asarray(arm.joint_positions_at(goal.configuration(arm))[-1])
+        goal.position if isinstance(goal, TipGoal) else np.asarray(arm.joint_positions_at(goal.configuration(arm))[-1])
         for goal in (stop.goal for stop in problem.goals)
     ]
     places = [finding.place for finding in diagnosis.findings if finding.place is not None]

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
-from ccm_opt.problem.space_problem import SpaceTipGoal
+from ccm_opt.problem import TipGoal
 from ccm_opt.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 from ccm_opt.viz import figure_files as style
@@ -244,7 +244,7 @@ def _legend(figure: Figure, axes: Axes, found: SpaceReachMap) -> None:
 def _sliced_at(found: SpaceReachMap) -> FloatArray:
     """Where the slices go through: the goal, or the middle of what is reached, shape (3,) [m]."""
     goal = found.problem.goal
-    if isinstance(goal, SpaceTipGoal):
+    if isinstance(goal, TipGoal):
         return goal.position
     reached = found.places[found.reachable]
     return np.asarray(reached.mean(axis=0)) if len(reached) else found.problem.arm.base

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.workspace import Workspace
@@ -113,17 +113,17 @@ def _goal_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
         yield name, _goal_words(goal, tolerances, units)
 
 
-def _goal_words(goal: Goal | SpaceGoal, tolerances: Tolerances, units: PageUnits) -> str:
+def _goal_words(goal: Goal, tolerances: Tolerances, units: PageUnits) -> str:
     """A goal with its tolerances."""
     near = units.given(tolerances.position, "m")
     turn = units.given(min(tolerances.heading, np.pi), "rad")
-    if not isinstance(goal, (TipGoal, SpaceTipGoal)):
+    if not isinstance(goal, TipGoal):
         return f"a pose of the whole arm, within {near} and {turn}"
     place = f"tip at {_place(goal.position, units)} within {near}"
-    if isinstance(goal, TipGoal):
-        if goal.heading is None:
-            return f"{place}, any heading"
+    if goal.heading is not None:
         return f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
+    if len(goal.position) == 2:
+        return f"{place}, any heading"
     along = "any direction" if goal.direction is None else f"along {_direction(goal.direction)} within {turn}"
     return f"{place}, {along}" + "".join(f", past {_place(passed, units)}" for passed in goal.via)
 

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import METRES, short_length
-from ccm_opt.problem.space_problem import SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import Goal, TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceWorkspace
@@ -350,18 +351,18 @@ def draw_goals_in_space(axes: Axes, plan: SpacePlan, side: Side, points: FloatAr
             _number_goal(axes, stop.goal, points[sample, -1], side, number)
 
 
-def _number_goal(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, number: int) -> None:
+def _number_goal(axes: Axes, goal: Goal, tip: FloatArray, side: Side, number: int) -> None:
     """The number of a goal beside its ring, behind the arrow of its direction."""
-    place = goal.position if isinstance(goal, SpaceTipGoal) else tip
+    place = goal.position if isinstance(goal, TipGoal) else tip
     heading = None
-    if isinstance(goal, SpaceTipGoal) and goal.direction is not None:
+    if isinstance(goal, TipGoal) and goal.direction is not None:
         across, up = side(goal.direction)
         # A direction that is seen from its end has no arrow to stand behind.
         heading = float(np.arctan2(up, across)) if np.hypot(across, up) > 0.1 else None
     number_goal(axes, side(place), heading, number, style.FONT_SIZE - 1.0)
 
 
-def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, ahead: float, label: str) -> None:
+def draw_goal_in_space(axes: Axes, goal: Goal, tip: FloatArray, side: Side, ahead: float, label: str) -> None:
     """A ring at a goal, an arrow of a length [m] in its direction, and crosses at the places on the way to it.
 
     Args:
@@ -372,12 +373,12 @@ def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side,
         ahead: length of the arrow [m].
         label: in the legend, where the places to pass are named too; empty for none.
     """
-    place = goal.position if isinstance(goal, SpaceTipGoal) else tip
+    place = goal.position if isinstance(goal, TipGoal) else tip
     axes.plot(
         *side(place), marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
         color=style.GOAL_MARK, linestyle="none", zorder=9, label=label,
     )  # fmt: skip
-    if not isinstance(goal, SpaceTipGoal):
+    if not isinstance(goal, TipGoal):
         return
     if goal.direction is not None:
         end = side(place + ahead * goal.direction)

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem import TipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.surfaces import seen_triangles, sharp_edges, within
 from ccm_opt.viz.settings import REPORT, ReportSettings
@@ -73,7 +74,7 @@ def _goals(problem: SpaceProblem, ends: FloatArray) -> list[dict[str, object]]:
     found: list[dict[str, object]] = []
     for stop, end in zip(problem.goals, ends, strict=True):
         goal = stop.goal
-        if isinstance(goal, SpaceTipGoal):
+        if isinstance(goal, TipGoal):
             direction = None if goal.direction is None else goal.direction.tolist()
             via = [place.tolist() for place in goal.via]
             found.append({"position": goal.position.tolist(), "direction": direction, "via": via})

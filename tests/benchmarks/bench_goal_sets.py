@@ -61,7 +61,7 @@ def widened(rng: np.random.Generator, problem: Problem) -> Problem:
         turn = float(np.deg2rad(rng.choice(TURNS)))
         heading = heading + 0.9 * turn * rng.uniform(-1.0, 1.0)
         tolerances = replace(tolerances, heading=turn)
-    return replace(problem, goal=TipGoal(position, heading), tolerances=tolerances)
+    return replace(problem, goal=TipGoal(position, heading=heading), tolerances=tolerances)
 
 
 def of_clutter(seed: int, rng: np.random.Generator, limit: float) -> tuple[Problem, Problem]:

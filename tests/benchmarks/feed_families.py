@@ -89,7 +89,7 @@ def on_way(arm: Arm, path: LeaderPath) -> JointPose:
 
 def tip_of(pose: JointPose, path: LeaderPath) -> TipGoal:
     """Position and heading of the tip of a pose on a way."""
-    return TipGoal(path.points[-1], float(pose.bends.sum()))
+    return TipGoal(path.points[-1], heading=float(pose.bends.sum()))
 
 
 def into_clutter(rng: np.random.Generator, links: int = LINKS) -> Problem:
@@ -238,7 +238,7 @@ def widened(problem: Problem, rng: np.random.Generator) -> Problem:
     # What the planner keeps back of a tolerance is left out, so that the narrow goal is in the set.
     middle = goal.position + 0.9 * width * rng.uniform() * unit_vector(rng.uniform(-np.pi, np.pi))
     heading = None if goal.heading is None else goal.heading + 0.9 * turn * rng.uniform(-1.0, 1.0)
-    return replace(problem, goal=TipGoal(middle, heading), tolerances=Tolerances(width, turn))
+    return replace(problem, goal=TipGoal(middle, heading=heading), tolerances=Tolerances(width, turn))
 
 
 FAMILIES: dict[str, Family] = {

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem
+from ccm_opt.problem import JointPose
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
 from ccm_opt.solution import JointTrajectory
@@ -221,7 +222,7 @@ def _from_segment(places: FloatArray, start: FloatArray, end: FloatArray) -> Flo
 def _reaches(problem: SpaceProblem, row: FloatArray, chain: FloatArray) -> bool:
     """Whether a configuration, shape (c,), and its chain of joints are the goal, within its tolerances."""
     goal = problem.goal
-    if isinstance(goal, SpaceJointPose):
+    if isinstance(goal, JointPose):
         return bool(np.allclose(row, goal.configuration(problem.arm), rtol=0.0, atol=1e-6))
     off = float(np.linalg.norm(chain[-1] - goal.position))
     last = (chain[-1] - chain[-2]) / problem.arm.link_length

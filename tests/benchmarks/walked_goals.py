@@ -75,7 +75,7 @@ def _after_leg(scene: Scene, rng: np.random.Generator, walk: Walk) -> FloatArray
 def _drawn_goal(scene: Scene, rng: np.random.Generator) -> TipGoal:
     angle = rng.uniform(-np.pi, np.pi)
     distance = scene.arm.length * rng.uniform(NEAREST, FARTHEST)
-    return TipGoal(scene.arm.base + distance * np.array([np.cos(angle), np.sin(angle)]), angle)
+    return TipGoal(scene.arm.base + distance * np.array([np.cos(angle), np.sin(angle)]), heading=angle)
 
 
 def _certified_part(run: SearchRun, path: TipPath) -> list[Pose]:

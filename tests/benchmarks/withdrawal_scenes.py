@@ -265,7 +265,7 @@ def _goal(arm: Arm, workspace: Workspace, inside: Inside, share: float) -> TipGo
     last = shapely.LineString(ends)
     if min(shapely.distance(last, wall.core) - wall.rounding for wall in workspace.walls) < need:
         return None
-    return TipGoal(ends[1], float(np.arctan2(*(ends[1] - ends[0])[::-1])))
+    return TipGoal(ends[1], heading=float(np.arctan2(*(ends[1] - ends[0])[::-1])))
 
 
 def way_out(way: Problem, trajectory: JointTrajectory, kind: str) -> Problem:
@@ -281,6 +281,10 @@ def way_out(way: Problem, trajectory: JointTrajectory, kind: str) -> Problem:
         raise TypeError("ways in begin at given joints")
     headings = arm.headings(way.start.bends)
     place = arm.joint_positions(headings)[-1]
-    goals: dict[str, Goal] = {"place": TipGoal(place), "tip": TipGoal(place, float(headings[-1])), "arm": way.start}
+    goals: dict[str, Goal] = {
+        "place": TipGoal(place),
+        "tip": TipGoal(place, heading=float(headings[-1])),
+        "arm": way.start,
+    }
     start = JointPose(trajectory.bend_angles[-1])
     return replace(way, name=f"{way.name}, back to {kind}", start=start, goal=goals[kind])

@@ -116,7 +116,7 @@ def out_of_bottle(rng: np.random.Generator, links: int, name: str, time_limit: f
         if start is None or not clear(arm, workspace, goal):
             continue
         tip = arm.joint_positions(goal)[-1]
-        wanted = TipGoal(tip - np.array([rng.uniform(0.0, 0.2), 0.0]), float(goal[-1]))
+        wanted = TipGoal(tip - np.array([rng.uniform(0.0, 0.2), 0.0]), heading=float(goal[-1]))
         return Scene(arm, workspace, start, goal).problem(wanted, time_limit, name)
     raise NoSceneError("the arm does not fit into the bottle")
 

@@ -14,7 +14,7 @@ from ccm_opt.driver.timed_plan import TermResults, VerifiedPlan, check
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle
@@ -176,7 +176,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
     goal = problem.goal
-    if not isinstance(goal, TipGoal | SpaceTipGoal):
+    if not isinstance(goal, TipGoal):
         return False
     way = rng.normal(size=len(goal.position))
     away = rng.uniform(1.5, 20.0) * problem.tolerances.position * way / np.linalg.norm(way)
@@ -187,7 +187,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
     goal = problem.goal
-    if not isinstance(goal, SpaceTipGoal) or goal.direction is None:
+    if not isinstance(goal, TipGoal) or goal.direction is None:
         return False
     aside = np.cross(goal.direction, rng.normal(size=3))
     angle = rng.uniform(1.5, 40.0) * problem.tolerances.heading
@@ -199,7 +199,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
     goal = problem.goal
-    if not isinstance(problem, SpaceProblem) or not isinstance(goal, SpaceTipGoal):
+    if not isinstance(problem, SpaceProblem) or not isinstance(goal, TipGoal):
         return False
     way = rng.normal(size=3)
     tip = folder.solution.joint_positions[:, -1]

@@ -151,7 +151,7 @@ def plan_of(scale: float, *, fed: bool, strict: bool = False) -> tuple[Problem, 
         points=(PointLimit(None, 1.9 * low, 13.0 * low), PointLimit(0.33 * scale, 1.1 * low, 9.0 * low)),
     )
     tip = tips(arm, poses)[1] + np.array([0.4e-3, -0.3e-3])
-    stop = Stop(TipGoal(tip, 0.31 + float(np.sum(middle)) + 0.004), Tolerances(1e-3, 0.02), 0.05)
+    stop = Stop(TipGoal(tip, heading=0.31 + float(np.sum(middle)) + 0.004), Tolerances(1e-3, 0.02), 0.05)
     problem = Problem(
         "pinned",
         Workspace(ROOM, walls(), 0.003),
@@ -210,7 +210,11 @@ def other_goals(scale: float) -> None:
         joints = states_of(problem, trajectory)
         curves = keyframe_curves(arm, trajectory.positions[[0, -1]])
         tip = tips(arm, trajectory.positions[-1:])[0]
-        for goal in (JointPose.along(arm, curves[1], feed=0.23 if fed else 0.0), TipGoal(tip), TipGoal(tip + 0.1, 0.3)):
+        for goal in (
+            JointPose.along(arm, curves[1], feed=0.23 if fed else 0.0),
+            TipGoal(tip),
+            TipGoal(tip + 0.1, heading=0.3),
+        ):
             changed = replace(problem, start=JointPose.along(arm, curves[0]), goal=goal, joint_error=0.0)
             verify(changed, trajectory, joints)
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import PlannerOptions, SimulationOptions, Tolerances
-from ccm_opt.problem.space_problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.problem import JointPose, PlannerOptions, SimulationOptions, Stop, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.space_arm import SpaceArm
@@ -39,7 +39,7 @@ def between(start: FloatArray, end: FloatArray, arm: SpaceArm) -> SpacePlan:
     on_axis = {"feed_velocity": 0.25, "feed_acceleration": 0.5, "feed_force": 20.0} if arm.feed else {}
     limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, **on_axis)
     room = SpaceWorkspace(np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), ())
-    ends = [SpaceJointPose.from_configuration(place, LINKS) for place in (start, end)]
+    ends = [JointPose.from_configuration(place, arm.coordinates) for place in (start, end)]
     problem = SpaceProblem("in space", room, arm, limits, *ends, planner=FULL)
     problem = replace(problem, simulation=SimulationOptions(gravity=np.array([0.0, 0.0, -9.81])))
     unknown = np.zeros((len(time), 3 * LINKS))
@@ -61,7 +61,7 @@ def fed(carried: float = 0.2, *, bent: bool = True) -> SpacePlan:
     return between(np.append(bends(0.0), 0.0), np.append(end, carried), arm)
 
 
-def stopping(there: SpacePlan, stop: SpaceJointPose | SpaceTipGoal, pause: float = 0.0, rest: float = 0.0) -> SpacePlan:
+def stopping(there: SpacePlan, stop: JointPose | TipGoal, pause: float = 0.0, rest: float = 0.0) -> SpacePlan:
     """A motion, a rest, and the motion back; at the rest there should be a goal."""
     motion = there.trajectory
     count = round(rest / 0.004)
@@ -76,25 +76,23 @@ def stopping(there: SpacePlan, stop: SpaceJointPose | SpaceTipGoal, pause: float
     }
     whole = {name: np.concatenate(parts) for name, parts in back.items()}
     time = np.concatenate((motion.time, times, begin + motion.time[1:]))
-    goal = SpaceJointPose.from_configuration(motion.positions[0], LINKS)
-    asked = there.asking(goal=goal, stops=(SpaceStop(stop, Tolerances(), pause),))
+    goal = JointPose.from_configuration(motion.positions[0], motion.coordinates)
+    asked = there.asking(goal=goal, stops=(Stop(stop, Tolerances(), pause),))
     return asked.moving(time=time, stops=(len(motion.time) - 1,), **whole)
 
 
-def pose_at_end(plan: SpacePlan, off: float = 0.0, carried: float = 0.0) -> SpaceJointPose:
+def pose_at_end(plan: SpacePlan, off: float = 0.0, carried: float = 0.0) -> JointPose:
     """Where a motion ends, or a little beside it."""
-    pose = SpaceJointPose.from_configuration(plan.trajectory.positions[-1], LINKS)
-    return SpaceJointPose(pose.bends + off, pose.feed + carried)
+    pose = JointPose.from_configuration(plan.trajectory.positions[-1], plan.trajectory.coordinates)
+    return JointPose(pose.bends + off, pose.feed + carried)
 
 
-def tip_at_end(
-    plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()
-) -> SpaceTipGoal:
+def tip_at_end(plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> TipGoal:
     """Where the tip ends, or a little beside it, and where it points, or a little elsewhere."""
     frames = LinkFrames.of(plan.problem.arm, plan.trajectory.positions[-1:])
     along = frames.along[0, -1] + turned * frames.first_axes[0, -1]
     place = places_of(plan)[-1, -1] + np.array([0.0, 0.0, off])
-    return SpaceTipGoal(place, along / np.linalg.norm(along), via=via)
+    return TipGoal(place, along / np.linalg.norm(along), via=via)
 
 
 def halfway(plan: SpacePlan) -> FloatArray:
@@ -294,8 +292,8 @@ SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "share of acceleration": (lambda: shared(limited(fixed(), acceleration=of(fixed(), "accelerations", 1.05))),),
     "share of jerk": (lambda: shared(limited(fixed(), jerk=jerk_of(fixed(), 1.05))),),
     "share of effort": (lambda: shared(torque_at_one_sample(SHARE)),),
-    "start joints": (lambda: fixed().asking(start=SpaceJointPose(np.full((LINKS, 2), 2e-6))),),
-    "start feed": (lambda: fed().asking(start=SpaceJointPose(np.zeros((LINKS, 2)), 1e-3)),),
+    "start joints": (lambda: fixed().asking(start=JointPose(np.full((LINKS, 2), 2e-6))),),
+    "start feed": (lambda: fed().asking(start=JointPose(np.zeros((LINKS, 2)), 1e-3)),),
     "rest": (lambda: still_moving(fixed(), 3, 1e-4),),
     "feed at rest": (lambda: still_moving(fed(), -1, 1e-5),),
     "goal position": (lambda: to_tip(off=1.1e-3),),

@@ -148,7 +148,9 @@ def missed_tip(*, heading: bool, stop: bool) -> Case:
     case = pausing() if stop else fixed()
     sample = case.trajectory.stops[0] if stop else -1
     place, turned = tip_of(case, sample)
-    goal = TipGoal(place, turned + 0.018) if heading else TipGoal(place + np.array([1.1e-3, 0.0]), turned)
+    goal = (
+        TipGoal(place, heading=turned + 0.018) if heading else TipGoal(place + np.array([1.1e-3, 0.0]), heading=turned)
+    )
     return case.asked(stops=(Stop(goal, Tolerances()),)) if stop else case.asked(goal=goal)
 
 

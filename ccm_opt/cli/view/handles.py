@@ -19,7 +19,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.errors import CcmError
 from ccm_opt.problem import Goal, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointStates, JointTrajectory
 
 
@@ -88,7 +88,7 @@ class HandleFrame(Protocol):
     axes: tuple[bool, bool, bool]
     """Along which axes of the world a handle moves."""
 
-    def goal_of(self, goal: Goal | SpaceGoal) -> tuple[FloatArray, Turn | None] | None:
+    def goal_of(self, goal: Goal) -> tuple[FloatArray, Turn | None] | None:
         """Place of a goal for the tip [m], and where it points if that is asked for; None for a whole arm."""
         ...
 
@@ -114,7 +114,7 @@ class PlaneHandles:
 
     axes = (True, False, True)
 
-    def goal_of(self, goal: Goal | SpaceGoal) -> tuple[FloatArray, Turn | None] | None:
+    def goal_of(self, goal: Goal) -> tuple[FloatArray, Turn | None] | None:
         """Place (x, y) and heading."""
         return (goal.position, goal.heading) if isinstance(goal, TipGoal) else None
 
@@ -141,9 +141,9 @@ class SpaceHandles:
 
     axes = (True, True, True)
 
-    def goal_of(self, goal: Goal | SpaceGoal) -> tuple[FloatArray, Turn | None] | None:
+    def goal_of(self, goal: Goal) -> tuple[FloatArray, Turn | None] | None:
         """Place (x, y, z) and direction."""
-        return (goal.position, goal.direction) if isinstance(goal, SpaceTipGoal) else None
+        return (goal.position, goal.direction) if isinstance(goal, TipGoal) else None
 
     def in_world(self, place: FloatArray) -> FloatArray:
         """The place itself."""

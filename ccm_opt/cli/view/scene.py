@@ -26,7 +26,7 @@ from ccm_opt.cli.view.frames import (
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.scene import SpaceObstacle
 from ccm_opt.scene.surfaces import seen_triangles, within
 from ccm_opt.viz.scene_data import route_layers
@@ -91,22 +91,22 @@ class _Scene(Generic[Frames]):
         self._draw_obstacles(problem)
         goals = [*(stop.goal for stop in problem.stops), problem.goal]
         for number, goal in enumerate(goals, start=1):
-            if isinstance(goal, (TipGoal, SpaceTipGoal)):
+            if isinstance(goal, TipGoal):
                 self._draw_goal(goal, str(number) if len(goals) > 1 else "")
 
     def _draw_obstacles(self, problem: Any) -> None:
         raise NotImplementedError
 
-    def _draw_goal(self, goal: TipGoal | SpaceTipGoal, number: str) -> None:
+    def _draw_goal(self, goal: TipGoal, number: str) -> None:
         name, place = f"/goal{number}", self.world(goal.position)
         self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
         if number:
             self.server.scene.add_label(f"{name}/number", number)
-        if isinstance(goal, SpaceTipGoal):
-            wxyz = None if goal.direction is None else turned_to(goal.direction)
-        else:
-            wxyz = None if goal.heading is None else turned(np.array(goal.heading))
-        if wxyz is not None:
+        if goal.heading is not None:
+            wxyz = turned(np.array(goal.heading))
+        elif goal.direction is not None:
+            wxyz = turned_to(goal.direction)
+        if goal.direction is not None:
             mesh = cylinder(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 

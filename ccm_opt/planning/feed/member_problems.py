@@ -124,7 +124,7 @@ def member_problems(problem: Problem, feed: Feed, settings: FeedPlannerSettings 
     tolerances = Tolerances(
         min(problem.tolerances.position, point.position), min(problem.tolerances.heading, point.heading)
     )
-    goals = [TipGoal(member.position, member.heading) for member in members]
+    goals = [TipGoal(member.position, heading=member.heading) for member in members]
     return tuple(replace(problem, goal=each, tolerances=tolerances) for each in goals) or (problem,)
 
 
