@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.driver.surviving import survived_joint_error
+from ccm_opt.driver.surviving import survived
 from ccm_opt.driver.timed_plan import VerifiedPlan
 from ccm_opt.errors import (
     CancelledWithPlan,
@@ -27,7 +27,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import SurvivedError, TryRecord
 from ccm_opt.solution.space_solution import AnySolution
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
 
 _ROOM_SHARE = 0.9
 """Share of the gap that the roomiest try keeps, as far as it is wanted, that a try must keep to be taken. Taste, like
@@ -292,7 +292,7 @@ def surviving_errors(
 
 
 def _judged(problem: AnyProblem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
-    return plan, survived_joint_error(problem, plan.trajectory, settings)
+    return plan, survived(problem, plan.trajectory, joint_errors(problem.arm), settings)
 
 
 def _with_growing_gaps(

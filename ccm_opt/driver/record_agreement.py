@@ -2,15 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import figures_of_motion
+from ccm_opt.driver.surviving import survived
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import (
@@ -23,8 +25,8 @@ from ccm_opt.solution import (
     SurvivedError,
 )
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE
-from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel
+from ccm_opt.verification.tolerance.survived_errors import MODELS
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _SIMULATED_ANGLE = 1e-6
@@ -234,16 +236,16 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 def _survived(problem: AnyProblem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
     """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
-    made = () if isinstance(problem, SpaceProblem) else [make(problem.arm) for make in MODELS]
-    models = {str(model.name): model for model in made}
+    arm: Any = problem.arm
+    models: dict[str, ErrorModel] = {model.name: model for model in (make(arm) for make in MODELS)}
     wrong = []
     for error in recorded:
         model = models.get(error.name)
-        if isinstance(problem, SpaceProblem) or model is None or model.unit != error.unit:
+        if model is None or model.unit != error.unit:
             wrong.append(error.name)
             continue
         # The search that found it proved as much to its own precision.
-        found = survived_error(problem.arm, problem.workspace, trajectory, model, most=error.size)
+        found = survived(problem, trajectory, model, most=error.size)
         if not found.size >= (1.0 - 2.0 * DEFAULT_TOLERANCE.precision) * error.size:
             wrong.append(f"{error.name}: no more than {found.size:.3g} {error.unit} are survived")
     return _listed("survived errors against motion", wrong, len(recorded))

@@ -15,7 +15,7 @@ from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, So
 from ccm_opt.solution.records import FOLLOWED
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.verification.survived_in_space import survived_error_in_space, survived_errors_in_space
-from ccm_opt.verification.tolerance.error_model import ToleranceSettings, joint_errors
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel, ToleranceSettings, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
 _MOST_AT_ONCE = 15_000
@@ -91,17 +91,20 @@ def tolerance_at_once(
     """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
-    return (survived_joint_error(problem, trajectory, settings.tolerance),)
+    return (survived(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
 
 
-def survived_joint_error(
-    problem: AnyProblem, trajectory: JointTrajectory, settings: ToleranceSettings
+def survived(
+    problem: AnyProblem,
+    trajectory: JointTrajectory,
+    model: ErrorModel,
+    settings: ToleranceSettings = DEFAULT_TOLERANCE,
+    most: float = np.inf,
 ) -> SurvivedError:
-    """The error of the joints that a verified motion survives."""
-    model = joint_errors(problem.arm)
+    """The error of one kind that a verified motion survives; in the plane none above ``most`` is looked at."""
     if isinstance(problem, SpaceProblem):
         return survived_error_in_space(problem, trajectory, model, settings)
-    return survived_error(problem.arm, problem.workspace, trajectory, model, settings)
+    return survived_error(problem.arm, problem.workspace, trajectory, model, settings, most)
 
 
 def _survived_load(
