@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.view.app import ViewerApp, claim_port
-from ccm_opt.cli.view.frames import SpaceFrames, turned_to
-from ccm_opt.cli.view.handles import GOAL, direction_of, frames_of
-from ccm_opt.cli.view.scene import SpaceScene
+from ccm_opt.cli.view.frames import MotionFrames, turned_to
+from ccm_opt.cli.view.handles import GOAL, direction_of
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import TipGoal
@@ -57,8 +56,7 @@ def test_handles_turn_as_space_does(vector: tuple[float, float, float]) -> None:
 def test_poses_gaps_and_torques_are_those_of_the_plan() -> None:
     """At samples the pose is the plan's; the least gap is about the verifier's; shares of torque are of its limits."""
     plan = solved()
-    frames = frames_of(plan.problem, plan.trajectory, plan.joints)
-    assert isinstance(frames, SpaceFrames)
+    frames = MotionFrames(plan.problem, plan.trajectory, plan.joints)
     for k in (0, len(plan.trajectory.time) // 2, -1):
         expected = plan.problem.arm.joint_positions_at(plan.trajectory.positions[k])
         np.testing.assert_allclose(frames.pose(plan.trajectory.time[k]), expected, atol=1e-12)
@@ -160,7 +158,7 @@ def viewer() -> Iterator[ViewerApp]:
     """The page of a plan in space."""
     live = LivePlan(problem())
     plan = live.plan
-    app = ViewerApp(frames_of(plan.problem, plan.trajectory, plan.joints), live, claim_port(0), plan.checks)
+    app = ViewerApp(MotionFrames(plan.problem, plan.trajectory, plan.joints), live, claim_port(0), plan.checks)
     stop = threading.Event()
     thread = threading.Thread(target=app.run, args=(stop.is_set,))
     thread.start()
@@ -178,7 +176,6 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
         time.sleep(0.05)
     assert viewer.player.time > began
     scene = viewer.scene
-    assert isinstance(scene, SpaceScene)
     with viewer._lock:  # it plays on meanwhile
         for layer in scene.layers:
             scene.switch(layer, on=True)

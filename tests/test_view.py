@@ -24,8 +24,8 @@ import ccm_opt
 from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.app import ViewerApp, claim_port
-from ccm_opt.cli.view.frames import MotionFrames, cylinder, extruded, in_space, turned
-from ccm_opt.cli.view.handles import PlaneHandles, Replanner
+from ccm_opt.cli.view.frames import MotionFrames, cylinder, extruded
+from ccm_opt.cli.view.handles import Replanner
 from ccm_opt.cli.view.settings import ViewSettings
 from ccm_opt.cli.viewing import viewer_of
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
@@ -68,15 +68,6 @@ def test_a_cylinder_is_one() -> None:
     mesh = trimesh.Trimesh(*cylinder(2.0, 0.5, 64))
     assert mesh.is_watertight
     assert abs(mesh.volume) == pytest.approx(2.0 * np.pi * 0.25, rel=5e-3)
-
-
-@given(heading=st.floats(-3.1, 3.1))
-def test_handles_turn_as_the_plane_does(heading: float) -> None:
-    """A quaternion of a heading turns world x to that heading, and gives the heading back."""
-    w, *axis = turned(np.array(heading))
-    x = trimesh.transformations.quaternion_matrix([w, *axis])[:3, 0]
-    np.testing.assert_allclose(x, in_space(np.array([np.cos(heading), np.sin(heading)])), atol=1e-12)
-    assert PlaneHandles().turn(np.array([w, *axis])) == pytest.approx(heading, abs=1e-9)
 
 
 @pytest.fixture(scope="module")

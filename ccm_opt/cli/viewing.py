@@ -76,7 +76,7 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
 def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
     """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
-    from ccm_opt.cli.view.handles import frames_of  # noqa: PLC0415
+    from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
 
     with stage_display(problem.name) as clock:
         clock.begin("planning")
@@ -84,16 +84,16 @@ def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
         clock.finish()
     if item.is_dir():
         motion = load_motion(item, problem.arm)
-        return ViewerApp(frames_of(problem, motion.trajectory, motion.joints), live, door)
+        return ViewerApp(MotionFrames(problem, motion.trajectory, motion.joints), live, door)
     if live is None:
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads toppra
 
         either: Any = problem
         with stage_display(problem.name) as clock:
             solution: AnySolution = solve(either, progress=clock)
-        return ViewerApp(frames_of(problem, solution.trajectory, solution.joints), None, door, solution.checks)
+        return ViewerApp(MotionFrames(problem, solution.trajectory, solution.joints), None, door, solution.checks)
     plan = live.plan
-    return ViewerApp(frames_of(problem, plan.trajectory, plan.joints), live, door, plan.checks)
+    return ViewerApp(MotionFrames(problem, plan.trajectory, plan.joints), live, door, plan.checks)
 
 
 def _live_plan(problem: AnyProblem) -> "LivePlan | None":

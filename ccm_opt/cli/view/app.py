@@ -24,7 +24,9 @@ import websockets.asyncio.server
 from websockets import Headers
 from websockets.http11 import Request, Response
 
-from ccm_opt.cli.view.handles import AnyFrames, frames_of, handles_of, scene_of
+from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.handles import Handles
+from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import TINY
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
@@ -131,17 +133,17 @@ class ViewerApp:
         door: the socket that `claim_port` opened.
         checks: of the motion to begin with; none where they are not known.
         settings: of what is shown.
-        scene: that of the plane or that of space, which have the same methods.
+        scene: what is drawn of it.
     """
 
-    frames: AnyFrames
+    frames: MotionFrames
     live: LivePlan | None
     door: socket.socket
     checks: tuple[Check, ...] = ()
     settings: ViewSettings = VIEW
     token: str = field(init=False, default_factory=lambda: secrets.token_urlsafe(32))
     server: viser.ViserServer = field(init=False)
-    scene: Any = field(init=False)
+    scene: Scene = field(init=False)
     player: Player = field(init=False, default_factory=Player)
     _slider: Any = field(init=False)
     _play: Any = field(init=False)
@@ -160,13 +162,13 @@ class ViewerApp:
             raise ProblemError(
                 "the viewer cannot guard its page with this version of viser; install another: pip install -U viser"
             )
-        self.scene = scene_of(self.server, self.frames, self.settings)
+        self.scene = Scene(self.server, self.frames, self.settings)
         self.scene.draw()
         self.server.on_client_connect(self.scene.look)
         self._status = self.server.gui.add_markdown("")
         self._build_player()
         self._build_layers()
-        self._handles = handles_of(self.scene, self.live, self._planned)
+        self._handles = None if self.live is None else Handles(self.scene, self.live, self._planned)
         self.tell(_summary(self.frames, self.checks))
 
     @property
@@ -272,7 +274,7 @@ class ViewerApp:
                 return
             plan = live.plan
             share = self.player.time / max(self.frames.duration, TINY)
-            self.frames = frames_of(plan.problem, plan.trajectory, plan.joints, self.settings)
+            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints, self.settings)
             self.scene.frames = self.frames
             self.scene.draw_motion()
             self.player.time = share * self.frames.duration
@@ -281,7 +283,7 @@ class ViewerApp:
         self.tell(f"{_summary(self.frames, plan.checks)}\n\nplanned and verified in {answer.cpu:.2f} s")
 
 
-def _summary(frames: AnyFrames, checks: tuple[Check, ...]) -> str:
+def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
     """The motion in a few words."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)

@@ -9,9 +9,9 @@ import shapely
 
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.solution import JointStates, JointTrajectory
 
 _TUBE_FRAMES = 200
@@ -29,7 +29,7 @@ class MotionFrames:
         settings: how many poses are looked at.
     """
 
-    problem: Problem
+    problem: AnyProblem
     trajectory: JointTrajectory
     joints: JointStates
     settings: ViewSettings = VIEW
@@ -41,120 +41,58 @@ class MotionFrames:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Joints and tip at every sample, shape (T, links + 1, 2) [m]."""
+        """Joints and tip at every sample, shape (T, links + 1, d) [m]."""
         return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     def pose(self, time: float) -> FloatArray:
-        """Joints and tip at a time [s], shape (links + 1, 2) [m]."""
-        arm = self.problem.arm
+        """Joints and tip at a time [s], shape (links + 1, d) [m]."""
         columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
-        return np.asarray(arm.joint_positions_at(np.array(columns)[None])[0])
+        return self.problem.arm.joint_positions_at(np.array(columns))
 
     def gaps(self, time: float) -> FloatArray:
-        """Gap of every link beyond radius and clearance at a time, shape (links,) [m]."""
-        return nearest_row(self._gap_times, self._gaps, time)
+        """Gap of every link beyond radius and clearance at a time, shape (links,) [m]; in space as far as is looked."""
+        return _nearest_row(self.trajectory.time[self._looked_at], self._gaps, time)
 
     def torque_shares(self, time: float) -> FloatArray:
         """Largest torque at every joint as a share of its limit at a time, shape (links,); 0 without limits."""
-        return torque_shares_at(self.problem.limits.torque, self.trajectory.time, self.joints.torques, time)
+        torques, limit = self.joints.torques, self.problem.limits.torque
+        if limit is None:
+            return np.zeros(self.problem.arm.links)
+        shares = (np.abs(torques) / limit).reshape(len(torques), -1, 3).max(axis=2)
+        return _nearest_row(self.trajectory.time, shares, time)
 
     def swept(self) -> shapely.Geometry:
-        """The region that the arm sweeps, as far as some of its poses show it."""
+        """The region of the plane that the arm sweeps, as far as some of its poses show it."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radius = max(self.problem.arm.radius, self.settings.thin_arm * self.problem.arm.length)
         bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=self.settings.curved)
         return shapely.union_all(bodies)
 
     @cached_property
-    def _gap_times(self) -> FloatArray:
-        count = min(self.settings.frames, len(self.trajectory.time))
-        return np.asarray(self.trajectory.time[np.linspace(0, len(self.trajectory.time) - 1, count).astype(int)])
+    def _looked_at(self) -> IntArray:
+        """Numbers of the samples at which gaps are looked at, shape (F,)."""
+        samples = len(self.trajectory.time)
+        return np.linspace(0, samples - 1, min(self.settings.frames, samples)).astype(int)
 
     @cached_property
     def _gaps(self) -> FloatArray:
         """Gap of every link at some times, shape (F, links) [m]."""
-        arm = self.problem.arm
-        workspace = self.problem.workspace
-        chosen = np.searchsorted(self.trajectory.time, self._gap_times)
-        points = self.points[chosen]
-        links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
-        walls = [(wall.core, wall.rounding) for wall in workspace.walls]
-        gaps = np.min([shapely.distance(links, core) - rounding for core, rounding in walls], axis=0)
-        return np.asarray(gaps - arm.radius - workspace.clearance)
+        arm, workspace = self.problem.arm, self.problem.workspace
+        points = self.points[self._looked_at]
+        links = np.stack((points[:, :-1], points[:, 1:]), axis=2)
+        kept = arm.radius + workspace.clearance
+        if isinstance(workspace, SpaceWorkspace):
+            reach = kept + arm.link_length
+            away = SurfaceTree.of(workspace.soup).distances(links.reshape(-1, 2, 3), reach)
+            return np.asarray(np.minimum(away, reach).reshape(links.shape[:2]) - kept)
+        lines = shapely.linestrings(links)
+        gaps = [shapely.distance(lines, wall.core) - wall.rounding for wall in workspace.walls]
+        return np.asarray(np.min(gaps, axis=0) - kept)
 
 
-def nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
+def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
     """The row that belongs to the time nearest to a given one."""
     return np.asarray(rows[int(np.argmin(np.abs(times - time)))])
-
-
-def torque_shares_at(limit: FloatArray | None, times: FloatArray, torques: FloatArray, time: float) -> FloatArray:
-    """Largest torque at every joint as a share of its limit at a time, shape (links,); 0 without limits.
-
-    Args:
-        limit: of every revolute, shape (3 links,) [N m], or None.
-        times: of the samples, shape (T,) [s].
-        torques: shape (T, 3 links) [N m].
-        time: of the motion [s].
-    """
-    links = torques.shape[1] // 3
-    if limit is None:
-        return np.zeros(links)
-    return nearest_row(times, (np.abs(torques) / limit).reshape(len(torques), links, 3).max(axis=2), time)
-
-
-@dataclass(frozen=True)
-class SpaceFrames:
-    """The poses of a motion in space; attributes as of ``MotionFrames``."""
-
-    problem: SpaceProblem
-    trajectory: JointTrajectory
-    joints: JointStates
-    settings: ViewSettings = VIEW
-
-    @property
-    def duration(self) -> float:
-        """Of the motion [s]."""
-        return float(self.trajectory.time[-1])
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Joints and tip at every sample, shape (T, links + 1, 3) [m]."""
-        return self.problem.arm.joint_positions_at(self.trajectory.positions)
-
-    def pose(self, time: float) -> FloatArray:
-        """Joints and tip at a time [s], shape (links + 1, 3) [m]."""
-        columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
-        return self.problem.arm.joint_positions_at(np.array(columns))
-
-    def gaps(self, time: float) -> FloatArray:
-        """Gap of every link beyond radius and clearance at a time, as far as is looked, shape (links,) [m]."""
-        return nearest_row(self._gap_times, self._gaps, time)
-
-    def torque_shares(self, time: float) -> FloatArray:
-        """Largest torque at every joint as a share of its limit at a time, shape (links,); 0 without limits."""
-        return torque_shares_at(self.problem.limits.torque, self.trajectory.time, self.joints.torques, time)
-
-    @cached_property
-    def _gap_times(self) -> FloatArray:
-        return np.asarray(self.trajectory.time[self._chosen])
-
-    @cached_property
-    def _chosen(self) -> FloatArray:
-        count = min(self.settings.frames, len(self.trajectory.time))
-        return np.linspace(0, len(self.trajectory.time) - 1, count).astype(int)
-
-    @cached_property
-    def _gaps(self) -> FloatArray:
-        """Gap of every link at some times, shape (F, links) [m]."""
-        problem = self.problem
-        arm = problem.arm
-        points = self.points[self._chosen]
-        segments = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
-        kept = arm.radius + problem.workspace.clearance
-        reach = kept + arm.link_length
-        away = SurfaceTree.of(problem.workspace.soup).distances(segments, reach)
-        return np.asarray(np.minimum(away, reach).reshape(len(points), arm.links) - kept)
 
 
 Mesh: TypeAlias = tuple[FloatArray, IntArray]
@@ -166,13 +104,6 @@ EMPTY: Mesh = (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
 def in_space(points: FloatArray, depth: float = 0.0) -> FloatArray:
     """Places of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
     return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
-
-
-def turned(headings: FloatArray) -> FloatArray:
-    """Quaternions (w, x, y, z) that turn world x to headings in the plane, shape (...) to (..., 4)."""
-    half = 0.5 * np.asarray(headings, dtype=np.float64)
-    zero = np.zeros_like(half)
-    return np.stack((np.cos(half), zero, -np.sin(half), zero), axis=-1)
 
 
 def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:

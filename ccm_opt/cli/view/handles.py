@@ -1,26 +1,20 @@
-"""Handles that are dragged, and what is planned anew.
-
-World x is x; of the plane, world z is y, and handles keep to it.
-"""
+"""Handles that are dragged, and what is planned anew."""
 
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 import numpy as np
-import viser
 
-from ccm_opt.cli.view.frames import MotionFrames, SpaceFrames, in_space, turned, turned_to
-from ccm_opt.cli.view.scene import Scene, SpaceScene
+from ccm_opt.cli.view.frames import turned_to
+from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.errors import CcmError
-from ccm_opt.problem import Goal, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution import JointStates, JointTrajectory
+from ccm_opt.problem import TipGoal
 
 
 @dataclass
@@ -78,90 +72,6 @@ class Replanner:
         return None
 
 
-Turn = FloatArray | float
-"""Where a tip points: a heading in the plane [rad], a direction in space, shape (3,)."""
-
-
-class HandleFrame(Protocol):
-    """Between what is planned and what is dragged."""
-
-    axes: tuple[bool, bool, bool]
-    """Along which axes of the world a handle moves."""
-
-    def goal_of(self, goal: Goal) -> tuple[FloatArray, Turn | None] | None:
-        """Place of a goal for the tip [m], and where it points if that is asked for; None for a whole arm."""
-        ...
-
-    def in_world(self, place: FloatArray) -> FloatArray:
-        """A place in the scene, shape (3,)."""
-        ...
-
-    def place(self, position: FloatArray) -> FloatArray:
-        """What place a position in the scene, shape (3,), stands for."""
-        ...
-
-    def quaternion(self, turn: Turn) -> FloatArray:
-        """A turn as a quaternion (w, x, y, z)."""
-        ...
-
-    def turn(self, wxyz: FloatArray) -> Turn:
-        """What a quaternion (w, x, y, z) stands for."""
-        ...
-
-
-class PlaneHandles:
-    """Handles that keep to the plane."""
-
-    axes = (True, False, True)
-
-    def goal_of(self, goal: Goal) -> tuple[FloatArray, Turn | None] | None:
-        """Place (x, y) and heading."""
-        return (goal.position, goal.heading) if isinstance(goal, TipGoal) else None
-
-    def in_world(self, place: FloatArray) -> FloatArray:
-        """The place, in the plane of world x and z."""
-        return in_space(place)
-
-    def place(self, position: FloatArray) -> FloatArray:
-        """Its coordinates in the plane, shape (2,)."""
-        return np.array([position[0], position[2]])
-
-    def quaternion(self, turn: Turn) -> FloatArray:
-        """A turn about the plane's normal."""
-        return turned(np.array(turn))
-
-    def turn(self, wxyz: FloatArray) -> float:
-        """The heading of what world x is turned to [rad]."""
-        x, _, z = direction_of(wxyz)
-        return float(np.arctan2(z, x))
-
-
-class SpaceHandles:
-    """Handles that go anywhere."""
-
-    axes = (True, True, True)
-
-    def goal_of(self, goal: Goal) -> tuple[FloatArray, Turn | None] | None:
-        """Place (x, y, z) and direction."""
-        return (goal.position, goal.direction) if isinstance(goal, TipGoal) else None
-
-    def in_world(self, place: FloatArray) -> FloatArray:
-        """The place itself."""
-        return place
-
-    def place(self, position: FloatArray) -> FloatArray:
-        """The position itself, shape (3,)."""
-        return position
-
-    def quaternion(self, turn: Turn) -> FloatArray:
-        """The shortest turn of world x to a direction."""
-        return turned_to(np.asarray(turn))
-
-    def turn(self, wxyz: FloatArray) -> FloatArray:
-        """The direction that world x is turned to, shape (3,)."""
-        return direction_of(wxyz)
-
-
 def direction_of(wxyz: FloatArray) -> FloatArray:
     """Where a quaternion (w, x, y, z) turns world x to, shape (3,)."""
     w, x, y, z = wxyz
@@ -173,30 +83,21 @@ GOAL = "the goal"
 
 
 class Handles:
-    """One handle at a time, on what people choose.
+    """One handle at a time, on what people choose; of the plane it keeps to the plane.
 
     Args:
         scene: where it stands.
         live: the plan that follows.
-        frame: how handles stand for places of the plane, or of space.
         told: called with the plan and what came of a change, or what was wrong with it.
     """
 
-    def __init__(
-        self,
-        scene: Scene | SpaceScene,
-        live: LivePlan,
-        frame: HandleFrame,
-        told: Callable[[Any, LiveAnswer | str], None],
-    ) -> None:
+    def __init__(self, scene: Scene, live: LivePlan, told: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
         self._scene = scene
-        # Either plan, whose methods take places and turns of its own kind.
-        self._live: Any = live
-        self._frame = frame
+        self._live = live
         self._replanner = Replanner(live, lambda answer: told(live, answer), scene.settings)
         self._replanner.start()
         names = [obstacle.name for obstacle in live.problem.workspace.obstacles]
-        movable = names if frame.goal_of(live.problem.goal) is None else [GOAL, *names]
+        movable = [GOAL, *names] if isinstance(live.problem.goal, TipGoal) else names
         if not movable:
             return
         with scene.server.gui.add_folder("Drag"):
@@ -210,18 +111,18 @@ class Handles:
 
     def put_on(self, what: str) -> None:
         """Put the handle on the goal, or on an obstacle of a name."""
-        goal = self._frame.goal_of(self._live.problem.goal)
-        if what == GOAL and goal is not None:
-            self._put_on_goal(*goal)
+        goal = self._live.problem.goal
+        if what == GOAL and isinstance(goal, TipGoal):
+            self._put_on_goal(goal.position, goal.direction)
         else:
             self._put_on_obstacle(what)
 
-    def _put_on_goal(self, place: FloatArray, turn: Turn | None) -> None:
-        handle = self._handle(place, turn)
+    def _put_on_goal(self, place: FloatArray, direction: FloatArray | None) -> None:
+        handle = self._handle(place, direction)
 
         def dragged(_: Any) -> None:
             moved = self._place(handle)
-            turned = None if turn is None else self._frame.turn(np.asarray(handle.wxyz))
+            turned = None if direction is None else self._from_world(direction_of(np.asarray(handle.wxyz)))
             self._replanner.ask(lambda: self._live.move_goal(moved, turned))
 
         handle.on_update(dragged)
@@ -231,9 +132,7 @@ class Handles:
 
         def change(place: FloatArray) -> LiveAnswer:
             # Where it is now is known only when the change is made: others may have been made meanwhile.
-            by = place - self._live.problem.workspace.middle_of(name)
-            answer: LiveAnswer = self._live.move_obstacle(name, by)
-            return answer
+            return self._live.move_obstacle(name, place - self._live.problem.workspace.middle_of(name))
 
         def dragged(_: Any) -> None:
             place = self._place(handle)
@@ -241,48 +140,24 @@ class Handles:
 
         handle.on_update(dragged)
 
-    def _handle(self, place: FloatArray, turn: Turn | None) -> Any:
+    def _handle(self, place: FloatArray, direction: FloatArray | None) -> Any:
         """A handle that moves, and turns where it is asked where the tip points."""
+        arm = self._live.problem.arm
         upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
             "/handle",
             scale=0.2,
-            active_axes=self._frame.axes,
-            disable_rotations=turn is None,
+            active_axes=(True, arm.dimension == 3, True),
+            disable_rotations=direction is None,
             depth_test=False,
-            position=self._frame.in_world(place / self._scene.unit),
-            wxyz=upright if turn is None else self._frame.quaternion(turn),
+            position=self._scene.world(place),
+            wxyz=upright if direction is None else turned_to(arm.embedded(direction)),
         )
 
     def _place(self, handle: Any) -> FloatArray:
-        """The place where a handle is [m]."""
-        return self._frame.place(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
+        """The place where a handle is, shape (d,) [m]."""
+        return self._from_world(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
 
-
-AnyFrames: TypeAlias = MotionFrames | SpaceFrames
-"""The poses of a motion."""
-
-
-def frames_of(
-    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, settings: ViewSettings = VIEW
-) -> AnyFrames:
-    """The poses of a motion of a problem of either kind."""
-    if isinstance(problem, SpaceProblem):
-        return SpaceFrames(problem, trajectory, joints, settings)
-    return MotionFrames(problem, trajectory, joints, settings)
-
-
-def scene_of(server: viser.ViserServer, frames: AnyFrames, settings: ViewSettings) -> Scene | SpaceScene:
-    """The scene that shows a motion."""
-    if isinstance(frames, SpaceFrames):
-        return SpaceScene(server, frames, settings)
-    return Scene(server, frames, settings)
-
-
-def handles_of(
-    scene: Scene | SpaceScene, live: LivePlan | None, told: Callable[[Any, LiveAnswer | str], None]
-) -> Handles | None:
-    """Handles on what can be dragged; None where nothing can."""
-    if live is None:
-        return None
-    return Handles(scene, live, SpaceHandles() if isinstance(scene, SpaceScene) else PlaneHandles(), told)
+    def _from_world(self, vector: FloatArray) -> FloatArray:
+        """What of a vector in the world, shape (3,), is in the plane of the arm, shape (d,)."""
+        return self._live.problem.arm.embedded(np.eye(self._live.problem.dimension)) @ vector

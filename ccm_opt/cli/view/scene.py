@@ -1,45 +1,43 @@
 """What the view draws: arm, room and motion.
 
-The scene counts in arm lengths, so that the camera and the handles suit arms of any size.
+The scene counts in arm lengths, so that the camera and the handles suit arms of any size. World x is x; the plane is
+world x-z.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 import shapely
 import viser
 
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.frames import (
-    Mesh,
-    MotionFrames,
-    SpaceFrames,
-    ball,
-    cylinder,
-    extruded,
-    in_space,
-    turned,
-    turned_to,
-)
+from ccm_opt.cli.view.frames import Mesh, MotionFrames, ball, cylinder, extruded, turned_to
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.scene.scene import SpaceObstacle
+from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.surfaces import seen_triangles, within
+from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
 
-LAYERS = {"swept region": "/tube", "start": "/start", "route": "/route", "regions": "/regions", "names": "/names"}
+_Obstacle: TypeAlias = Obstacle | SpaceObstacle
+LAYERS = {
+    "start": "/start",
+    "poses on the way": "/poses",
+    "swept region": "/tube",
+    "route": "/route",
+    "regions": "/regions",
+    "names": "/names",
+}
 """What can be switched on and off, and where it stands in the scene."""
-
-
-Frames = TypeVar("Frames", MotionFrames, SpaceFrames)
+_IN_SPACE = ("start", "poses on the way", "names")
+"""Those of them that there are in space."""
 
 
 @dataclass
-class _Scene(Generic[Frames]):
+class Scene:
     """The scene of one motion; everything of it is drawn again when the motion changes.
 
     Attributes:
@@ -48,22 +46,21 @@ class _Scene(Generic[Frames]):
         settings: of the pictures.
         shown: names of the layers that are switched on.
         colour_by: what the colours of the links mean: ``nothing``, ``gap`` or ``torque``.
-        places: what can be switched on and off, and where it stands in the scene.
     """
 
     server: viser.ViserServer
-    frames: Frames
+    frames: MotionFrames
     settings: ViewSettings = VIEW
     shown: set[str] = field(default_factory=lambda: {"start", "names"})
     colour_by: str = "nothing"
     _arm: Any = None
     _joints: Any = None
-    places: ClassVar[Mapping[str, str]] = {}
+    _standing: dict[str, _Obstacle] = field(default_factory=dict)
 
     @property
     def layers(self) -> tuple[str, ...]:
         """Names of what can be switched on and off."""
-        return tuple(self.places)
+        return tuple(LAYERS) if self.frames.problem.dimension == 2 else _IN_SPACE
 
     @property
     def unit(self) -> float:
@@ -75,10 +72,29 @@ class _Scene(Generic[Frames]):
         """That the arm is drawn with, in units of the scene."""
         return max(self.frames.problem.arm.radius / self.unit, self.settings.thin_arm)
 
-    def world(self, points: FloatArray) -> FloatArray:
-        """Places [m] in the scene, shape (..., 3)."""
-        scaled = points / self.unit
-        return in_space(scaled) if points.shape[-1] == 2 else scaled
+    @property
+    def depth(self) -> float:
+        """How far obstacles of the plane reach before and behind it, in units of the scene."""
+        return max(self.settings.depth * self.radius, self.settings.least_depth)
+
+    def world(self, points: FloatArray, behind: float = 0.0) -> FloatArray:
+        """Places [m] in the scene, shape (..., 3); those of the plane so far behind it."""
+        placed = self.frames.problem.arm.embedded(points / self.unit)
+        return placed + np.array([0.0, behind, 0.0]) if behind else placed
+
+    def look(self, client: viser.ClientHandle) -> None:
+        """Put a client's camera before the room, or in space before the arm and what is about it."""
+        workspace = self.frames.problem.workspace
+        if isinstance(workspace, SpaceWorkspace):
+            seen = self.world(self.frames.points).reshape(-1, 3)
+            towards = 1.2 * np.array([0.35, -0.85, 0.4])
+        else:
+            seen = self.world(np.reshape(workspace.boundary.bounds, (2, 2)))
+            towards = np.array([0.12, -1.0, 0.25])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        middle = 0.5 * (low + high)
+        client.camera.position = middle + max(float(np.max(high - low)), 0.5) * towards
+        client.camera.look_at = middle
 
     def draw(self) -> None:
         """Draw everything."""
@@ -86,28 +102,70 @@ class _Scene(Generic[Frames]):
         self.draw_room(self.frames.problem)
         self.draw_motion()
 
-    def draw_room(self, problem: Any) -> None:
+    def draw_room(self, problem: AnyProblem) -> None:
         """Draw obstacles and goals of a problem, which may be ahead of the motion."""
-        self._draw_obstacles(problem)
+        self._draw_walls(problem)
+        workspace = problem.workspace
+        obstacles: tuple[_Obstacle, ...] = workspace.obstacles
+        most = self.settings.most_triangles // max(len(obstacles), 1)
+        extent = np.ptp(workspace.extent, axis=0) if isinstance(workspace, SpaceWorkspace) else ()
+        cell = self.settings.cell * float(np.max(extent, initial=self.unit))
+        for obstacle in obstacles:
+            # Most drags move one obstacle or the goal alone, and leave the others the same objects.
+            if self._standing.get(obstacle.name) is not obstacle:
+                self._standing[obstacle.name] = obstacle
+                self._draw_obstacle(obstacle, most, cell)
         goals = [*(stop.goal for stop in problem.stops), problem.goal]
         for number, goal in enumerate(goals, start=1):
             if isinstance(goal, TipGoal):
                 self._draw_goal(goal, str(number) if len(goals) > 1 else "")
 
-    def _draw_obstacles(self, problem: Any) -> None:
-        raise NotImplementedError
+    def _draw_walls(self, problem: AnyProblem) -> None:
+        """Draw the edges of the room."""
+        workspace = problem.workspace
+        if not isinstance(workspace, SpaceWorkspace):
+            ring = shapely.get_coordinates(workspace.boundary.exterior)
+            for name, depth in (("near", -self.depth), ("far", self.depth)):
+                self._line(f"/room/{name}", self.world(ring, depth), colours.WALLS, 0.004)
+        elif workspace.bounds is not None:
+            counted = np.arange(8)[:, None] >> np.arange(3) & 1
+            corners = self.world(np.where(counted == 1, workspace.bounds[1], workspace.bounds[0]))
+            edges = np.array([corners[[a, a | bit]] for a in range(8) for bit in (1, 2, 4) if not a & bit])
+            self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
+
+    def _draw_obstacle(self, obstacle: _Obstacle, most_triangles: int, cell: float) -> None:
+        """Draw one obstacle, in place of an earlier one of that name; those of space can be seen through.
+
+        Args:
+            obstacle: of the plane or of space.
+            most_triangles: of a body in space.
+            cell: in which corners of a body of more are joined [m].
+        """
+        if isinstance(obstacle, Obstacle):
+            outline = obstacle.outline(quad_segs=self.settings.curved)
+            vertices, faces = extruded(
+                shapely.transform(outline, lambda places: places / self.unit), -self.depth, self.depth
+            )
+            middle = self.world(shapely.get_coordinates(shapely.point_on_surface(outline))[0], -self.depth)
+            look: dict[str, Any] = {"opacity": 0.75}
+        else:
+            surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
+            vertices, faces = within(*surface, most_triangles, cell)
+            vertices = self.world(vertices)
+            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+            look = {"opacity": self.settings.glass, "flat_shading": True}
+        self._mesh(path_of("/room", obstacle.name), (vertices, faces), colours.WALLS, **look)
+        name = path_of("/names", obstacle.name)
+        self.server.scene.add_label(name, obstacle.name, position=middle, visible="names" in self.shown)
 
     def _draw_goal(self, goal: TipGoal, number: str) -> None:
         name, place = f"/goal{number}", self.world(goal.position)
         self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
         if number:
             self.server.scene.add_label(f"{name}/number", number)
-        if goal.heading is not None:
-            wxyz = turned(np.array(goal.heading))
-        elif goal.direction is not None:
-            wxyz = turned_to(goal.direction)
         if goal.direction is not None:
             mesh = cylinder(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
+            wxyz = turned_to(self.frames.problem.arm.embedded(goal.direction))
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
     def draw_motion(self) -> None:
@@ -129,21 +187,44 @@ class _Scene(Generic[Frames]):
         self.pose(0.0)
 
     def _draw_layers(self, start: FloatArray) -> None:
-        raise NotImplementedError
+        """Draw the start, and what is costly if anybody wants to see it."""
+        scene = self.server.scene
+        if "start" in self.shown:
+            scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
+        if "poses on the way" in self.shown:
+            few = np.linspace(0, len(self.frames.points) - 1, self.settings.poses).astype(int)
+            points = self.world(self.frames.points[few])
+            pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
+            scene.add_line_segments(LAYERS["poses on the way"], pieces, colours.TUBE, thickness=0.003)
+        if "swept region" in self.shown:
+            swept = shapely.transform(self.frames.swept(), lambda places: places / self.unit)
+            mesh = extruded(swept, -0.2 * self.radius, 0.2 * self.radius)
+            self._mesh(LAYERS["swept region"], mesh, colours.TUBE, opacity=0.35)
+        problem = self.frames.problem
+        if self.shown & {"route", "regions"} and isinstance(problem, Problem):
+            self._draw_route(route_layers(problem, self.frames.points[-1]))
+
+    def _draw_route(self, layers: dict[str, object]) -> None:
+        """Draw the way that the arm takes round the obstacles, and the regions along it."""
+        route = np.array(layers.get("route", []), dtype=np.float64)
+        if "route" in self.shown and len(route) > 1:
+            self._line(LAYERS["route"], self.world(route), colours.GOAL, 0.006)
+        regions = layers.get("regions", [])
+        if "regions" in self.shown and isinstance(regions, list) and regions:
+            rings = [self.world(np.array([*ring, ring[0]], dtype=np.float64)) for ring in regions]
+            sides = np.vstack([np.stack((ring[:-1], ring[1:]), axis=1) for ring in rings])
+            self.server.scene.add_line_segments(LAYERS["regions"], sides, colours.REGION, thickness=0.003)
 
     def switch(self, layer: str, *, on: bool) -> None:
         """Switch a layer on or off."""
         self.shown.add(layer) if on else self.shown.discard(layer)
         if layer == "names":
-            self._forget_names()
+            self._standing = {}
             self.draw_room(self.frames.problem)
         elif on:
             self.draw_motion()
         else:
-            self.server.scene.remove_by_name(self.places[layer])
-
-    def _forget_names(self) -> None:
-        """Let obstacles be drawn again with their names, or without."""
+            self.server.scene.remove_by_name(LAYERS[layer])
 
     def pose(self, time: float) -> None:
         """Show the arm at a time [s]."""
@@ -173,140 +254,9 @@ class _Scene(Generic[Frames]):
         self.server.scene.add_line_segments(name, pieces, colour, thickness=thickness)
 
 
-@dataclass
-class Scene(_Scene[MotionFrames]):
-    """The scene of one motion in the plane, whose obstacles reach before it and behind it."""
-
-    _standing: tuple[object, bool] | None = None
-    places = LAYERS
-
-    @property
-    def depth(self) -> float:
-        """How far obstacles reach before and behind the plane, in units of the scene."""
-        return max(self.settings.depth * self.radius, self.settings.least_depth)
-
-    def look(self, client: viser.ClientHandle) -> None:
-        """Put a client's camera before the room."""
-        low_x, low_y, high_x, high_y = np.array(self.frames.problem.workspace.boundary.bounds) / self.unit
-        middle = np.array([0.5 * (low_x + high_x), 0.0, 0.5 * (low_y + high_y)])
-        away = max(high_x - low_x, high_y - low_y)
-        client.camera.position = middle + np.array([0.12 * away, -away, 0.25 * away])
-        client.camera.look_at = middle
-
-    def _draw_obstacles(self, problem: Problem) -> None:
-        # Most drags move the goal alone, and leave the room the same object.
-        named = "names" in self.shown
-        new = self._standing is None or self._standing[0] is not problem.workspace or self._standing[1] != named
-        self._standing = (problem.workspace, named)
-        boundary = shapely.get_coordinates(problem.workspace.boundary.exterior) / self.unit
-        for name, depth in (("near", -self.depth), ("far", self.depth)):
-            ring = in_space(boundary, depth)
-            segments = np.stack((ring[:-1], ring[1:]), axis=1)
-            self.server.scene.add_line_segments(f"/room/{name}", segments, colours.WALLS, thickness=0.004)
-        for obstacle in problem.workspace.obstacles if new else ():
-            self._draw_obstacle(obstacle.name, obstacle.outline(quad_segs=self.settings.curved))
-
-    def _draw_obstacle(self, name: str, outline: shapely.Geometry) -> None:
-        """Draw one obstacle, in place of an earlier one of that name."""
-        shape = shapely.transform(outline, lambda places: places / self.unit)
-        vertices, faces = extruded(shape, -self.depth, self.depth)
-        path = path_of("/room", name)
-        self.server.scene.add_mesh_simple(path, vertices, faces, color=colours.WALLS, opacity=0.75, side="double")
-        middle = shapely.get_coordinates(shapely.point_on_surface(shape))[0]
-        place = in_space(middle, -self.depth)
-        visible = "names" in self.shown
-        self.server.scene.add_label(path_of("/names", name), name, position=place, visible=visible)
-
-    def _draw_layers(self, start: FloatArray) -> None:
-        """Draw the start, and what is costly if anybody wants to see it."""
-        scene = self.server.scene
-        scene.add_spline_catmull_rom(
-            LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius, visible="start" in self.shown
-        )
-        if "swept region" in self.shown:
-            swept = shapely.transform(self.frames.swept(), lambda places: places / self.unit)
-            mesh = extruded(swept, -0.2 * self.radius, 0.2 * self.radius)
-            self._mesh(LAYERS["swept region"], mesh, colours.TUBE, opacity=0.35)
-        if not self.shown & {"route", "regions"}:
-            return
-        layers = route_layers(self.frames.problem, self.frames.points[-1])
-        route = np.array(layers.get("route", []), dtype=np.float64)
-        if "route" in self.shown and len(route) > 1:
-            self._line(LAYERS["route"], self.world(route), colours.GOAL, 0.006)
-        regions = layers.get("regions", [])
-        if "regions" in self.shown and isinstance(regions, list) and regions:
-            rings = [self.world(np.array([*ring, ring[0]], dtype=np.float64)) for ring in regions]
-            sides = np.vstack([np.stack((ring[:-1], ring[1:]), axis=1) for ring in rings])
-            scene.add_line_segments(LAYERS["regions"], sides, colours.REGION, thickness=0.003)
-
-
 def path_of(folder: str, name: str) -> str:
     """Where something of a name stands in the scene; a slash in it would make a branch."""
     return f"{folder}/{name.replace('/', '|')}"
-
-
-SPACE_LAYERS = {"start": "/start", "poses on the way": "/poses", "names": "/names"}
-"""What can be switched on and off, and where it stands in the scene."""
-
-
-@dataclass
-class SpaceScene(_Scene[SpaceFrames]):
-    """The scene of one motion in space; its obstacles can be seen through."""
-
-    opacity: float = VIEW.glass
-    _standing: dict[str, SpaceObstacle] = field(default_factory=dict)
-    places = SPACE_LAYERS
-
-    def look(self, client: viser.ClientHandle) -> None:
-        """Put a client's camera before the arm and what is about it."""
-        points = self.frames.points.reshape(-1, 3) / self.unit
-        low = points.min(axis=0)
-        high = points.max(axis=0)
-        middle = 0.5 * (low + high)
-        away = max(float(np.max(high - low)), 0.5)
-        client.camera.position = middle + 1.2 * away * np.array([0.35, -0.85, 0.4])
-        client.camera.look_at = middle
-
-    def _draw_obstacles(self, problem: SpaceProblem) -> None:
-        obstacles = problem.workspace.obstacles
-        most = self.settings.most_triangles // max(len(obstacles), 1)
-        extent = float(np.max(np.ptp(problem.workspace.extent, axis=0), initial=problem.arm.length))
-        for obstacle in obstacles:
-            # Most drags move one body, and leave the others the same objects.
-            if self._standing.get(obstacle.name) is obstacle:
-                continue
-            self._standing[obstacle.name] = obstacle
-            surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
-            vertices, faces = within(*surface, most, self.settings.cell * extent)
-            self.server.scene.add_mesh_simple(
-                path_of("/room", obstacle.name), vertices / self.unit, faces, color=colours.WALLS,
-                opacity=self.opacity, side="double", flat_shading=True,
-            )  # fmt: skip
-            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)) / self.unit
-            self.server.scene.add_label(
-                path_of("/names", obstacle.name), obstacle.name, position=middle, visible="names" in self.shown
-            )
-        if problem.workspace.bounds is not None:
-            self._draw_bounds(problem.workspace.bounds / self.unit)
-
-    def _draw_bounds(self, bounds: FloatArray) -> None:
-        """Draw the edges of the room."""
-        counted = np.arange(8)[:, None] >> np.arange(3) & 1
-        corners = np.where(counted == 1, bounds[1], bounds[0])
-        edges = np.array([corners[[a, a | bit]] for a in range(8) for bit in (1, 2, 4) if not a & bit])
-        self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
-
-    def _draw_layers(self, start: FloatArray) -> None:
-        if "start" in self.shown:
-            self._line(SPACE_LAYERS["start"], start, colours.START, 0.006)
-        if "poses on the way" in self.shown:
-            few = np.linspace(0, len(self.frames.points) - 1, self.settings.poses).astype(int)
-            points = self.world(self.frames.points[few])
-            pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
-            self.server.scene.add_line_segments(SPACE_LAYERS["poses on the way"], pieces, colours.TUBE, thickness=0.003)
-
-    def _forget_names(self) -> None:
-        self._standing = {}
 
 
 def _turns(points: FloatArray) -> FloatArray:
