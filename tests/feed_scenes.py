@@ -7,8 +7,7 @@ import shapely
 
 from ccm_opt.planning.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .arms import plain_arm

@@ -9,8 +9,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask, tip_box
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -19,11 +18,11 @@ from ccm_opt.scene.surfaces import SurfaceSoup
 
 def snake(
     links: int = 12, length: float = 1.0, radius: float = 0.015, feed: Feed | None = None, limit_deg: float = 45.0
-) -> SpaceArm:
+) -> Arm:
     """An arm along x from the origin."""
     masses = np.full(links, 0.05)
     inertia = np.full(links, 1e-5)
-    return SpaceArm(
+    return Arm(
         links=links,
         link_length=length / links,
         radius=radius,
@@ -57,7 +56,7 @@ def boxes(corners: list[tuple[list[float], list[float]]]) -> SurfaceSoup:
 
 
 def task_of(
-    arm: SpaceArm,
+    arm: Arm,
     soup: SurfaceSoup,
     goal: SpaceTipPose | None,
     *,
@@ -87,7 +86,7 @@ def task_of(
     )
 
 
-def least_gaps(arm: SpaceArm, soup: SurfaceSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
+def least_gaps(arm: Arm, soup: SurfaceSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
     """Least gaps from walls and between distant links at dense samples of a motion linear between keyframes [m]."""
     share = np.linspace(0.0, 1.0, samples, endpoint=False)[:, None]
     q = np.concatenate([a + share * (b - a) for a, b in pairwise(keyframes)])

@@ -3,15 +3,13 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm, Feed
 
 FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
 """A feed of half a metre whose guide tube ends where the feed does."""
 
 
-def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> SpaceArm:
+def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> Arm:
     """An arm at the origin along x with z upwards, without a mount; 0.1 kg a link, joints to 0.8 rad a bend."""
     values: dict[str, object] = {
         "links": links,
@@ -28,10 +26,10 @@ def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **
         "inertia_axial": np.full(links, 3e-5),
         "inertia_transverse": np.full(links, 4e-5),
     }
-    return SpaceArm(**(values | changes))  # type: ignore[arg-type]
+    return Arm(**(values | changes))  # type: ignore[arg-type]
 
 
-def planar_twin(arm: SpaceArm) -> Arm:
+def planar_twin(arm: Arm) -> Arm:
     """The arm of the plane of direction (x) and left (y) with the same links, where the base is the origin."""
     return Arm(
         links=arm.links,
@@ -57,7 +55,7 @@ def random_rotation(random: np.random.Generator) -> FloatArray:
     return np.asarray(q * np.array([1.0, 1.0, np.sign(np.linalg.det(q))]))
 
 
-def turned_arm(random: np.random.Generator, links: int = 6, **changes: object) -> SpaceArm:
+def turned_arm(random: np.random.Generator, links: int = 6, **changes: object) -> Arm:
     """An arm with its base somewhere, turned at random."""
     rotation = random_rotation(random)
     base = random.normal(0.0, 0.5, 3)

@@ -8,9 +8,9 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.curve_space import CurveSpace
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -56,7 +56,7 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
     raise AssertionError("no free pose in this clutter")
 
 
-def problem_at(arm: SpaceArm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProblem:
+def problem_at(arm: Arm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProblem:
     """A problem whose goal is where the tip of a pose is."""
     goal = TipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
     rates = np.ones(3 * arm.links)

@@ -10,9 +10,9 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.problem import JointPose, SimulationOptions, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.retiming import retime
+from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory

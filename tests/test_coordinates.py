@@ -11,11 +11,9 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import RetimingError
 from ccm_opt.problem import JointPose, Limits
 from ccm_opt.retiming import joined, retime, reversed_trajectory
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates, planar_coordinates
+from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.retiming_paths import even_limits, make_path, random_control, slim_arm
 from tests.space_arms import space_arm
@@ -43,7 +41,7 @@ def test_a_planar_layout_counts_bends_and_then_the_axes_of_the_base() -> None:
     assert fed.units == ("rad", "rad", "rad", "rad", "m")
     assert fed.drives == (1, 4, 7, 10, 12)
     assert fed.drive_count == 13
-    assert fed == planar_coordinates(4, ("feed",))
+    assert fed == joint_coordinates(4, 1, ("feed",))
     np.testing.assert_array_equal(fed_arm().lower_limits, [-1.0, -2.0, -2.0, -2.0, -0.2])
     np.testing.assert_array_equal(fed_arm().upper_limits, [1.0, 2.0, 2.0, 2.0, 0.3])
 
@@ -63,7 +61,7 @@ def test_poses_and_configurations_are_inverse_and_stand_in_the_same_place(seed: 
 
 
 @pytest.mark.parametrize("arm", [fed_arm(), space_arm(6)], ids=["plane", "space"])
-def test_joints_follow_from_link_rotations_in_either_dimension(arm: Arm | SpaceArm) -> None:
+def test_joints_follow_from_link_rotations_in_either_dimension(arm: Arm) -> None:
     """Each link lies along the first column of its rotation, and the straight arm along its direction."""
     q = np.random.default_rng(3).normal(0.0, 0.5, (2, 3, len(arm.coordinates)))
     d = arm.dimension
@@ -103,7 +101,7 @@ def test_trajectories_know_their_layout() -> None:
     """Left out, every column is a bend; parts keep the layout and the stops that are among them."""
     time, values = np.linspace(0.0, 1.0, 6), np.arange(30.0).reshape(6, 5)
     plain = JointTrajectory(time, values, values, values)
-    assert plain.coordinates == planar_coordinates(5)
+    assert plain.coordinates == joint_coordinates(5)
     assert plain.base_positions.shape == (6, 0)
     fed = JointTrajectory(time, values, values, values, fed_arm().coordinates, stops=(2, 5))
     np.testing.assert_array_equal(fed.bend_angles, values[:, :4])

@@ -39,7 +39,7 @@ from ccm_opt.errors import (
 )
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointPath
 

@@ -19,7 +19,7 @@ from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.workspace import Obstacle, Workspace
 

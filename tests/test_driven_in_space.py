@@ -14,10 +14,10 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.retiming import retime
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
 from ccm_opt.robot.points import point_of
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointPath
 
 from .retiming_paths import make_path
@@ -27,14 +27,14 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def random_path(arm: SpaceArm, random: np.random.Generator, controls: int = 6) -> JointPath:
+def random_path(arm: Arm, random: np.random.Generator, controls: int = 6) -> JointPath:
     """A smooth path through random bends, the feed going out, from rest to rest."""
     columns = random.normal(0.0, 0.2, (controls, len(arm.coordinates)))
     columns[:, 2 * arm.links :] = np.linspace(0.1, 0.4, controls)[:, None]
     return make_path(columns)
 
 
-def free_limits(arm: SpaceArm, torque: float | None = None, points: tuple[PointLimit, ...] = ()) -> Limits:
+def free_limits(arm: Arm, torque: float | None = None, points: tuple[PointLimit, ...] = ()) -> Limits:
     """The same limits for all revolutes, and for a feed."""
     n = 3 * arm.links
     most = None if torque is None else np.full(n, torque)

@@ -22,8 +22,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.mjcf import mjcf_text
 from ccm_opt.io.urdf import urdf_text
-from ccm_opt.robot.arm import Arm, Axes
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.pose_report import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction

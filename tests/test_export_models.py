@@ -13,9 +13,8 @@ from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.mjcf import mjcf_text
 from ccm_opt.io.urdf import FRAME_INERTIA, FRAME_MASS, UNLIMITED_EFFORT, urdf_text
-from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.frames import joint_names, joint_positions_3d, revolute_angles
-from ccm_opt.robot.link_chain import Feed
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([0.5, 0.0, -9.81])

@@ -8,7 +8,7 @@ from ccm_opt.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 
 from .conftest import SMALL_PROBLEM
 

@@ -23,7 +23,7 @@ from ccm_opt.planning.following.leader import LeaderPath, path_of_pose, pose_on,
 from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.benchmarks.feed_families import short_range
 from tests.feed_scenes import LINK, LINKS, RADIUS, bow, fed_arm, make_problem, make_room

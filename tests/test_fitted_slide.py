@@ -9,13 +9,13 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_slide import STILL, feeds_to_end, fitted_slide, slid_along
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from tests.test_slid_along import bent_way, fed_arm
 
 slides = st.tuples(st.sampled_from([6, 8, 12, 24]), st.floats(0.1, 0.2), st.floats(0.2, 1.4), st.floats(-np.pi, np.pi))
 
 
-def slide(links: int, radius: float, turn: float, azimuth: float) -> tuple[SpaceArm, FloatArray]:
+def slide(links: int, radius: float, turn: float, azimuth: float) -> tuple[Arm, FloatArray]:
     """An arm fed along a bent way, and its configurations."""
     arm = fed_arm(links)
     track = SpaceTipTrack.along(arm.joint_positions_at(np.zeros(2 * links + 1)), bent_way(radius, turn, azimuth))

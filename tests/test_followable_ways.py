@@ -21,7 +21,7 @@ from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task, tip_box
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.oracles.followable_search import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid

@@ -17,7 +17,7 @@ from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.workspace import Obstacle
 

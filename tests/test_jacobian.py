@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.robot.arm import Arm, Axes
+from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.pose_report import point_jacobians, pose_issues, tip_jacobian
 from tests.dynamics_arms import swan_neck
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, allowed_contact
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
 from ccm_opt.scene.workspace import Obstacle, Workspace

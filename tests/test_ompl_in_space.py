@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.compare.ompl_in_space import FedJoints
 from ccm_opt.compare.space_clutter import space_clutter
 from ccm_opt.planning.space_certificate import SpaceCertificate
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.snakes_in_space import snake
 

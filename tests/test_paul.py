@@ -21,7 +21,7 @@ from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.retiming.paul import DEFAULT_PAUL, Legs, fastest_legs, retime_paul
 from ccm_opt.retiming.timed_path import PathLimits
-from ccm_opt.robot.coordinates import planar_coordinates
+from ccm_opt.robot.coordinates import joint_coordinates
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointPath
 
@@ -98,7 +98,7 @@ def test_places_rates_and_growth_are_one_motion(seed: int, links: int) -> None:
     if len(vias) < 2:
         return
     legs = fastest_legs(
-        vias, PathLimits.from_limits(even_limits(links, 1.0, 3.0), planar_coordinates(links), links), 0.5, 8e-3
+        vias, PathLimits.from_limits(even_limits(links, 1.0, 3.0), joint_coordinates(links), links), 0.5, 8e-3
     )
     time, h = np.linspace(0.01, 0.99, 301) * legs.duration, 1e-5
     middle, before, after = legs.at(time), legs.at(time - h), legs.at(time + h)

@@ -22,8 +22,7 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
 from ccm_opt.retiming import joined
 from ccm_opt.retiming.paul import retime_paul
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.points import PointOnArm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import Check, JointTrajectory

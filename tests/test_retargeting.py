@@ -11,8 +11,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Limits, TipGoal
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.solution import JointTrajectory, Solution
 from tests.dynamics_arms import carried, smooth_trajectory, swan_neck
 

@@ -21,7 +21,7 @@ from ccm_opt.retiming.speed_optimizer import fastest_profile, reachable_speeds
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing import with_jumps
 from ccm_opt.retiming.timing_settings import GridSettings
-from ccm_opt.robot.coordinates import planar_coordinates
+from ccm_opt.robot.coordinates import joint_coordinates
 from tests.phase_plane import fastest_duration
 from tests.retiming_paths import (
     FRICTION,
@@ -101,7 +101,7 @@ def test_without_toppra_motions_last_as_long(absent: str, monkeypatch: pytest.Mo
 def test_two_ways_of_the_same_sweeps_agree(seed: int, links: int) -> None:
     """The sweeps that cannot fail find the squared speeds that toppra's linear programs find."""
     path, limits = make_path(random_control(seed, links)), even_limits(links, 2.0, 10.0, 40.0)
-    columns = planar_coordinates(links)
+    columns = joint_coordinates(links)
     limited = limits_along(TimedPath(path.spline, limits, pendulums, to_revolutes, columns))
     rows = path_rows(limited, path.spline, path_grid(path.spline, GridSettings(intervals=100)))
     slack, cap = np.full_like(rows.c, 0.99), (0.99 / np.maximum(rows.slowness, 1e-3)) ** 2

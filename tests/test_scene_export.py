@@ -15,9 +15,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.mjcf import mjcf_text
 from ccm_opt.io.scene_solids import Prism, SolidScene, convex_parts, prism_mesh, solid_scene
 from ccm_opt.io.urdf import scene_meshes, stl, urdf_text
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.dynamics_arms import loose_limits, swan_neck
 

@@ -18,9 +18,8 @@ from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
 from ccm_opt.io.mjcf import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_loop import InterpretedLoop

@@ -10,16 +10,15 @@ from ccm_opt.compare.space_sites import site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_slide import feeds_to_end, slid_along
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import FREE_AFTER
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
 from tests.space_arms import space_arm
 
 LENGTH = 0.9
 
 
-def fed_arm(links: int) -> SpaceArm:
+def fed_arm(links: int) -> Arm:
     """An arm along x, whose tube ends at the origin, and which can be fed out of it whole."""
     outside = 0.86
     return space_arm(

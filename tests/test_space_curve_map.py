@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.space_pose import Chains
+from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends, straight_at_exit
-from ccm_opt.robot.link_chain import Feed
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy
 from tests.snakes_in_space import snake

@@ -25,8 +25,8 @@ from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import UnreachableGoal, sentences
 from ccm_opt.problem import JointPose, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -44,7 +44,7 @@ seeds = st.integers(0, 10**6)
 ROOM = np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]])
 
 
-def problem_of(arm: SpaceArm, goal: TipGoal | JointPose, *obstacles: SpaceObstacle) -> SpaceProblem:
+def problem_of(arm: Arm, goal: TipGoal | JointPose, *obstacles: SpaceObstacle) -> SpaceProblem:
     """A problem in a large room with a straight start."""
     ones = np.ones(3 * arm.links)
     start = JointPose(np.zeros((arm.links, 2)))

@@ -16,7 +16,7 @@ from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, link_sides
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
 from ccm_opt.ik.space_pose_task import SpacePoseSettings
 from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace

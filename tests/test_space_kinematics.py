@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.coordinates import space_coordinates
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import joint_coordinates
 from tests.oracles.chains import positions_of_links, rotations_by_numpy
 from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def random_q(random: np.random.Generator, arm: SpaceArm, *shape: int) -> FloatArray:
+def random_q(random: np.random.Generator, arm: Arm, *shape: int) -> FloatArray:
     """Configurations within the limits, shape (*shape, c)."""
     return random.uniform(arm.lower_limits, arm.upper_limits, (*shape, len(arm.coordinates)))
 
@@ -26,7 +26,7 @@ def test_a_layout_in_space_counts_two_bends_a_joint_and_then_the_feed() -> None:
     assert layout.names == ("joint 1 a", "joint 1 b", "joint 2 a", "joint 2 b", "feed")
     assert layout.drives == (0, 1, 3, 4, 6)
     assert layout.units == ("rad", "rad", "rad", "rad", "m")
-    assert layout == space_coordinates(2, ("feed",))
+    assert layout == joint_coordinates(2, 2, ("feed",))
     np.testing.assert_array_equal(arm.upper_limits, [3.0, 3.0, 0.8, 0.8, 0.5])
     np.testing.assert_array_equal(arm.lower_limits, [-3.0, -3.0, -0.8, -0.8, 0.0])
 

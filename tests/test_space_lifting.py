@@ -11,7 +11,7 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from tests.snakes_in_space import balls, snake, task_of
 

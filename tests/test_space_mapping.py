@@ -10,13 +10,12 @@ from scipy.optimize import minimize
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.robot.arm import MappingName
+from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.mapping import map_curve
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.robot.space_mapping import (
     curve_of_coordinates,
@@ -31,7 +30,7 @@ from tests.space_arms import FEED_OF_TESTS, planar_twin, space_arm, turned_arm
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def curve_for(random: np.random.Generator, arm: SpaceArm, bend: float = 2.0) -> SpaceConfiguration:
+def curve_for(random: np.random.Generator, arm: Arm, bend: float = 2.0) -> SpaceConfiguration:
     """A curve as long as an arm from its base."""
     lengths = random.uniform(0.5, 1.5, 3)
     lengths *= arm.length / lengths.sum()

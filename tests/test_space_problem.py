@@ -9,7 +9,7 @@ import pytest
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle
 
@@ -51,7 +51,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "no joint limit": (of_arm(joint_limit=0.0), "arm.joint_limit must be positive"),
     "no mass": (of_arm(masses=np.zeros(8)), "arm.masses must"),
     "a feed backwards": (of_arm(feed=Feed(0.5, 0.0, 0.0)), "arm.feed must have low < high"),
-    "no arm": (lambda problem: replace(problem, arm=None), "arm must be a SpaceArm"),  # type: ignore[arg-type]
+    "no arm": (lambda problem: replace(problem, arm=None), "arm must be a Arm"),  # type: ignore[arg-type]
     "a box inside out": (with_body(BoxBody(PLACE, np.zeros(3))), "obstacle 'new': low must be below high"),
     "a ball nowhere": (with_body(SphereBody(NOWHERE, 0.1)), "obstacle 'new': center must be finite"),
     "a ball of nothing": (with_body(SphereBody(PLACE, 0.0)), "obstacle 'new': radius must be a positive number"),

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, SphereBody, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
@@ -167,7 +167,7 @@ def test_self_contact_is_that_of_dense_samples(seed: int, samples: int, bend: fl
         assert check.worst < 0.0 or "cross" in check.where
 
 
-def least_self_gap(arm: SpaceArm, points: FloatArray) -> float:
+def least_self_gap(arm: Arm, points: FloatArray) -> float:
     """The least gap of distant links over poses, shape (N, links + 1, 3)."""
     i, j = np.triu_indices(arm.links, arm.first_self_pair)
     ends = [points[:, k].reshape(-1, 3) for k in (i, i + 1, j, j + 1)]

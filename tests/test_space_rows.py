@@ -11,7 +11,7 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from tests.snakes_in_space import balls, snake, task_of
 
 WANTED = 0.02

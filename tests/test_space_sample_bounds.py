@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.problem import JointPose
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.verification.newton_euler import efforts_in_space
 from ccm_opt.verification.space_chain_motion import SpaceChainMotion
 from ccm_opt.verification.space_sample_efforts import SpaceSampleMeans
@@ -22,7 +22,7 @@ from .test_sample_bounds import random_spline
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def limited(arm: SpaceArm, most: np.ndarray) -> SpaceProblem:
+def limited(arm: Arm, most: np.ndarray) -> SpaceProblem:
     """A problem of an arm with limits on accelerations, given for all bends."""
     accelerations = np.ones((arm.links, 3))
     accelerations[:, :2] = most.reshape(-1, 2)

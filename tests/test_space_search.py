@@ -22,7 +22,7 @@ from ccm_opt.planning.space_settings import SpaceConnectSettings
 from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
-from ccm_opt.robot.space_arm import joint_positions
+from ccm_opt.robot.arm import joint_positions
 from ccm_opt.solution import SurvivedError
 from ccm_opt.solution.space_solution import SpaceSolution
 from ccm_opt.verification.survived_in_space import moved_by_joint_errors, survived_errors_in_space

@@ -7,15 +7,15 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.curve_space import CurveSpace, chain_at
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.tip_newton import TipNewton, TipTarget
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def target_of(arm: SpaceArm, q: FloatArray) -> TipTarget:
+def target_of(arm: Arm, q: FloatArray) -> TipTarget:
     """Where the tip is in a configuration."""
     return TipTarget(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
 

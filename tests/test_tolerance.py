@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.link_motion import ChainMotion

@@ -8,9 +8,8 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.link_motion import ChainMotion

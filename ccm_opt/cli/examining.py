@@ -24,8 +24,8 @@ from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.io.solution_json import tolerance_data, tolerance_json
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import SimulatedMotion, SurvivedError
 from ccm_opt.viz.room_section import survived_in_words
 
@@ -134,7 +134,7 @@ def parameter_table(problem: AnyProblem) -> Table:
     return table
 
 
-def link_table(arm: DrivenArm) -> Table:
+def link_table(arm: Arm) -> Table:
     """Mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
     table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
     # In space a joint has two bends, within the same limit.

@@ -24,7 +24,7 @@ from ccm_opt.planning.space_smooth_path import certified_spline
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath
 
@@ -43,7 +43,7 @@ class FedJoints:
         beyond_tube: how far behind the tube joints begin to bend, in link lengths.
     """
 
-    arm: SpaceArm
+    arm: Arm
     longest_turn: float
     beyond_tube: float = 0.0
 

@@ -16,10 +16,10 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.link_bodies import cylinder_inertia
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -97,7 +97,7 @@ class Route:
         return self.at(np.linspace(low, high, count))
 
 
-def laid_along(arm: SpaceArm, route: Route, end: float) -> FloatArray | None:
+def laid_along(arm: Arm, route: Route, end: float) -> FloatArray | None:
     """The configuration with all joints on a route and the tip near an arc length of it; None where it breaks limits.
 
     Args:
@@ -129,7 +129,7 @@ def laid_along(arm: SpaceArm, route: Route, end: float) -> FloatArray | None:
     return q if np.all(np.abs(q[: 2 * arm.links]) <= 0.97 * arm.bend_limits) else None
 
 
-def _chorded(route: Route, start: float, arm: SpaceArm) -> tuple[FloatArray, float]:
+def _chorded(route: Route, start: float, arm: Arm) -> tuple[FloatArray, float]:
     """Joints and tip a link apart along a route from an arc length on, and the arc length of the tip."""
     points = [route.at(np.array(start))]
     s = start
@@ -194,11 +194,11 @@ JOINT_LIMIT = float(np.deg2rad(45.0))
 """Of each bend where there are as many links as usual, or more [rad]."""
 
 
-def arm_of_links(links: int, length: float, radius: float) -> SpaceArm:
+def arm_of_links(links: int, length: float, radius: float) -> Arm:
     """An arm at the origin along x, whose base turns any way."""
     masses = np.full(links, MASS / links)
     axial, transverse = cylinder_inertia(masses, radius, length / links)
-    return SpaceArm(
+    return Arm(
         links=links,
         link_length=length / links,
         radius=radius,
@@ -220,7 +220,7 @@ def joint_limit(links: int) -> float:
     return min(max(JOINT_LIMIT, JOINT_LIMIT * USUAL_LINKS / links), 0.5 * np.pi)
 
 
-def with_links(arm: SpaceArm, links: int) -> SpaceArm:
+def with_links(arm: Arm, links: int) -> Arm:
     """An arm as long, thick and heavy, of another number of links, whose drives are all alike."""
     masses = np.full(links, float(np.sum(arm.masses)) / links)
     axial, transverse = cylinder_inertia(masses, arm.radius, arm.length / links)
@@ -287,7 +287,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
     )
 
 
-def _clear_pose(rng: np.random.Generator, arm: SpaceArm) -> FloatArray:
+def _clear_pose(rng: np.random.Generator, arm: Arm) -> FloatArray:
     """Bends of a smooth random pose none of whose links comes near another, shape (2 links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     while True:
@@ -411,7 +411,7 @@ def _shipped(file: Path) -> tuple[SpaceProblem, SurfaceTree]:
     return problem, SurfaceTree.of(problem.workspace.soup)
 
 
-def _stands_free(tree: SurfaceTree, arm: SpaceArm, start: JointPose, kept: float) -> bool:
+def _stands_free(tree: SurfaceTree, arm: Arm, start: JointPose, kept: float) -> bool:
     """Whether the arm beyond its mount keeps a distance at the start."""
     points = arm.joint_positions_at(start.configuration(arm))
     along = points[0] + (arm.mount_length + arm.radius) * arm.direction

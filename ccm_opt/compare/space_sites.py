@@ -17,9 +17,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -386,7 +385,7 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
     )
 
 
-def _free(tree: SurfaceTree, arm: SpaceArm, q: FloatArray) -> bool:
+def _free(tree: SurfaceTree, arm: Arm, q: FloatArray) -> bool:
     """Whether a configuration keeps the least gap from bodies, and links from each other."""
     points = arm.joint_positions_at(q)
     first = int(np.ceil(arm.mount_length / arm.link_length))

@@ -19,7 +19,6 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle
 
 
@@ -290,6 +289,6 @@ def overloaded(problem: AnyProblem, where: str, number: int, load: float) -> Fin
     )
 
 
-def joint_words(arm: Arm | SpaceArm, number: int) -> str:
+def joint_words(arm: Arm, number: int) -> str:
     """A revolute in words: its ball, counted from 1, and its name."""
     return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

@@ -24,8 +24,8 @@ from ccm_opt.diagnosis.reach_in_space import supple_enough_in_space, within_spac
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Finding
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import CylinderBody
 from ccm_opt.scene.distances.enclosures import deepest_enclosure, segment_distances
 from ccm_opt.scene.distances.insides import depth_inside
@@ -148,7 +148,7 @@ def contact_at_space_tips(problem: SpaceProblem) -> Iterator[Finding]:
         yield from sorted(_tip_blocked(problem, gaps, place), key=lambda finding: -(finding.measured or 0.0))
 
 
-def overlap_missed(arm: SpaceArm) -> float:
+def overlap_missed(arm: Arm) -> float:
     """Overlap that counts as touching in a proof [m]: what touches is not hit, and rounding is not contact."""
     return DEFAULT_DIAGNOSIS.passages.touching * arm.length
 
@@ -219,7 +219,7 @@ def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: Obstacl
     return contact_finding(problem, key, f"{name} is in contact: {how}", place, found.name, gap, play)
 
 
-def _self_touched(arm: SpaceArm, pose: WholeSpacePose) -> Iterator[Finding]:
+def _self_touched(arm: Arm, pose: WholeSpacePose) -> Iterator[Finding]:
     """The two distant links that overlap most."""
     i, j = arm.self_pairs
     if len(i) == 0:

@@ -10,7 +10,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 
 GoalT_co = TypeVar("GoalT_co", covariant=True)
 
@@ -141,12 +140,12 @@ class WholeSpacePose:
     bend_play: float = 0.0
     base_play: float = 0.0
 
-    def turn_play(self, arm: SpaceArm) -> FloatArray:
+    def turn_play(self, arm: Arm) -> FloatArray:
         """Angle by which each link may be turned from where it is in the pose at most, shape (links,) [rad]."""
         # A link is turned by all bends before it, two at each joint; the angles of turns add up at most.
         return np.asarray(np.minimum(2.0 * self.bend_play * np.arange(1.0, arm.links + 1.0), np.pi))
 
-    def link_play(self, arm: SpaceArm) -> FloatArray:
+    def link_play(self, arm: Arm) -> FloatArray:
         """Farthest that any point of each link may lie from where it is in the pose, shape (links,) [m]."""
         # The end of link j adds up what the turns of all links up to it do; a turn moves a direction by its chord.
         chords = 2.0 * np.sin(0.5 * self.turn_play(arm))

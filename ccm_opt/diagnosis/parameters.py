@@ -14,10 +14,9 @@ from ccm_opt.errors import Relaxation
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 
 _Problem = TypeVar("_Problem", Problem, SpaceProblem)
-_Arm = TypeVar("_Arm", Arm, SpaceArm)
+_Arm = TypeVar("_Arm", Arm, Arm)
 Read = Callable[[Any], float]
 """A number of a problem, in the plane or in space."""
 Write = Callable[[Any, float], Any]
@@ -104,11 +103,11 @@ def _as_cylinders(old: _Arm, new: _Arm) -> _Arm:
     return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new))
 
 
-def _axial(arm: Arm | SpaceArm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _axial(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return arm.masses * arm.radius**2 / 2.0
 
 
-def _transverse(arm: Arm | SpaceArm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _transverse(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
 
 

@@ -14,7 +14,7 @@ from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.diagnosis.reach import cannot_curl_up, cannot_turn_enough, least_chord, out_of_reach
 from ccm_opt.errors import Finding
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 _DIRECTIONS_NEAR = 50
 """About the best so far. Taste."""
@@ -31,14 +31,14 @@ def within_space_reach(problem: SpaceProblem) -> Iterator[Finding]:
             yield out_of_reach(place.key, place.goal.position, distance, place.tolerances.position, arm.length, bounds)
 
 
-def _from_base(arm: SpaceArm, place: FloatArray) -> float:
+def _from_base(arm: Arm, place: FloatArray) -> float:
     """Distance of a place from the nearest place of the base [m]."""
     low, high = arm.base_range
     along = float(np.clip((place - arm.base) @ arm.direction, low, high))
     return float(np.linalg.norm(place - arm.base - along * arm.direction))
 
 
-def _feed_that_reaches(arm: SpaceArm, place: SpaceTipPlace) -> dict[str, float]:
+def _feed_that_reaches(arm: Arm, place: SpaceTipPlace) -> dict[str, float]:
     """The least upper end of the feed axis from which the arm reaches a goal [m]; nothing where none does."""
     if arm.feed is None:
         return {}
@@ -103,7 +103,7 @@ def least_limit(turn: float) -> float:
     return float(np.arccos(np.sqrt(np.cos(turn)))) if turn <= 0.5 * np.pi else turn
 
 
-def _turned_far_enough(arm: SpaceArm, place: SpaceTipPlace) -> Iterator[Finding]:
+def _turned_far_enough(arm: Arm, place: SpaceTipPlace) -> Iterator[Finding]:
     """The tip's direction, and that of the goal, lie within the sum of all turns.
 
     Directions of links are a chain on the unit sphere whose steps are the turns. The direction from base to tip is a
@@ -138,7 +138,7 @@ def angle_between(one: FloatArray, other: FloatArray) -> float:
 
 
 def _short_of_turn(
-    arm: SpaceArm, place: SpaceTipPlace, what: str, turn: float, bends: float, base: float
+    arm: Arm, place: SpaceTipPlace, what: str, turn: float, bends: float, base: float
 ) -> Iterator[Finding]:
     """A turn that is more than all joints together can make, with the limits that would do [rad]."""
     most = bends + base
@@ -150,7 +150,7 @@ def _short_of_turn(
     yield cannot_turn_enough(place.key, place.goal.position, what, turn, most, bounds)
 
 
-def _curled_enough(arm: SpaceArm, place: SpaceTipPlace) -> Iterator[Finding]:
+def _curled_enough(arm: Arm, place: SpaceTipPlace) -> Iterator[Finding]:
     """The goal is not nearer to the base than the tightest plane arc brings the tip (Schur's theorem for polygons)."""
     distance = _from_base(arm, place.goal.position) + place.tolerances.position
     nearest = least_chord(arm.links, arm.link_length, most_turn(arm.joint_limit))
@@ -174,7 +174,7 @@ class TurnCaps:
         place: of the tip, with or without a direction.
     """
 
-    arm: SpaceArm
+    arm: Arm
     place: SpaceTipPlace
 
     def farthest(self, ways: FloatArray) -> FloatArray:
@@ -228,7 +228,7 @@ def _spread_directions(count: int) -> FloatArray:
 
 
 def _both_at_once(
-    arm: SpaceArm, place: SpaceTipPlace, settings: SpaceReachSettings = DEFAULT_DIAGNOSIS.space_reach
+    arm: Arm, place: SpaceTipPlace, settings: SpaceReachSettings = DEFAULT_DIAGNOSIS.space_reach
 ) -> Iterator[Finding]:
     """The goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
     missing, way = TurnCaps(arm, place).worst(settings)
@@ -248,13 +248,13 @@ def _both_at_once(
     )
 
 
-def _limits_that_reach(arm: SpaceArm, place: SpaceTipPlace, way: FloatArray) -> dict[str, float]:
+def _limits_that_reach(arm: Arm, place: SpaceTipPlace, way: FloatArray) -> dict[str, float]:
     """For each number of the arm that may mend it the least at which it no longer falls short along one direction."""
 
-    def missing(changed: SpaceArm) -> float:
+    def missing(changed: Arm) -> float:
         return float(TurnCaps(changed, place).missing(way[None])[0])
 
-    def least(changed: Callable[[float], SpaceArm], low: float, high: float) -> float | None:
+    def least(changed: Callable[[float], Arm], low: float, high: float) -> float | None:
         if missing(changed(high)) > 0.0:
             return None
         return float(brentq(lambda value: missing(changed(value)), low, high, rtol=1e-6))

@@ -27,7 +27,7 @@ from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 
@@ -205,7 +205,7 @@ class _UnderWay:
         """The configuration in which the arm comes to rest, shape (c,)."""
         return np.array(self.first.positions[-1])
 
-    def whole(self, leg: JointTrajectory, arm: DrivenArm) -> tuple[JointTrajectory, JointStates]:
+    def whole(self, leg: JointTrajectory, arm: Arm) -> tuple[JointTrajectory, JointStates]:
         """Both parts as one motion, and the same for all drives."""
         trajectory = retiming.joined([self.first, leg])
         return trajectory, joint_states(arm, trajectory, self.dynamics)

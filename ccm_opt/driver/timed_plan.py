@@ -19,8 +19,8 @@ from ccm_opt.planning.following.leader import feed_limits
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import JointPose
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import verify
@@ -65,7 +65,7 @@ class VerifiedPlan:
 
 def results_of_terms(
     terms: "UserTerms | None",
-    arm: DrivenArm,
+    arm: Arm,
     path: JointPath,
     trajectory: JointTrajectory,
     settings: TermCheckSettings = TERM_CHECKS,

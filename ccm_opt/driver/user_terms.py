@@ -12,7 +12,7 @@ from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, con
 from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
@@ -23,7 +23,7 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
     return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
 
 
-def compiled_terms(arm: DrivenArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
+def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
     """The user's constraints and costs for an arm; None when there are none.
 
     Raises:

@@ -16,7 +16,6 @@ from ccm_opt.ik.quantities import ArmQuantities, Quantities, SpaceQuantities
 from ccm_opt.ik.row_set import RowSet
 from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, answer_of
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 
 TIME_TO_BUILD = 10.0
 """That an expression may take [s]; those of arms of 100 links take milliseconds."""
@@ -227,7 +226,7 @@ class UserTerms:
         return RowSet.from_constraints(self.quantities, constraints)
 
 
-def compile_terms(arm: Arm | SpaceArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
+def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
     """Build and check every constraint and cost for an arm.
 
     Raises:
@@ -241,7 +240,7 @@ def compile_terms(arm: Arm | SpaceArm, constraints: Sequence[Constraint], costs:
         _refuse_other_kind(cost, Cost)
 
     refuse_double_names([*constraints, *costs])
-    quantities = SpaceQuantities.from_arm(arm) if isinstance(arm, SpaceArm) else Quantities.from_arm(arm)
+    quantities = SpaceQuantities.from_arm(arm) if arm.dimension == 3 else Quantities.from_arm(arm)
     compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
     # Only the finished motion has speeds, so these are kept from the planners.
     timed = [constraint for constraint in compiled if quantities.is_timed(constraint.expression)]

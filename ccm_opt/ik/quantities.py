@@ -13,7 +13,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polygons import counter_clockwise, half_planes, is_convex
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 
 
 class ArmQuantities(ABC):
@@ -291,7 +290,7 @@ class SpaceQuantities(ArmQuantities):
         feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
     """
 
-    arm: SpaceArm
+    arm: Arm
     bends: Any
     base_feed: Any
     path_parameter: Any
@@ -299,7 +298,7 @@ class SpaceQuantities(ArmQuantities):
     feed_rate: Any
 
     @classmethod
-    def from_arm(cls, arm: SpaceArm) -> "SpaceQuantities":
+    def from_arm(cls, arm: Arm) -> "SpaceQuantities":
         """Fresh symbols for an arm."""
         return cls(
             arm,

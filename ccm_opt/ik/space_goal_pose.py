@@ -17,7 +17,7 @@ from ccm_opt.ik.space_pose_solver import SpaceArmPose, SpacePoseQuestion
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask, free_shares
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -41,7 +41,7 @@ _STRAY_WEIGHT = 1.0
 
 
 def link_sides(
-    arm: SpaceArm,
+    arm: Arm,
     tree: SurfaceTree,
     clearance: float,
     wanted_gap: float,
@@ -62,7 +62,7 @@ def link_sides(
     return surfaces.joined(_pair_sides(arm, wanted_gap, points, settings))
 
 
-def held_segments(arm: SpaceArm, points: FloatArray) -> FloatArray:
+def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
     """The parts of the links that may touch nothing, shape (k, 2, 3) [m]: those of the last k links."""
     shares = free_shares(arm)
     starts = points[:-1] + shares[:, None] * np.diff(points, axis=0)
@@ -70,7 +70,7 @@ def held_segments(arm: SpaceArm, points: FloatArray) -> FloatArray:
 
 
 def _surface_sides(
-    arm: SpaceArm, tree: SurfaceTree, clearance: float, points: FloatArray, settings: SpacePoseSettings
+    arm: Arm, tree: SurfaceTree, clearance: float, points: FloatArray, settings: SpacePoseSettings
 ) -> LinkSides:
     segments = held_segments(arm, points)
     reach = settings.reach * arm.length
@@ -82,7 +82,7 @@ def _surface_sides(
     return LinkSides(link, rows.normal, to_axis + arm.radius + clearance, np.ones(len(link)))
 
 
-def _pair_sides(arm: SpaceArm, wanted_gap: float, points: FloatArray, settings: SpacePoseSettings) -> LinkSides:
+def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray, settings: SpacePoseSettings) -> LinkSides:
     """Two sides for every pair of links that may meet: each keeps to its side of the plane half-way between them.
 
     Links that are not far apart along the arm cannot keep the wanted gap, and are asked for the share of it that

@@ -15,11 +15,11 @@ from ccm_opt.ik.holding import holding_loads
 from ccm_opt.ik.row_program import RowAnswer, RowReading
 from ccm_opt.ik.space_pose_program import SpacePoseProgram
 from ccm_opt.ik.space_pose_task import SpacePoseSettings, SpacePoseTask
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import PIECES, second_derivatives
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 _LIMIT_SHARE = 0.98
@@ -46,7 +46,7 @@ class CurveNumbers:
     base_turn: FloatArray
 
     @classmethod
-    def near(cls, arm: SpaceArm, q: FloatArray, segments: int) -> "CurveNumbers":
+    def near(cls, arm: Arm, q: FloatArray, segments: int) -> "CurveNumbers":
         """The curve with even knots whose bends come nearest to those of a pose, shape (c,)."""
         knots = PIECES * segments + 1
         space = CurveSpace.of(arm, knots)
@@ -74,7 +74,7 @@ class CurveNumbers:
             shares.append((float(inner[0]), float(inner[1]), float(inner[2])))
         return lengths, values, shares
 
-    def configuration(self, arm: SpaceArm, feed: float) -> SpaceConfiguration:
+    def configuration(self, arm: Arm, feed: float) -> SpaceConfiguration:
         """The curve in metres, from where the base is carried so far [m]."""
         lengths, values, shares = self.segment_values()
         rotation, _ = exponential(np.array([0.0, -self.base_turn[1], self.base_turn[0], 0.0, 0.0, 0.0]))
@@ -115,7 +115,7 @@ class CurveNumbers:
         return Configuration.chain(np.zeros(2), 0.0, lengths, [value[:, index] for value in values], shares)
 
 
-def start_values(arm: SpaceArm, q: FloatArray, curve: CurveNumbers, moment_scale: float) -> FloatArray:
+def start_values(arm: Arm, q: FloatArray, curve: CurveNumbers, moment_scale: float) -> FloatArray:
     """Values of the first variables, up to the feed, in the order of ``SpacePoseProgram.variables``.
 
     Args:

@@ -7,9 +7,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import TipGoal
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_shares_of_bends
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class SpacePoseTask:
         torque_limits: of both bends of every joint, shape (2 links,) [N m]; None where torque is not limited.
     """
 
-    arm: SpaceArm
+    arm: Arm
     target: TipGoal
     near: FloatArray
     start: FloatArray
@@ -118,7 +118,7 @@ class SpacePoseTask:
         return min(max(low, self.arm.hole - first * self.arm.link_length), high), high
 
 
-def free_shares(arm: SpaceArm) -> FloatArray:
+def free_shares(arm: Arm) -> FloatArray:
     """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
     shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
     return shares

@@ -12,7 +12,6 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint, MotionStates, TimedConstraint
 from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings, Where, applies_at
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 
 _RATE = 1000.0
@@ -115,7 +114,7 @@ class CheckedPoses:
 
 def results_of_terms(
     terms: UserTerms,
-    arm: Arm | SpaceArm,
+    arm: Arm,
     path: JointPath,
     trajectory: JointTrajectory,
     settings: TermCheckSettings = TERM_CHECKS,
@@ -141,7 +140,7 @@ def results_of_terms(
 
 def checks_without_path(
     terms: UserTerms,
-    arm: Arm | SpaceArm,
+    arm: Arm,
     trajectory: JointTrajectory,
     keyframes: FloatArray,
     settings: TermCheckSettings = TERM_CHECKS,
@@ -196,7 +195,7 @@ def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
 
 def poses_at_rate(
     terms: UserTerms,
-    arm: Arm | SpaceArm,
+    arm: Arm,
     path: JointPath | None,
     trajectory: JointTrajectory,
     settings: TermCheckSettings = TERM_CHECKS,
@@ -223,17 +222,15 @@ def _parametric(terms: UserTerms) -> bool:
     return terms.parametric or any(timed.parametric for timed in terms.timed)
 
 
-def _path_parameters(
-    arm: Arm | SpaceArm, path: JointPath, positions: FloatArray, settings: TermCheckSettings
-) -> FloatArray:
+def _path_parameters(arm: Arm, path: JointPath, positions: FloatArray, settings: TermCheckSettings) -> FloatArray:
     """Path parameters of coordinates along a path, shape (N,)."""
-    if isinstance(arm, SpaceArm):
+    if arm.dimension == 3:
         # An arm that is fed straight tells how far it is by its feed alone.
         return nearest_path_parameters(path, positions, settings)
     return nearest_path_parameters(path, positions[:, arm.coordinates.bends], settings)
 
 
-def poses_at_keyframes(terms: UserTerms, arm: Arm | SpaceArm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
+def poses_at_keyframes(terms: UserTerms, arm: Arm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
     """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
     shapes = terms.quantities.shapes(keyframes)
     feed = arm.coordinates.advance(keyframes)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Axes
+from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.robot.points import DrivenArm
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
@@ -48,7 +47,7 @@ class Revolute:
     friction: float
 
 
-def revolutes(arm: DrivenArm, *, bends_only: bool = False) -> Iterator[Revolute]:
+def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
     """The revolutes from the base outward.
 
     Args:
@@ -80,12 +79,12 @@ def revolutes(arm: DrivenArm, *, bends_only: bool = False) -> Iterator[Revolute]
         )
 
 
-def visual_radius(arm: DrivenArm) -> float:
+def visual_radius(arm: Arm) -> float:
     """Radius to draw links with [m]: the arm's own, or a thin line for an arm without thickness."""
     return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
 
 
-def checked_share(arm: DrivenArm, k: int) -> float:
+def checked_share(arm: Arm, k: int) -> float:
     """Where on link k the part begins that may touch nothing, as a share of its length; 1: all is mount."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
 

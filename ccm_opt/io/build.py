@@ -51,11 +51,9 @@ from ccm_opt.problem import (
     Weights,
 )
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.robot.arm import Arm, MappingName
+from ccm_opt.robot.arm import Arm, Feed, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.workspace import Obstacle, Workspace
@@ -160,7 +158,7 @@ def build_problem(tables: Tables, source: str) -> AnyProblem:
     """Assemble a problem from tables that have passed all checks."""
     arm = build_arm(tables.arm)
     mapping = tables.planner.mapping
-    in_space = isinstance(arm, SpaceArm)
+    in_space = arm.dimension == 3
     *stops, last = tables.goals
     parts: dict[str, Any] = {
         "name": tables.root.name,
@@ -255,10 +253,10 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
 @overload
 def build_arm(table: ArmTable) -> Arm: ...
 @overload
-def build_arm(table: SpaceArmTable) -> SpaceArm: ...
+def build_arm(table: SpaceArmTable) -> Arm: ...
 @overload
-def build_arm(table: ArmTable | SpaceArmTable) -> Arm | SpaceArm: ...
-def build_arm(table: ArmTable | SpaceArmTable) -> Arm | SpaceArm:
+def build_arm(table: ArmTable | SpaceArmTable) -> Arm: ...
+def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     """Build the arm; its links are solid cylinders unless the inertia is given."""
     in_space = isinstance(table, SpaceArmTable)
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
@@ -288,7 +286,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm | SpaceArm:
         return Arm(base=np.array(table.base), base_heading=table.base_heading_deg, **parts)
     direction = np.array(table.base.direction)
     up = _across(np.array(table.base.up), direction)
-    return SpaceArm(base=np.array(table.base.position), direction=direction, up=up, **parts)
+    return Arm(base=np.array(table.base.position), direction=direction, up=up, **parts)
 
 
 def _feed(table: FeedTable) -> Feed:
@@ -328,14 +326,14 @@ def _point_limits(table: LimitsTable) -> tuple[PointLimit, ...]:
     return (PointLimit(None, table.tip_velocity or np.inf, table.tip_acceleration or np.inf), *points)
 
 
-def build_pose(table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm, mapping: MappingName) -> JointPose:
+def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName) -> JointPose:
     """Build a pose of the whole arm; the table holds exactly one kind.
 
     Raises:
         ProblemError: the arm cannot be folded, or not be laid along the curve.
     """
     feed = feed_of(table, arm)
-    if isinstance(arm, SpaceArm):
+    if arm.dimension == 3:
         return JointPose(np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed)
     if isinstance(table, PoseTable) and table.segments is not None:
         return JointPose.along(arm, _configuration(table.segments, table.heading_deg, arm), mapping, feed)
@@ -344,12 +342,12 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm, mapping: 
     return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm), feed)
 
 
-def feed_of(table: PoseTable | SpacePoseTable, arm: Arm | SpaceArm) -> float:
+def feed_of(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
     """Where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
     return arm.base_range[0] if table.feed is None else table.feed
 
 
-def _goal(table: GoalTable | SpaceGoalTable, arm: Arm | SpaceArm, mapping: MappingName) -> Goal:
+def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> Goal:
     """Build a goal for the tip or for the whole arm."""
     if table.position is None:
         return build_pose(table, arm, mapping)

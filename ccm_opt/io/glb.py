@@ -26,7 +26,6 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
 from ccm_opt.scene.workspace import BOUNDARY_NAME
 from ccm_opt.solution import JointTrajectory
@@ -182,9 +181,9 @@ def _obstacles(problem: AnyProblem, settings: ExportSettings) -> Iterator[tuple[
             yield obstacle.name, _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
 
 
-def _motions(arm: Arm | SpaceArm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Places and turns of every link over time."""
-    if isinstance(arm, Arm):
+    if arm.dimension == 2:
         positions = arm.joint_positions_at(q)
         yield from (_motion_of(positions[:, k : k + 2]) for k in range(arm.links))
     else:

@@ -17,8 +17,7 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, SolidScene, prism_mesh
 from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.io.space_scene import NamedBody
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.points import DrivenArm
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 
 _COLOUR = "0.55 0.57 0.6 1"
@@ -71,7 +70,7 @@ def _vertices(prism: Prism, half_depth: float) -> str:
 
 
 def mjcf_text(
-    arm: DrivenArm, name: str, gravity: FloatArray, scene: SolidScene | None = None, *, bends_only: bool = False
+    arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None = None, *, bends_only: bool = False
 ) -> str:
     """MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
 
@@ -91,7 +90,7 @@ def mjcf_text(
 
 
 def arm_mjcf(
-    arm: DrivenArm,
+    arm: Arm,
     name: str,
     gravity: FloatArray,
     furnish: Callable[[ET.Element, ET.Element], None] | None,
@@ -134,14 +133,14 @@ def _add_hinge(body: ET.Element, revolute: Revolute) -> None:
         hinge.set("damping", number(revolute.friction))
 
 
-def _add_body(parent: ET.Element, arm: DrivenArm, ball: int) -> ET.Element:
+def _add_body(parent: ET.Element, arm: Arm, ball: int) -> ET.Element:
     """The body of a link, at the tip of the one before; the first stands at the base, turned by the base heading."""
     body = ET.SubElement(parent, "body", name=f"link{ball:02d}")
     if ball > 1:
         body.set("pos", numbers((arm.link_length, 0.0, 0.0)))
         return body
     body.set("pos", numbers(arm.base_position))
-    if isinstance(arm, SpaceArm):
+    if arm.dimension == 3:
         body.set("quat", numbers(RigidPlacement(rotation=arm.base_rotation).quaternion))
         return body
     half = -0.5 * arm.base_heading  # about world +y, which turns x towards -z
@@ -149,7 +148,7 @@ def _add_body(parent: ET.Element, arm: DrivenArm, ball: int) -> ET.Element:
     return body
 
 
-def _add_link(body: ET.Element, arm: DrivenArm, k: int) -> None:
+def _add_link(body: ET.Element, arm: Arm, k: int) -> None:
     across = arm.inertia_transverse[k]
     ET.SubElement(
         body,
@@ -165,7 +164,7 @@ def _add_link(body: ET.Element, arm: DrivenArm, k: int) -> None:
         _add_capsule(body, arm, (begin, arm.link_length), "1")
 
 
-def _add_capsule(body: ET.Element, arm: DrivenArm, span: tuple[float, float], contype: str) -> None:
+def _add_capsule(body: ET.Element, arm: Arm, span: tuple[float, float], contype: str) -> None:
     ends = numbers((span[0], 0.0, 0.0, span[1], 0.0, 0.0))
     size = number(visual_radius(arm))
     ET.SubElement(body, "geom", type="capsule", fromto=ends, size=size, contype=contype, conaffinity="0")

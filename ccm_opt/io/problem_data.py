@@ -32,8 +32,6 @@ from ccm_opt.problem import (
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.points import DrivenArm
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
@@ -151,7 +149,7 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     return measures | base | chain
 
 
-def chain_table(arm: DrivenArm, unit: LengthUnit) -> Table:
+def chain_table(arm: Arm, unit: LengthUnit) -> Table:
     """What ``[arm]`` says of an arm in the plane or in space, but for its base."""
     table: Table = {
         "links": int(arm.links),
@@ -213,7 +211,7 @@ def _goals(problem: AnyProblem) -> Table | list[Table]:
     return [*stops, last] if stops else last
 
 
-def goal_table(goal: Goal, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
+def goal_table(goal: Goal, arm: Arm, unit: LengthUnit) -> Table:
     """A goal as ``[goal]``, without its tolerances."""
     if not isinstance(goal, TipGoal):
         return pose_table(goal, arm, unit)
@@ -225,7 +223,7 @@ def goal_table(goal: Goal, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     return table | {"via": [_lengths(place, unit) for place in goal.via]} if goal.via else table
 
 
-def pose_table(pose: JointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
+def pose_table(pose: JointPose, arm: Arm, unit: LengthUnit) -> Table:
     """A pose of the whole arm as ``[start]``.
 
     Raises:
@@ -237,7 +235,7 @@ def pose_table(pose: JointPose, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
     return _curve(pose.curve, arm, unit) | feed
 
 
-def _curve(curve: Configuration, arm: Arm | SpaceArm, unit: LengthUnit) -> Table:
+def _curve(curve: Configuration, arm: Arm, unit: LengthUnit) -> Table:
     if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance * arm.length):
         raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
     segments = [
@@ -348,7 +346,7 @@ def _placement(placement: RigidPlacement, unit: LengthUnit) -> Table:
     }
 
 
-def _base(arm: SpaceArm, unit: LengthUnit) -> Table:
+def _base(arm: Arm, unit: LengthUnit) -> Table:
     return {"position": _lengths(arm.base, unit), "direction": arm.direction.tolist(), "up": arm.up.tolist()}
 
 

@@ -15,9 +15,8 @@ from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.record_file import read_record
 from ccm_opt.io.solution_json import SCHEMA
 from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
-from ccm_opt.robot.points import DrivenArm
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.solution import JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9
@@ -129,7 +128,7 @@ def load_any_problem(folder: Path) -> AnyProblem:
     return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
 
 
-def load_motion(folder: Path, arm: DrivenArm) -> SavedMotion:
+def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     """The motion in a folder's ``solution.npz``.
 
     Args:
@@ -147,7 +146,7 @@ def load_motion(folder: Path, arm: DrivenArm) -> SavedMotion:
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
     of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
     of_room = ROOM_SHAPES if any(name in arrays for name in ROOM_SHAPES) else {}
-    shapes = {**(SPACE_SHAPES if isinstance(arm, SpaceArm) else SHAPES), **of_base, **of_room}
+    shapes = {**(SPACE_SHAPES if arm.dimension == 3 else SHAPES), **of_base, **of_room}
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
@@ -239,7 +238,7 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
             raise ProblemError(f"{path}: a motion needs at least {words}, got {sizes[name]}")
 
 
-def _check_positions(motion: SavedMotion, positions: FloatArray, arm: DrivenArm, path: Path) -> None:
+def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path: Path) -> None:
     """The stored positions must be those of the stored bends."""
     q = motion.trajectory.positions
     expected = arm.joint_positions_at(q)

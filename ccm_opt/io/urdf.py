@@ -19,8 +19,7 @@ from ccm_opt.io.arm_description import (
 )
 from ccm_opt.io.scene_solids import Drum, Prism, SolidObstacle, SolidScene, prism_mesh
 from ccm_opt.problem import Limits
-from ccm_opt.robot.points import DrivenArm
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 MESHES = ".meshes"
 """Added to the name of a URDF file for that of the folder of its meshes."""
@@ -121,7 +120,7 @@ FRAME_INERTIA = 2e-14
 
 
 def urdf_text(
-    arm: DrivenArm,
+    arm: Arm,
     name: str,
     limits: Limits,
     scene: SolidScene | None = None,
@@ -151,7 +150,7 @@ def urdf_text(
     return urdf_of(robot)
 
 
-def arm_urdf(arm: DrivenArm, name: str, limits: Limits, *, bends_only: bool = False) -> ET.Element:
+def arm_urdf(arm: Arm, name: str, limits: Limits, *, bends_only: bool = False) -> ET.Element:
     """The element ``robot`` of an arm alone; arguments as for ``urdf_text``."""
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name="world")
@@ -177,7 +176,7 @@ def urdf_of(robot: ET.Element) -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-def _add_mount(robot: ET.Element, arm: DrivenArm, limits: Limits) -> str:
+def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
     """What is between the world and the first ball; returns the link that carries it."""
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
@@ -193,14 +192,14 @@ def _add_mount(robot: ET.Element, arm: DrivenArm, limits: Limits) -> str:
     return "base"
 
 
-def _base_angles(arm: DrivenArm) -> tuple[float, float, float]:
+def _base_angles(arm: Arm) -> tuple[float, float, float]:
     """How the base is turned in the world: about its x, then the world's y, then the world's z [rad]."""
-    if not isinstance(arm, SpaceArm):
+    if arm.dimension == 2:
         return 0.0, -arm.base_heading, 0.0
     return roll_pitch_yaw(arm.base_rotation)
 
 
-def _add_payload(robot: ET.Element, arm: DrivenArm, last: str) -> None:
+def _add_payload(robot: ET.Element, arm: Arm, last: str) -> None:
     """A point mass at the tip."""
     _add_inertia(ET.SubElement(robot, "link", name="payload"), 0.0, arm.payload, FRAME_INERTIA, FRAME_INERTIA)
     joint = ET.SubElement(robot, "joint", name="payload_mount", type="fixed")
@@ -221,7 +220,7 @@ def _add_limit(joint: ET.Element, span: tuple[float, float], velocity: float, ef
     ET.SubElement(joint, "limit", bounds, velocity=number(velocity), effort=number(effort))
 
 
-def _add_link(robot: ET.Element, arm: DrivenArm, name: str, revolute: Revolute) -> None:
+def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> None:
     link = ET.SubElement(robot, "link", name=name)
     if not revolute.carries_link:
         _add_inertia(link, 0.0, FRAME_MASS, FRAME_INERTIA, FRAME_INERTIA)
@@ -243,7 +242,7 @@ def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, acr
     ET.SubElement(inertial, "inertia", {"ixx": number(axial), **sides})
 
 
-def _add_capsule(link: ET.Element, arm: DrivenArm, purpose: str, begin: float) -> None:
+def _add_capsule(link: ET.Element, arm: Arm, purpose: str, begin: float) -> None:
     """A cylinder along the link, from ``begin`` to its end, and a sphere at either end."""
     radius = number(visual_radius(arm))
     shape = _add_shape(link, purpose, (0.5 * (begin + arm.link_length), 0.0, 0.0))
@@ -258,7 +257,7 @@ def _add_shape(link: ET.Element, purpose: str, centre: tuple[float, float, float
     return ET.SubElement(body, "geometry")
 
 
-def _add_joint(robot: ET.Element, arm: DrivenArm, parent: str, child: str, revolute: Revolute, limits: Limits) -> None:
+def _add_joint(robot: ET.Element, arm: Arm, parent: str, child: str, revolute: Revolute, limits: Limits) -> None:
     joint = ET.SubElement(robot, "joint", name=revolute.name, type="revolute")
     shift = arm.link_length if revolute.starts_ball and revolute.ball > 1 else 0.0
     _place(joint, parent, child, (shift, 0.0, 0.0))

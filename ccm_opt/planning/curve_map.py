@@ -17,9 +17,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
 
 KNOTS = 11
 SETTLING = 1e-2
@@ -43,7 +43,7 @@ class CurveMap:
         blend: joints' turns that one more unknown blends in, of the shape of ``offset``; None without one.
     """
 
-    arm: SpaceArm
+    arm: Arm
     spacing: float
     knots: int
     scale: FloatArray
@@ -52,7 +52,7 @@ class CurveMap:
     blend: FloatArray | None = None
 
     @classmethod
-    def through(cls, arm: SpaceArm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
+    def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
         """The map that holds a configuration exactly, and its unknowns there.
 
         Joints slide along the curve of a fed arm, which may have more knots than there are joints; on a fixed base more

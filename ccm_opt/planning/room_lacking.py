@@ -3,11 +3,11 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
-def distance_lacking(arm: SpaceArm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
+def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
     """By how much the axes of the links beyond the mount are nearer to surfaces than they ought to be.
 
     Args:

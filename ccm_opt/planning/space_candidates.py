@@ -12,7 +12,7 @@ from ccm_opt.planning.followable_search import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
 from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 _APPROACHES = (1.0, 0.0)
 """Lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links where these are
@@ -59,7 +59,7 @@ class BendAllowance:
     beside: float
 
 
-def bend_allowances(arm: SpaceArm, unit: float, settings: FollowableWaySettings) -> list[BendAllowance]:
+def bend_allowances(arm: Arm, unit: float, settings: FollowableWaySettings) -> list[BendAllowance]:
     """What is counted on for an arm in bends, in turn.
 
     Args:

@@ -21,7 +21,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.space_settings import SpaceCertificateSettings
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _DEEPEST = 60
@@ -39,7 +39,7 @@ class IntervalProof:
         slack: share of a link's motion by which distances may be told too small, where that is enough for the proof.
     """
 
-    def __init__(self, arm: SpaceArm, tree: SurfaceTree, gap: float, pair_gap: float, slack: float) -> None:
+    def __init__(self, arm: Arm, tree: SurfaceTree, gap: float, pair_gap: float, slack: float) -> None:
         self._ends = np.empty((2, len(arm.coordinates)))
         self._call = NativeCall(
             "prove_interval",
@@ -114,7 +114,7 @@ class LinkMotion:
         arm: the arm.
     """
 
-    def __init__(self, arm: SpaceArm) -> None:
+    def __init__(self, arm: Arm) -> None:
         self._arm = arm
         n = arm.links
         self._first_pair = arm.first_self_pair if arm.self_collision else n
@@ -214,7 +214,7 @@ class SpaceCertificate:
         beside: what else every edge has to keep, at samples; None for nothing.
     """
 
-    arm: SpaceArm
+    arm: Arm
     tree: SurfaceTree
     gap: float = 0.0
     pair_gap: float = 0.0

@@ -17,8 +17,8 @@ from ccm_opt.planning.space_settings import LiftingSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
 
 _MOST_LINKS = 36
 """Arms of no more links are planned as they are."""
@@ -86,7 +86,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     return SpaceMotion(curve, unknowns, configurations, f"{found.candidate}, lifted from {found.curve.arm.links} links")
 
 
-def coarse_arm(arm: SpaceArm) -> SpaceArm:
+def coarse_arm(arm: Arm) -> Arm:
     """The arm with nominal links, which bend as much over the same length as far as they may.
 
     What it weighs does not matter to the search, so that its mass is spread evenly.

@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Chains:
         arm: the arm.
     """
 
-    def __init__(self, arm: SpaceArm) -> None:
+    def __init__(self, arm: Arm) -> None:
         self._arm = arm
 
     def at(self, q: FloatArray, slopes: FloatArray) -> SpaceChain:

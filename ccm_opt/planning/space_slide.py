@@ -15,9 +15,9 @@ from scipy.sparse.linalg import spsolve
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.space_guides import SpaceTipTrack
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_shares_of_bends
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
-from ccm_opt.robot.space_arm import SpaceArm
 
 _FINE = 0.02
 """Spacing of places at which the track is looked at for the next joint, in links."""
@@ -27,7 +27,7 @@ _BACK = 40
 """From so many before where a joint would lie on a straight track: in bends links leave out a part of it."""
 
 
-def slid_along(arm: SpaceArm, track: SpaceTipTrack, feeds: FloatArray) -> FloatArray:
+def slid_along(arm: Arm, track: SpaceTipTrack, feeds: FloatArray) -> FloatArray:
     """Configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
     Args:
@@ -57,7 +57,7 @@ def slid_along(arm: SpaceArm, track: SpaceTipTrack, feeds: FloatArray) -> FloatA
     return configuration_from_positions(arm, np.stack(points, axis=1))
 
 
-def feeds_to_end(arm: SpaceArm, track: SpaceTipTrack, start: float, step: float) -> FloatArray:
+def feeds_to_end(arm: Arm, track: SpaceTipTrack, start: float, step: float) -> FloatArray:
     """Positions of the base from the start of a motion to where the tip is nearest to the end of its track, shape (k,).
 
     Args:

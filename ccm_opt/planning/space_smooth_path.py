@@ -20,7 +20,7 @@ from ccm_opt.planning.settings import SmoothPathSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 _LOOKS = 5
 """Places for every keyframe of the motion at which the room of the path is looked at."""
@@ -321,7 +321,7 @@ def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
     return np.concatenate((failing, finer[task.user.misses_path(np.asarray(spline(finer)), finer)]))
 
 
-def _bent_inside(arm: SpaceArm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:
+def _bent_inside(arm: Arm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:
     """Spans on which a joint may be bent while the guide tube holds it.
 
     A joint bends on the whole of a span when one of the span's four control points bends it; the feed is within half of

@@ -19,8 +19,8 @@ from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
@@ -55,7 +55,7 @@ class SpaceTask:
         user: the user's constraints and costs; None where there are none.
     """
 
-    arm: SpaceArm
+    arm: Arm
     tree: SurfaceTree
     start: FloatArray
     goal: SpaceTipPose | None
@@ -157,13 +157,13 @@ class SpaceMotion:
         return cls(curve, unknowns, np.stack([pose.q for pose in poses]), candidate)
 
 
-def reach_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:
+def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
     """Corners of where any of the arm can be: within the arm's length of its base, and in the room, (2, 3) [m]."""
     low, high = arm.base_range
     return _box_about(arm, low, high, arm.length, bounds)
 
 
-def tip_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:
+def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
     """Corners of where the tip can be, (2, 3) [m]; an arm is straight in its guide tube and turns about its end."""
     low, high = arm.base_range
     if not arm.base_axes:
@@ -172,7 +172,7 @@ def tip_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:
     return _box_about(arm, first, max(first, high), arm.length - max(first - high, 0.0), bounds)
 
 
-def _box_about(arm: SpaceArm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
+def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
     """Corners of what is within reach of a part of the line of the base, and in the room, (2, 3) [m]."""
     ends = arm.base + np.outer([low, high], arm.direction)
     box = np.stack((ends.min(axis=0) - reach, ends.max(axis=0) + reach))

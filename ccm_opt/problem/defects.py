@@ -18,9 +18,8 @@ from ccm_opt.problem.options import (
 )
 from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.problem.poses import JointPose, TipGoal
-from ccm_opt.robot.arm import Axes, MappingName
+from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.points import DrivenArm
 
 if TYPE_CHECKING:
     from ccm_opt.problem.definition import Problem
@@ -56,9 +55,7 @@ def defects(problem: "Problem") -> Iterator[str]:
     yield from drive_defects(problem.arm, problem.limits, problem.planner, problem.simulation)
 
 
-def drive_defects(
-    arm: DrivenArm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions
-) -> Iterator[str]:
+def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
     """What is wrong with masses, limits and options, which mean the same in the plane and in space."""
     for name, value, shape in _positive_arrays(arm, limits):
         yield from array_defects(name, value, shape, positive=True)
@@ -84,7 +81,7 @@ def _weight_defects(weights: Weights) -> Iterator[str]:
             yield f"planner.weights.{name} must be finite and not negative, got {value}"
 
 
-def _point_defects(arm: DrivenArm, limits: Limits) -> Iterator[str]:
+def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
     """Limits on points: on the arm, positive, and one for each."""
     points = limits.points
     length = arm.length
@@ -101,7 +98,7 @@ def _point_defects(arm: DrivenArm, limits: Limits) -> Iterator[str]:
             yield f"{name} limits the {point.name} a second time"
 
 
-def feed_defects(arm: DrivenArm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
+def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
     """What is wrong with a feed axis, its limits, and the places on it of poses by their names [m]."""
     if not arm.base_axes:
         yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
@@ -119,7 +116,7 @@ def feed_defects(arm: DrivenArm, limits: Limits, placed: Sequence[tuple[str, flo
                 yield f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}"
 
 
-def _positive_arrays(arm: DrivenArm, limits: Limits) -> Iterator[_Array]:
+def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
     for name in ("masses", "inertia_axial", "inertia_transverse"):
         yield f"arm.{name}", getattr(arm, name), (arm.links,)
     for name in ("velocity", "acceleration", "torque", "jerk"):

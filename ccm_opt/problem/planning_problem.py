@@ -5,7 +5,7 @@ from typing import Protocol
 
 from ccm_opt.core.length_words import LengthUnit, long_length, words_in
 from ccm_opt.problem.options import PlannerOptions, VerificationOptions
-from ccm_opt.robot.link_chain import LinkChain
+from ccm_opt.robot.arm import Arm
 
 CONTACT_SHARE_OF_LENGTH = 1e-6
 """Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
@@ -34,7 +34,7 @@ class PlanningProblem:
 
     name: str
     workspace: Room
-    arm: LinkChain
+    arm: Arm
     stops: Sequence[object]
     planner: PlannerOptions
     verification: VerificationOptions

@@ -15,7 +15,6 @@ from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.mapping import map_curve
-from ccm_opt.robot.points import DrivenArm
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class JointPose:
             bends = bends.reshape(-1, coordinates.bends_a_joint)
         return cls(bends.copy(), float(coordinates.advance(q)))
 
-    def configuration(self, arm: DrivenArm) -> FloatArray:
+    def configuration(self, arm: Arm) -> FloatArray:
         """The pose as a configuration of an arm, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
 

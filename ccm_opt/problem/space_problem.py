@@ -25,9 +25,8 @@ from ccm_opt.problem.defects import array_defects, drive_defects, feed_defects
 from ccm_opt.problem.field_types import COMMON_NUMBERS, COMMON_PARTS, PartTypes, wrong_types
 from ccm_opt.problem.options import Weights
 from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH, PlanningProblem
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import Body, BoxBody, MeshBody, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 
@@ -51,7 +50,7 @@ def space_defects(problem: "SpaceProblem") -> Iterator[str]:
     yield from _pose_defects(problem)
 
 
-def _arm_defects(arm: SpaceArm) -> Iterator[str]:
+def _arm_defects(arm: Arm) -> Iterator[str]:
     if arm.links < 2 or arm.links % 2:
         yield f"arm.links must be even and at least 2, got {arm.links}"
     if not (arm.link_length > 0.0 and arm.radius >= 0.0):
@@ -134,7 +133,7 @@ IN_SPACE = PartTypes(
     parts={
         **COMMON_PARTS,
         "workspace": (SpaceWorkspace,),
-        "arm": (SpaceArm,),
+        "arm": (Arm,),
         "start": (JointPose,),
         "goal": (TipGoal, JointPose),
         "workspace.obstacles": (tuple,),
@@ -175,7 +174,7 @@ class SpaceProblem(PlanningProblem):
 
     name: str
     workspace: SpaceWorkspace
-    arm: SpaceArm
+    arm: Arm
     limits: Limits
     start: JointPose
     goal: Goal

@@ -8,8 +8,8 @@ from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.paul import DEFAULT_PAUL, PaulSettings
 from ccm_opt.retiming.timing import joined, retime, reversed_trajectory
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 __all__ = ["joined", "retime", "reversed_trajectory", "timings"]
@@ -24,7 +24,7 @@ def timings(
     method: RetimingName = "toppra",
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
-    arm: DrivenArm | None = None,
+    arm: Arm | None = None,
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
     paul: PaulSettings = DEFAULT_PAUL,

@@ -33,8 +33,8 @@ from ccm_opt.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.timed_path import PathLimits, TimedPath, likely_coordinates
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 
@@ -155,7 +155,7 @@ def retime_paul(
     window: float = DEFAULT_PAUL.windows[0],
     step: float = DEFAULT_TIMING.sampling.step,
     coordinates: Coordinates | None = None,
-    arm: DrivenArm | None = None,
+    arm: Arm | None = None,
     share: float = 1.0,
     settings: PaulSettings = DEFAULT_PAUL,
 ) -> JointTrajectory:

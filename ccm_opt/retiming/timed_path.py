@@ -10,8 +10,8 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
-from ccm_opt.robot.coordinates import FEED, Coordinates, planar_coordinates
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PathLimits:
 def likely_coordinates(limits: Limits, columns: int) -> Coordinates:
     """What the columns of a path are when nothing says so: a bend a link, and the feed axis in what is left over."""
     links = len(limits.velocity) // 3
-    return planar_coordinates(links, (FEED,) * min(columns - links, 1))
+    return joint_coordinates(links, 1, (FEED,) * min(columns - links, 1))
 
 
 def _wrong_columns(columns: int, coordinates: Coordinates) -> RetimingError:
@@ -94,7 +94,7 @@ class TimedPath:
     inverse_dynamics: InverseDynamics
     revolutes: Revolutes
     coordinates: Coordinates
-    arm: DrivenArm | None = None
+    arm: Arm | None = None
     share: float = 1.0
 
     @cached_property

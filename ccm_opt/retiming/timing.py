@@ -28,8 +28,8 @@ from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.speed_optimizer import SmoothProfile, fastest_within, halved_where_unseen, jerk_limited
 from ccm_opt.retiming.timed_path import TimedPath, likely_coordinates
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings, TimingSettings
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointPath, JointTrajectory
 
 _LEAST_SAMPLES = 100
@@ -334,7 +334,7 @@ def retime(
     step: float | None = None,
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
-    arm: DrivenArm | None = None,
+    arm: Arm | None = None,
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> JointTrajectory:

@@ -1,58 +1,89 @@
-"""The jointed arm: equal links with a ball joint at the base of each, seen in its plane."""
+"""The jointed arm, in the plane or in space: equal links with a joint at the base of each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 
-from ccm_opt.core.arguments import Arguments
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arguments import Arguments, is_number
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import LengthUnit
+from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.robot.coordinates import FEED, Coordinates, planar_coordinates
-from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
-from ccm_opt.robot.link_chain import Feed, LinkChain
+from ccm_opt.errors import ProblemError
+from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
+from ccm_opt.robot.link_bodies import (
+    DEFAULT_LINK_MARGINS,
+    DEFAULT_LINK_MASS,
+    LinkMarginSettings,
+    cylinder_inertia,
+)
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
+HELD_TOLERANCE = ROUNDING
+"""A joint as near as this to the hole counts as having passed it [m]."""
 
 
 @dataclass(frozen=True)
-class Arm(LinkChain):
-    """A planar view of the arm plus what its dynamics need; angles in radians, lengths in metres.
+class Feed:
+    """A linear axis along the base heading that carries the base through a guide tube; distances from ``Arm.base`` [m].
+
+    Attributes:
+        low: least position of the base on the axis.
+        high: greatest position.
+        hole: where the guide tube ends; joints that have not passed it are held straight.
+    """
+
+    low: float
+    high: float
+    hole: float
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm and what its dynamics need; angles in radians, lengths in metres, points with d coordinates, 2 or 3.
 
     A configuration q is a row of the arm's ``coordinates``: the bends of the joints, then the positions of the axes
-    that carry the base. A pose is what planning handles: the headings of the links, and then how far the base is
-    carried, in link lengths, so that every column moves the tip by about one link length a unit.
+    that carry the base. In the plane a joint has one bend, counter-clockwise. In space it has two: it turns what is
+    beyond it by a about its z axis and then by b about the new y axis, and its link lies along the new x axis, R_i =
+    R_(i−1) Rz(a_i) Ry(b_i), as a ball joint of the order ``zyx`` whose roll stays at zero.
+
+    In the plane a pose is what planning handles: the headings of the links, and then how far the base is carried, in
+    link lengths, so that every column moves the tip by about one link length a unit.
 
     Attributes:
         links: number of links, even.
         link_length: l [m].
-        radius: radius of the disc swept along the links [m]; 0 is allowed.
-        base: position of the first joint, shape (2,) [m].
-        base_heading: heading of the straight arm [rad].
-        joint_limit: bound on the bend of every joint but the first [rad].
-        base_limit: bound on the bend of the first joint [rad].
+        radius: radius of the links, which have round ends [m]; 0 is allowed.
+        base: position of the first joint, shape (d,) [m].
+        joint_limit: bound on each bend of every joint but the first [rad].
+        base_limit: bound on each bend of the first joint [rad].
         self_collision: whether distant links must keep ``2 * radius`` apart.
         mount_length: arm length from the base that may touch obstacles [m].
         masses: shape (links,) [kg].
         inertia_axial: about the link's axis, shape (links,) [kg m²].
         inertia_transverse: about the link's centre, across its axis, shape (links,) [kg m²].
-        axes: order of the three revolutes of a ball joint.
-        feed: the axis that carries the base, or None when the base is fixed.
+        base_heading: of the straight arm in the plane [rad]; where it is left out, that of the direction. 0 in space.
+        direction: of the straight arm, a unit vector of shape (d,), along which a feed axis runs; in the plane it
+            follows from the heading where that is given.
+        up: the z axis of the first joint in space, a unit vector across the direction, shape (3,).
+        axes: order of the three revolutes of a ball joint; in space only ``zyx`` keeps the roll at zero.
+        feed: the axis that carries the base along the direction, or None when the base is fixed.
         payload: mass of a point carried at the tip [kg].
         rotor_inertia: of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous, of the joints, one number or shape (3 * links,) [N m s/rad].
         stray: error of the arm's curvature for which planning leaves room, an error of every joint over the length of
             a link [rad/m]; 0 unless the motion has to survive such errors. Of no matter to what judges motions.
+        clamped_joints: number of joints from the base that planning leaves straight in space.
     """
 
     links: int
     link_length: float
     radius: float
     base: FloatArray
-    base_heading: float
     joint_limit: float
     base_limit: float
     self_collision: bool
@@ -60,12 +91,25 @@ class Arm(LinkChain):
     masses: FloatArray
     inertia_axial: FloatArray
     inertia_transverse: FloatArray
+    base_heading: float = np.nan
+    direction: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0]))
+    up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     axes: Axes = "zyx"
     feed: Feed | None = None
     payload: float = 0.0
     rotor_inertia: FloatArray | float = 0.0
     friction: FloatArray | float = 0.0
     stray: float = 0.0
+    clamped_joints: int = 0
+
+    def __post_init__(self) -> None:
+        # What is no number or no vector is refused by the problem that the arm is given to.
+        if np.shape(self.base) == (3,):
+            object.__setattr__(self, "base_heading", 0.0)
+        elif is_number(self.base_heading):
+            object.__setattr__(self, "direction", unit_vector(self.base_heading))
+        elif isinstance(self.base_heading, float) and np.isnan(self.base_heading):
+            object.__setattr__(self, "base_heading", float(np.arctan2(self.direction[1], self.direction[0])))
 
     @classmethod
     def snake(
@@ -133,7 +177,6 @@ class Arm(LinkChain):
             link_length=link_length,
             radius=thickness,
             base=place,
-            base_heading=float(np.deg2rad(heading)),
             joint_limit=float(np.deg2rad(limit)),
             base_limit=float(np.deg2rad(base_limit)),
             self_collision=self_collision,
@@ -141,26 +184,34 @@ class Arm(LinkChain):
             masses=masses,
             inertia_axial=axial,
             inertia_transverse=transverse,
+            base_heading=float(np.deg2rad(heading)),
             axes=axes,
             feed=axis,
             payload=carried,
         )
 
     @property
-    def direction(self) -> FloatArray:
-        """Unit vector of the straight arm, along which a feed axis runs, shape (2,)."""
-        return unit_vector(self.base_heading)
+    def dimension(self) -> int:
+        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        return len(self.base)
+
+    @property
+    def bends_a_joint(self) -> int:
+        """How many bends a joint has: 1 in the plane, 2 in space."""
+        return self.dimension - 1
 
     @property
     def coordinates(self) -> Coordinates:
         """What the columns of a configuration are, c of them."""
-        return planar_coordinates(self.links, tuple(FEED for _ in self.base_axes))
+        return joint_coordinates(self.links, self.bends_a_joint, tuple(FEED for _ in self.base_axes))
 
     @property
     def bend_limits(self) -> FloatArray:
-        """Bound on the absolute bend of each joint, shape (links,) [rad]."""
-        limits = np.full(self.links, self.joint_limit)
-        limits[0] = self.base_limit
+        """Bound on the absolute value of each bend, in the order of the coordinates, k a joint, shape (k links,)."""
+        k = self.bends_a_joint
+        limits = np.full(k * self.links, self.joint_limit)
+        limits[:k] = self.base_limit
+        limits[: k * self.clamped_joints] = 0.0
         return limits
 
     @property
@@ -173,24 +224,101 @@ class Arm(LinkChain):
         """Greatest value of every coordinate, shape (c,) [rad, m]."""
         return np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
 
-    @property
+    @cached_property
     def base_rotation(self) -> FloatArray:
-        """Rotation from the base to the world, by −base_heading about world +y; shape (3, 3)."""
-        c = np.cos(self.base_heading)
-        s = np.sin(self.base_heading)
-        return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        """Columns direction, left and up of the straight arm in the world, shape (3, 3).
+
+        In the plane, which is world x-z, it turns by −base_heading about world +y: there its left is world y.
+        """
+        if self.dimension == 2:
+            c, s = np.cos(self.base_heading), np.sin(self.base_heading)
+            return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        return np.column_stack((self.direction, np.cross(self.up, self.direction), self.up))
 
     @property
     def base_position(self) -> FloatArray:
-        """Position of the first ball in the world, shape (3,) [m]; the plane is x-z."""
-        return np.array([self.base[0], 0.0, self.base[1]])
+        """Position of the first joint in the world, shape (3,) [m]."""
+        return self.embedded(self.base)
 
     def embedded(self, points: FloatArray) -> FloatArray:
-        """World coordinates of points in the plane, which is x-z; shape (..., 2) to (..., 3) [m]."""
+        """World coordinates of points, shape (..., d) to (..., 3) [m]; the plane is x-z."""
+        if self.dimension == 3:
+            return points
         return np.stack((points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]), axis=-1)
 
+    def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
+        """The configuration of given bends, shape (links,) or (links, 2) [rad], and position of the base [m]; (c,)."""
+        return np.append(np.ravel(bends), [feed for _ in self.base_axes])
+
+    def joint_positions_at(self, q: FloatArray) -> FloatArray:
+        """Positions of the joints and the tip in configurations, shape (..., links + 1, d) [m].
+
+        Args:
+            q: shape (..., c) [rad, m].
+        """
+        if self.dimension == 2:
+            return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
+        return self._in_space(q)[0]
+
+    def link_rotations(self, q: FloatArray) -> FloatArray:
+        """Rotations world ← link, in the plane plane ← link, whose first columns are the directions of the links.
+
+        Args:
+            q: configurations, shape (..., c) [rad, m].
+
+        Returns:
+            Shape (..., links, d, d).
+        """
+        if self.dimension == 3:
+            return self._in_space(q)[1]
+        headings = self.headings(q[..., : self.links])
+        cos = np.cos(headings)
+        sin = np.sin(headings)
+        return np.stack((np.stack((cos, -sin), axis=-1), np.stack((sin, cos), axis=-1)), axis=-2)
+
+    def _in_space(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) of configurations of shape (..., c)."""
+        links = self.links
+        if q.shape[-1:] != (len(self.coordinates),):
+            raise ValueError(f"configurations have the shape {q.shape}; expected (..., {len(self.coordinates)})")
+        positions = np.empty((*q.shape[:-1], links + 1, 3))
+        rotations = np.empty((*q.shape[:-1], links, 3, 3))
+        NativeCall(
+            "space_poses",
+            poses=q.size // q.shape[-1], links=links, coordinates=q.shape[-1], link_length=self.link_length,
+            base=self.base, rotation=self.base_rotation, q=q, positions=positions, rotations=rotations,
+        )()  # fmt: skip
+        return positions, rotations
+
+    def bend_pairs(self, q: FloatArray) -> FloatArray:
+        """The two bends of every joint in space in configurations of shape (..., c), shape (..., links, 2) [rad]."""
+        return q[..., : 2 * self.links].reshape(*q.shape[:-1], self.links, 2)
+
+    def held_bends(self, feed: FloatArray | float) -> BoolArray:
+        """Which bends a guide tube of the base still holds at zero, k a joint, shape (..., k links), boolean.
+
+        Args:
+            feed: position of the base on its feed axis, shape (...) [m].
+        """
+        return np.repeat(self.held(feed), self.bends_a_joint, axis=-1)
+
+    def limits_at(self, feed: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest value of every coordinate where the base is, both of shape (..., c) [rad, m].
+
+        A joint that has not passed the hole is held straight: its bends are zero.
+
+        Args:
+            feed: position of the base on its feed axis, shape (...) [m].
+        """
+        held = self.held_bends(feed)
+        bends = np.where(held, 0.0, self.bend_limits)
+        base = self.coordinates.base
+        highest = np.broadcast_to(self.upper_limits[base], (*held.shape[:-1], len(self.base_axes)))
+        lowest = np.broadcast_to(self.lower_limits[base], highest.shape)
+        return np.concatenate((-bends, lowest), axis=-1), np.concatenate((bends, highest), axis=-1)
+
     def headings(self, bends: FloatArray) -> FloatArray:
-        """Link headings φ from joint bends, shape (..., links) [rad]."""
+        """Link headings φ from joint bends in the plane, shape (..., links) [rad]."""
         return self.base_heading + np.cumsum(bends, axis=-1)
 
     def bends(self, headings: FloatArray) -> FloatArray:
@@ -198,7 +326,7 @@ class Arm(LinkChain):
         return np.diff(headings, axis=-1, prepend=self.base_heading)
 
     def joint_positions(self, headings: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-        """Positions of the joints and the tip, shape (..., links + 1, 2) [m].
+        """Positions of the joints and the tip in the plane, shape (..., links + 1, 2) [m].
 
         Args:
             headings: of the links, shape (..., links) [rad].
@@ -232,28 +360,130 @@ class Arm(LinkChain):
         carried = self.link_length * np.sum(poses[..., self.links :], axis=-1)
         return self.joint_positions(poses[..., : self.links], carried)
 
-    def joint_positions_at(self, q: FloatArray) -> FloatArray:
-        """Positions of the joints and the tip in configurations, shape (..., links + 1, 2) [m].
+    @property
+    def length(self) -> float:
+        """Total length L = links · l [m]."""
+        return self.links * self.link_length
+
+    @property
+    def base_axes(self) -> tuple[Feed, ...]:
+        """The axes that carry the base, in the order of their coordinates; none when it is fixed."""
+        return () if self.feed is None else (self.feed,)
+
+    @property
+    def base_range(self) -> tuple[float, float]:
+        """How far the base is carried along its heading at least and at most [m]; 0 and 0 when it is fixed."""
+        return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
+
+    @property
+    def hole(self) -> float:
+        """Distance from ``base`` at which the last guide tube of the base ends [m]; −∞ when there is none."""
+        return max((axis.hole for axis in self.base_axes), default=-np.inf)
+
+    def held(self, feed: FloatArray | float) -> BoolArray:
+        """Which joints a guide tube of the base still holds straight, shape (..., links), boolean; none without one.
 
         Args:
-            q: shape (..., c) [rad, m].
+            feed: position of the base on its feed axis, shape (...) [m].
         """
-        return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
+        along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
+        held: BoolArray = along < self.hole - HELD_TOLERANCE
+        return held
 
-    def link_rotations(self, q: FloatArray) -> FloatArray:
-        """Rotations plane ← link, whose first columns are the directions of the links, shape (..., links, 2, 2).
+    def levers_to(self, at: float | None) -> FloatArray:
+        """How much of every link lies between the base and a point of the arm, shape (links,) [m].
 
         Args:
-            q: configurations, shape (..., c) [rad, m].
-        """
-        headings = self.headings(q[..., : self.links])
-        cos = np.cos(headings)
-        sin = np.sin(headings)
-        return np.stack((np.stack((cos, -sin), axis=-1), np.stack((sin, cos), axis=-1)), axis=-2)
+            at: arc length of the point from the base [m]; that of the tip when None.
 
-    def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
-        """The configuration of given bends [rad] and position of the base [m], shape (c,)."""
-        return np.append(bends, [feed for _ in self.base_axes])
+        Raises:
+            ProblemError: the arm is not so long.
+        """
+        length = self.length if at is None else at
+        if not 0.0 <= length <= self.length * (1.0 + ROUNDING):
+            raise ProblemError(f"a point of the arm must be from 0 to {self.length:g} m along it, got {length:g} m")
+        before = self.link_length * np.arange(self.links)
+        return np.clip(length - before, 0.0, self.link_length)
+
+    @property
+    def mount_end(self) -> tuple[int, float]:
+        """Link on which the mount ends, and where on it as a share in [0, 1]; share 1 of the last is the whole arm."""
+        length = self.mount_length / self.link_length
+        # The small number keeps a mount of whole links from ending on the link before by rounding.
+        link = min(int(length + 1e-9), self.links - 1)
+        return link, min(max(length - link, 0.0), 1.0)
+
+    def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
+        """Index of the first link beyond the mount, and the axes of the links from its end on.
+
+        Args:
+            points: joints and tip of one pose or of several, shape (..., links + 1, d) [m].
+
+        Returns:
+            The index, and axes of shape (..., k, 2, d) [m]; none where the whole arm is mount.
+        """
+        first, share = self.mount_end
+        if share > 1.0 - ROUNDING:
+            return self.links, np.zeros((*points.shape[:-2], 0, 2, points.shape[-1]))
+        axes = np.stack((points[..., first:-1, :], points[..., first + 1 :, :]), axis=-2)
+        axes[..., 0, 0, :] += share * (axes[..., 0, 1, :] - axes[..., 0, 0, :])
+        return first, axes
+
+    @property
+    def first_self_pair(self) -> int:
+        """Least difference j − i of the indices of links whose axes must keep two radii apart.
+
+        Links are neighbours round a bend unless ``(|i − j| − 1) l ≥ max(2 l, π r)``.
+        """
+        reach = max(2.0 * self.link_length, np.pi * self.radius)
+        return int(np.ceil(reach / self.link_length - 1e-9)) + 1
+
+    @property
+    def distant_pairs(self) -> tuple[IntArray, IntArray]:
+        """Pairs (i, j), i < j, of links so far apart along the arm that they can meet, each of shape (p,)."""
+        first, second = np.triu_indices(self.links, self.first_self_pair)
+        return first, second
+
+    @property
+    def self_pairs(self) -> tuple[IntArray, IntArray]:
+        """Pairs of links that must keep two radii apart, the distant ones; none when links may meet."""
+        if self.self_collision:
+            return self.distant_pairs
+        none = np.zeros(0, dtype=np.intp)
+        return none, none
+
+    def link_margins(
+        self,
+        first: IntArray,
+        second: IntArray,
+        margin: float,
+        settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
+    ) -> FloatArray:
+        """Gap that planning keeps between the surfaces of distant links, shape (p,) [m].
+
+        Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
+        what the links between them leave at full stretch.
+
+        Args:
+            first: links nearer to the base, shape (p,).
+            second: the others, shape (p,).
+            margin: that planning keeps from walls [m].
+            settings: the share that is kept.
+        """
+        between = (second - first - 1) * self.link_length - 2.0 * self.radius
+        return np.clip(settings.share * between, 0.0, margin)
+
+    def room_for_errors(self, links: IntArray) -> FloatArray:
+        """Room that planning leaves beyond contact for errors of joints, where some links lie between, shape (p,) [m].
+
+        An error at one joint after the other, the first one first, moves a point on a circle about that joint, whose
+        radius is at most the length of arm between: l for the last joint, 2 l for the one before, and so on.
+
+        Args:
+            links: number of links from the first joint to the end of the link that moves, that link included, shape
+                (p,): all up to it against a wall, those that turn against each other for two links.
+        """
+        return np.asarray(0.5 * self.stray * self.link_length**2 * links * (links + 1))
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:

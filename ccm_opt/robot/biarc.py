@@ -13,8 +13,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS, across, polar, turned_towards
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 
@@ -102,7 +102,7 @@ FREE_AFTER = 2.0
 """Nominal links beyond it from where on they bend as they like."""
 
 
-def free_before(arm: SpaceArm) -> float:
+def free_before(arm: Arm) -> float:
     """Arc length beyond the end of the guide tube on which joints stay straight [m].
 
     Every joint that comes out stops there once, so that none begins to bend while the tube still holds it.
@@ -110,7 +110,7 @@ def free_before(arm: SpaceArm) -> float:
     return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
-def free_shares_of_bends(arm: SpaceArm, places: FloatArray) -> FloatArray:
+def free_shares_of_bends(arm: Arm, places: FloatArray) -> FloatArray:
     """Share of its bend that a joint at a place takes, which grows smoothly beyond a guide tube, shape (joints,).
 
     Args:
@@ -124,7 +124,7 @@ def free_shares_of_bends(arm: SpaceArm, places: FloatArray) -> FloatArray:
     return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
-def straight_at_exit(arm: SpaceArm, q: FloatArray) -> FloatArray:
+def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
     """A configuration without the bends of joints that stand where they stay straight just beyond a guide tube.
 
     A motion to such a bend would have to make it on the short way since the joint left the tube, and no smooth path

@@ -103,44 +103,30 @@ class Coordinates:
 
 
 @lru_cache(maxsize=64)
-def planar_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:
-    """The coordinates of an arm that bends in its plane: one bend a joint, then the axes that carry its base.
+def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] = ()) -> Coordinates:
+    """The coordinates of an arm: the bends of its joints, then the axes that carry its base.
+
+    Of the three revolutes of ball i, numbers 3 i to 3 i + 2 in the order of ``joint_names``, the bend of the plane is
+    the second, turned the other way, and the bends a and b of space are the first and the second. The others stay at
+    zero.
 
     Args:
-        links: number of links; the bend of ball i is its second revolute, 3 i + 1 in the order of ``joint_names``.
-        axes: names of the axes that carry the base along the base heading.
-    """
-    revolutes = 3 * links
-    return Coordinates(
-        names=(*(f"joint {number}" for number in range(1, links + 1)), *axes),
-        units=("rad",) * links + ("m",) * len(axes),
-        joints=links,
-        drives=(*range(1, revolutes, 3), *range(revolutes, revolutes + len(axes))),
-        revolutes=revolutes,
-    )
-
-
-@lru_cache(maxsize=64)
-def space_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:
-    """The coordinates of an arm that bends in space: two bends a joint, then the axes that carry its base.
-
-    Args:
-        links: number of links; the bends a and b of ball i are its first and second revolute, 3 i and 3 i + 1 in the
-            order of ``joint_names``, and its third stays at zero.
+        links: number of links.
+        bends_a_joint: 1 in the plane, 2 in space.
         axes: names of the axes that carry the base along its direction.
     """
     revolutes = 3 * links
+    in_space = bends_a_joint == 2
+    bent = (0, 1) if in_space else (1,)
+    called = (" a", " b") if in_space else ("",)
     return Coordinates(
-        names=(*(f"joint {number} {bend}" for number in range(1, links + 1) for bend in "ab"), *axes),
-        units=("rad",) * (2 * links) + ("m",) * len(axes),
-        joints=2 * links,
-        drives=(
-            *(3 * ball + bend for ball in range(links) for bend in (0, 1)),
-            *range(revolutes, revolutes + len(axes)),
-        ),
+        names=(*(f"joint {number}{bend}" for number in range(1, links + 1) for bend in called), *axes),
+        units=("rad",) * (bends_a_joint * links) + ("m",) * len(axes),
+        joints=bends_a_joint * links,
+        drives=(*(3 * ball + bend for ball in range(links) for bend in bent), *range(revolutes, revolutes + len(axes))),
         revolutes=revolutes,
-        bends_a_joint=2,
-        sense=1.0,
+        bends_a_joint=bends_a_joint,
+        sense=1.0 if in_space else -1.0,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 """Gauss points: three integrate a quintic exactly, and a cubic times a line is a quartic."""
@@ -125,7 +125,7 @@ class ChainEvaluator:
         offset: q₀, shape (c,).
     """
 
-    def __init__(self, arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> None:
+    def __init__(self, arm: Arm, matrix: FloatArray, offset: FloatArray) -> None:
         links = arm.links
         coordinates, p = matrix.shape
         if coordinates != len(arm.coordinates) or offset.shape != (coordinates,):
@@ -175,14 +175,14 @@ class CurveSpace:
         scales: what a unit of each coordinate is: of the turns [rad], the curvatures [1/m] and the feed [m], (p,).
     """
 
-    arm: SpaceArm
+    arm: Arm
     knots: int
     matrix: FloatArray
     offset: FloatArray
     scales: FloatArray
 
     @classmethod
-    def of(cls, arm: SpaceArm, knots: int = KNOTS) -> "CurveSpace":
+    def of(cls, arm: Arm, knots: int = KNOTS) -> "CurveSpace":
         """The space of an arm that holds the straight arm at v = 0."""
         turns = bend_matrix(arm.links, arm.length, knots)
         each = knots + 1
@@ -196,7 +196,7 @@ class CurveSpace:
         return cls(arm, knots, matrix / norms, np.zeros(len(arm.coordinates)), 1.0 / norms)
 
     @classmethod
-    def through(cls, arm: SpaceArm, q: FloatArray, knots: int = KNOTS) -> "CurveSpace":
+    def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> "CurveSpace":
         """The space that holds a configuration exactly, at ``nearest(q)``.
 
         Args:
@@ -208,7 +208,7 @@ class CurveSpace:
         return plain.moved(q - plain.configurations(plain.nearest(q)))
 
     @classmethod
-    def of_every_bend(cls, arm: SpaceArm) -> "CurveSpace":
+    def of_every_bend(cls, arm: Arm) -> "CurveSpace":
         """The space of all configurations: every coordinate of the arm is one of its own, and there is no curve.
 
         No curve of few coordinates is straight up to a hole and bends behind it, wherever the hole is along the arm.

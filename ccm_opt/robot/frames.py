@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Axes
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm, Axes
 
 REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}
 _QUARTER = 0.5 * np.pi
@@ -39,14 +38,14 @@ class DhRow(NamedTuple):
     alpha: float
 
 
-def joint_names(arm: DrivenArm) -> tuple[str, ...]:
+def joint_names(arm: Arm) -> tuple[str, ...]:
     """Names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
     width = max(2, len(str(arm.links)))
     kinds = REVOLUTE_NAMES[arm.axes]
     return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
 
 
-def revolute_angles(arm: DrivenArm, bends: FloatArray) -> FloatArray:
+def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
     """Revolute angles of the bends of a pose: in the plane θ2 = −bend (section 5.2), in space θ1 and θ2; others are 0.
 
     The map is linear, so it serves velocities and accelerations too.
@@ -66,13 +65,13 @@ def revolute_angles(arm: DrivenArm, bends: FloatArray) -> FloatArray:
     return angles
 
 
-def bends_from_revolutes(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+def bends_from_revolutes(arm: Arm, angles: FloatArray) -> FloatArray:
     """Bends of the joints from revolute angles, shape (..., bends) [rad]; the other revolutes are left aside."""
     coordinates = arm.coordinates
     return np.asarray(0.0 + coordinates.sense * angles[..., coordinates.drive_numbers[coordinates.bends]])
 
 
-def dh_table(arm: DrivenArm) -> tuple[DhRow, ...]:
+def dh_table(arm: Arm) -> tuple[DhRow, ...]:
     """Standard DH rows of all revolutes, length 3 * links.
 
     Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
@@ -81,7 +80,7 @@ def dh_table(arm: DrivenArm) -> tuple[DhRow, ...]:
     return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
 
 
-def _ball_rows(arm: DrivenArm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
+def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
     h = arm.link_length
     if arm.axes == "zyz":
         return DhRow(0.0, 0.0, 0.0, -_QUARTER), DhRow(0.0, 0.0, 0.0, _QUARTER), DhRow(0.0, 0.0, h, 0.0)
@@ -89,7 +88,7 @@ def _ball_rows(arm: DrivenArm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
     return yaw, DhRow(_QUARTER, 0.0, 0.0, _QUARTER), DhRow(-_QUARTER, h, 0.0, _QUARTER)
 
 
-def frame_transforms(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
     """World transforms of the base frame and of every DH frame.
 
     Args:
@@ -122,7 +121,7 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
     return matrix
 
 
-def joint_positions_3d(arm: DrivenArm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
     """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
 
     Args:

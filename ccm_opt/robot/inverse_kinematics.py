@@ -6,7 +6,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
-from ccm_opt.robot.space_arm import SpaceArm, bend_rotations
+from ccm_opt.robot.rigid_motions import bend_rotations
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance) -> FloatArray:
@@ -96,7 +96,7 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArr
     return np.asarray(steps / lengths[..., None], dtype=np.float64)
 
 
-def bends_from_directions(arm: SpaceArm, directions: FloatArray) -> FloatArray:
+def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
     """Bends that let the links point in given directions; the rolls of the links follow.
 
     In the axes of the link before a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the one
@@ -119,7 +119,7 @@ def bends_from_directions(arm: SpaceArm, directions: FloatArray) -> FloatArray:
 
 
 def configuration_from_positions(
-    arm: SpaceArm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance
+    arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance
 ) -> FloatArray:
     """The configuration that places joints and tip at given positions, shape (..., c) [rad, m].
 

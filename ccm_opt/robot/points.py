@@ -15,10 +15,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
-
-DrivenArm: TypeAlias = Arm | SpaceArm
-"""An arm as its drives see it; what bends it and how is in its coordinates, where it begins in its base frame."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +96,11 @@ class PointInSpace:
         levers: how much of every link lies between the base and the point, shape (links,) [m].
     """
 
-    arm: SpaceArm
+    arm: Arm
     levers: FloatArray
 
     @classmethod
-    def from_arc_length(cls, arm: SpaceArm, at: float | None) -> "PointInSpace":
+    def from_arc_length(cls, arm: Arm, at: float | None) -> "PointInSpace":
         """The point at an arc length from the base [m]; the tip when None.
 
         Raises:
@@ -202,12 +198,12 @@ MovingPoint: TypeAlias = PointOnArm | PointInSpace
 """A point of an arm, with two components in the plane and three in space."""
 
 
-def point_of(arm: DrivenArm, at: float | None) -> MovingPoint:
+def point_of(arm: Arm, at: float | None) -> MovingPoint:
     """The point of an arm at an arc length from its base [m]; the tip when None.
 
     Raises:
         ProblemError: the arm is not so long.
     """
-    if isinstance(arm, SpaceArm):
+    if arm.dimension == 3:
         return PointInSpace.from_arc_length(arm, at)
     return PointOnArm.from_arc_length(arm, at)

@@ -12,7 +12,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import frame_transforms, joint_names
-from ccm_opt.robot.points import DrivenArm
 
 _LEAST_DETERMINANT = 0.05
 """Determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is singular. Taste."""
@@ -73,7 +72,7 @@ def _singular(arm: Arm, name: str, value: float, bound: float) -> PoseIssue:
     return PoseIssue(name, "singular", value, bound, text)
 
 
-def point_jacobians(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
     """Jacobians of the positions of all balls and of the tip.
 
     Args:
@@ -93,7 +92,7 @@ def point_jacobians(arm: DrivenArm, angles: FloatArray) -> FloatArray:
     return _with_base(arm, np.swapaxes(np.where(beyond[..., None], turns, 0.0), -1, -2), moved=1.0)
 
 
-def tip_jacobian(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
     """Geometric Jacobian of the tip: its velocity [m] over the angular velocity of the last link.
 
     Args:
@@ -109,13 +108,13 @@ def tip_jacobian(arm: DrivenArm, angles: FloatArray) -> FloatArray:
     return np.concatenate((_with_base(arm, np.swapaxes(linear, -1, -2), moved=1.0), angular), axis=-2)
 
 
-def _axes_and_points(arm: DrivenArm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Axes of the revolutes, points on them, and balls and tip, all in the world."""
     frames = frame_transforms(arm, angles)
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
-def _with_base(arm: DrivenArm, columns: FloatArray, *, moved: float) -> FloatArray:
+def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
     """The same columns after those of the axes that carry the base, if any; all run along the base heading."""
     direction = moved * arm.base_rotation[:, 0]
     first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))

@@ -114,3 +114,18 @@ def across(azimuth: float) -> FloatArray:
 
 NOMINAL_LINKS = 24
 """Nominal links to the length of an arm, the unit of length of all weights in planning."""
+
+
+def bend_rotations(bends: FloatArray) -> FloatArray:
+    """Rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
+    cos = np.cos(bends)
+    sin = np.sin(bends)
+    ca = cos[..., 0]
+    cb = cos[..., 1]
+    sa = sin[..., 0]
+    sb = sin[..., 1]
+    turns = np.empty((*bends.shape[:-1], 3, 3))
+    turns[..., 0, :] = np.stack((ca * cb, -sa, ca * sb), axis=-1)
+    turns[..., 1, :] = np.stack((sa * cb, ca, sa * sb), axis=-1)
+    turns[..., 2, :] = np.stack((-sb, np.zeros_like(sb), cb), axis=-1)
+    return turns

@@ -4,13 +4,12 @@ import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.robot.arm import MappingName
+from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.inverse_kinematics import bends_from_directions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING, MappingSettings
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import PIECES
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -151,7 +150,7 @@ def _turn_to(directions: FloatArray, means: FloatArray) -> FloatArray:
 
 
 def map_space_curve(
-    arm: SpaceArm, curve: SpaceConfiguration, method: MappingName, settings: MappingSettings = DEFAULT_MAPPING
+    arm: Arm, curve: SpaceConfiguration, method: MappingName, settings: MappingSettings = DEFAULT_MAPPING
 ) -> FloatArray:
     """Configuration of the arm that follows a curve, shape (c,) [rad, m]; every link keeps its length.
 
@@ -189,14 +188,14 @@ def curve_points_in_space(curve: SpaceConfiguration, links: int) -> FloatArray:
     return curve.positions_at(np.linspace(0.0, curve.length, links + 1))
 
 
-def shape_error_in_space(arm: SpaceArm, curve: SpaceConfiguration, q: FloatArray) -> float:
+def shape_error_in_space(arm: Arm, curve: SpaceConfiguration, q: FloatArray) -> float:
     """Greatest distance of a joint from its own point of the curve, max |P_j − p(s_j)| [m]."""
     apart = arm.joint_positions_at(q) - curve_points_in_space(curve, arm.links)
     return float(np.linalg.norm(apart, axis=1).max())
 
 
 def nearest_space_curve(
-    arm: SpaceArm, q: FloatArray, segments: int = 3, settings: MappingSettings = DEFAULT_MAPPING
+    arm: Arm, q: FloatArray, segments: int = 3, settings: MappingSettings = DEFAULT_MAPPING
 ) -> SpaceConfiguration:
     """The curve of even segments whose mean directions on the links come nearest to those of a pose.
 

@@ -7,13 +7,13 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.coordinates import Coordinates, planar_coordinates
+from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 from ccm_opt.solution.records import FOLLOWED, GoalPoseRecord, NearPlace, SimulationVerdict, SpaceGoalPoseRecord
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-_ALL_BENDS = planar_coordinates(0)
+_ALL_BENDS = joint_coordinates(0)
 """Stands for a layout that is left out."""
 
 
@@ -93,7 +93,7 @@ class JointTrajectory:
 
     def __post_init__(self) -> None:
         if self.coordinates is _ALL_BENDS:
-            object.__setattr__(self, "coordinates", planar_coordinates((np.shape(self.positions) or (0,))[-1]))
+            object.__setattr__(self, "coordinates", joint_coordinates((np.shape(self.positions) or (0,))[-1]))
 
     @property
     def duration(self) -> float:

@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import CheckedProblem, Efforts, bends_a_ball
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -75,7 +74,7 @@ def _range(motion: _AxisMotion, settings: VerificationSettings) -> Check:
     return Check(f"{motion.name} range", worst, bound, "m", f"t = {motion.time[k]:.4f} s", passed=passed)
 
 
-def _held(arm: DrivenArm, motion: _AxisMotion, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
+def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
     """What the guide tube holds is straight; within an interval, too, up to the moment the joint passes the hole.
 
     Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.

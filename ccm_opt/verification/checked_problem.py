@@ -11,9 +11,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import PlannerOptions, SimulationOptions, VerificationOptions
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates, Limits
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
@@ -33,7 +33,7 @@ class CheckedProblem(Protocol):
     """A problem of either kind; its attributes are those of ``Problem``."""
 
     @property
-    def arm(self) -> DrivenArm:
+    def arm(self) -> Arm:
         """The arm."""
         ...
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import (
     CheckedProblem,
@@ -140,7 +139,7 @@ def check_form(
     return Check("samples", float(np.max(steps)), settings.largest_step, "s", where, passed=not defect)
 
 
-def _shape_defect(arm: DrivenArm, trajectory: JointTrajectory, joints: JointStates) -> str:
+def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> str:
     count = np.size(trajectory.time)
     if np.ndim(trajectory.time) != 1 or count < 2:
         return f"time has shape {np.shape(trajectory.time)}, expected at least two samples"

@@ -19,7 +19,6 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.checked_problem import (
@@ -283,7 +282,7 @@ def _effort_bow(problem: CheckedProblem, steps: _Steps) -> FloatArray:
 
 
 def check_message_deviation(
-    arm: DrivenArm,
+    arm: Arm,
     proved: JointTrajectory,
     message: Message,
     factor: float,
@@ -318,7 +317,7 @@ def check_message_deviation(
     return Check("message deviation", worst, worst, "m", f"spared link by link at {when}", passed=True)
 
 
-def _deviation(arm: DrivenArm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
+def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
     """Bounds on the deviation of links in every step of the proved motion, shape (T − 1, links) [m].
 
     Every place on the straight piece between two poses is held against the place of the curve as far between the two
@@ -361,7 +360,7 @@ def _controls(message: Message) -> list[FloatArray]:
     return [a, a + b / 3.0, a + (2.0 * b + c) / 3.0, a + b + c + d]
 
 
-def _travel(arm: DrivenArm, layout: Coordinates, change: FloatArray) -> FloatArray:
+def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
     """How far any point of each link moves at most when coordinates change, shape (N, c) to (N, links) [m]."""
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:

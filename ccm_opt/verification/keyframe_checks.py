@@ -9,7 +9,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -33,7 +32,7 @@ _FEW = 64
 
 
 def check_keyframes(
-    arm: DrivenArm,
+    arm: Arm,
     trajectory: JointTrajectory,
     keyframes: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,

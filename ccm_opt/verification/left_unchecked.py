@@ -9,7 +9,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.robot.link_chain import LinkChain
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.consistency import distance_rounding
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
@@ -88,7 +88,7 @@ def left_unchecked(
     return (*remarks, f"{crossing}: links less than {first_distant(arm)} apart along the arm are not kept apart")
 
 
-def left_unchecked_of_arm(arm: LinkChain) -> tuple[str, ...]:
+def left_unchecked_of_arm(arm: Arm) -> tuple[str, ...]:
     """What follows from the arm alone, in the plane and in space: its mount, and links that are not kept apart.
 
     Returns:
@@ -102,7 +102,7 @@ def left_unchecked_of_arm(arm: LinkChain) -> tuple[str, ...]:
     return tuple(remark for remark in remarks if remark)
 
 
-def _of_mount(arm: LinkChain) -> str:
+def _of_mount(arm: Arm) -> str:
     # Of a link that the mount covers but for rounding no more than its end is held against walls.
     whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
     if whole == arm.links:

@@ -10,7 +10,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import as_revolutes, bends_a_ball, joint_of_bend
 from ccm_opt.verification.link_motion import advance, link_headings
@@ -21,7 +20,7 @@ _Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
 
 
 def check_limits(
-    arm: DrivenArm,
+    arm: Arm,
     limits: Limits,
     trajectory: JointTrajectory,
     joints: JointStates,
@@ -47,9 +46,7 @@ def check_limits(
     return checks
 
 
-def check_bends(
-    arm: DrivenArm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
-) -> Check:
+def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
     """Check the bends; between samples they are linear, so the samples decide."""
     # The joint at the base has a limit of its own.
     limit = np.full(arm.coordinates.joints, arm.joint_limit)

@@ -15,7 +15,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
 from ccm_opt.verification.space_chain_motion import LinkFrames, carried
 
@@ -171,7 +170,7 @@ class LinkRates:
     middles: FloatArray
 
     @classmethod
-    def of(cls, arm: SpaceArm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray) -> "LinkRates":
+    def of(cls, arm: Arm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray) -> "LinkRates":
         """The rates of a motion with such velocities and accelerations of its coordinates, each of shape (T, c)."""
         bends = slice(0, 2 * arm.links)
         first, second = velocities[:, bends].reshape(-1, arm.links, 2).transpose(2, 0, 1)[..., None]
@@ -192,7 +191,7 @@ class LinkRates:
 
 
 def efforts_in_space(
-    arm: SpaceArm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
+    arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Torques of all revolutes, and the force along the base's direction, that a motion needs.
 
@@ -226,7 +225,7 @@ def efforts_in_space(
     return torques.reshape(len(positions), -1), np.asarray(force)
 
 
-def _momentum_change(arm: SpaceArm, frames: LinkFrames, rates: LinkRates) -> FloatArray:
+def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArray:
     """Rate of each link's angular momentum about its middle, I ω across it and I' ω along it, shape (T, links, 3)."""
     across = arm.inertia_transverse[:, None]
     along = arm.inertia_axial[:, None] - across
@@ -236,7 +235,7 @@ def _momentum_change(arm: SpaceArm, frames: LinkFrames, rates: LinkRates) -> Flo
     return np.asarray(across * rates.growth + along * (gain * frames.along + spin * np.cross(rates.rate, frames.along)))
 
 
-def of_bends(arm: SpaceArm, drives: FloatArray | float) -> FloatArray:
+def of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
     """A property of the drives for the bends alone, shape (2 * links,)."""
     of_balls = np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * arm.links,)).reshape(-1, 3)
     return of_balls[:, :2].ravel()

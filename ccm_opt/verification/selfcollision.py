@@ -4,7 +4,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import LinkChain
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.consistency import UNIT, distance_rounding
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
@@ -83,7 +82,7 @@ def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
     )
 
 
-def first_distant(arm: LinkChain) -> int:
+def first_distant(arm: Arm) -> int:
     """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
     ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class LinkFrames:
     across: FloatArray
 
     @classmethod
-    def of(cls, arm: SpaceArm, positions: FloatArray) -> "LinkFrames":
+    def of(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
         """The frames of configurations, shape (T, c)."""
         shape = (len(positions), arm.links, 3)
         frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
@@ -52,12 +52,12 @@ class LinkFrames:
         return frames
 
 
-def carried(arm: SpaceArm, positions: FloatArray) -> FloatArray:
+def carried(arm: Arm, positions: FloatArray) -> FloatArray:
     """How far the base is carried along its direction, shape (T,) [m]; linear, so it serves rates too."""
     return np.asarray(np.sum(positions[:, 2 * arm.links :], axis=1))
 
 
-def chain_of(arm: SpaceArm, positions: FloatArray) -> FloatArray:
+def chain_of(arm: Arm, positions: FloatArray) -> FloatArray:
     """Base, joints and tip in configurations (T, c), shape (T, links + 1, 3) [m]."""
     along = LinkFrames.of(arm, positions).along
     points = np.empty((len(positions), arm.links + 1, 3))
@@ -124,7 +124,7 @@ class SpaceChainMotion:
         deviation: what links may be off this motion in each interval, shape (T − 1, links) [m]; none by default.
     """
 
-    arm: SpaceArm
+    arm: Arm
     time: FloatArray
     positions: FloatArray
     deviation: FloatArray | None = None
@@ -222,7 +222,7 @@ class SpaceChainMotion:
         return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
 
 
-def bows_of(arm: SpaceArm, middle: FloatArray, steps: FloatArray) -> FloatArray:
+def bows_of(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
     """Bound on the second derivative of the joints' places over a stretch of unit length, shape (N, links + 1) [m].
 
     With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of joint j

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.scene.surfaces import SurfaceSoup
 from ccm_opt.solution import Check, NearPlace
@@ -280,7 +280,7 @@ def check_surfaces(
     return Check("wall clearance", near.gap, workspace.clearance, "m", where, passed=verdict.proved, place=place)
 
 
-def exposed_shares(arm: SpaceArm) -> FloatArray:
+def exposed_shares(arm: Arm) -> FloatArray:
     """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link."""
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 

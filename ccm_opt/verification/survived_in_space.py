@@ -16,7 +16,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.body_sides import separations
@@ -71,7 +71,7 @@ class LimitingPair:
         triangle: shape (3, 3) [m], or None for two links.
     """
 
-    arm: SpaceArm
+    arm: Arm
     link: int
     other: int
     triangle: FloatArray | None
@@ -130,7 +130,7 @@ class ErrorLevers:
         inside: a joint has no error where it is farther than this inside the guide tube [m].
     """
 
-    arm: SpaceArm
+    arm: Arm
     model: ErrorModel
     inside: float
 
@@ -213,7 +213,7 @@ class ErrorLevers:
         return np.asarray((out >= -self.inside).astype(np.float64))
 
 
-def moved_by_joint_errors(arm: SpaceArm, points: FloatArray, size: float, inside: float = 0.0) -> FloatArray:
+def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: float = 0.0) -> FloatArray:
     """How far errors of the joints move each link of a pose at most, shape (links,) [m].
 
     Args:
@@ -278,7 +278,7 @@ def survived_error_in_space(
     return _named(model, size, proofs[first], verdicts[first].nearest)
 
 
-def _largest(arm: SpaceArm, model: ErrorModel, settings: ToleranceSettings) -> float:
+def _largest(arm: Arm, model: ErrorModel, settings: ToleranceSettings) -> float:
     """Errors above this are not looked at [unit]."""
     turned = float(np.sum(model.turns))
     return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length

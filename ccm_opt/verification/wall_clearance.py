@@ -9,7 +9,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import LinkChain
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.consistency import distance_rounding
@@ -315,7 +314,7 @@ class WallGaps:
         return pairs.where(near), gap[near]
 
 
-def exposed_starts(arm: LinkChain) -> FloatArray:
+def exposed_starts(arm: Arm) -> FloatArray:
     """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
 
     ``Arm.mount_end`` says where it ends; the verifier reckons for itself, on purpose.
@@ -323,7 +322,7 @@ def exposed_starts(arm: LinkChain) -> FloatArray:
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
-def touch_beside_mount(arm: LinkChain, link: int, gap: float) -> str:
+def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
     """Say of a link that touches a wall [m] that it is the one that leaves the mount; empty where it is not."""
     leaves = link == int(arm.mount_length // arm.link_length)
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""

@@ -8,7 +8,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem
-from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import ParetoPlan, ParetoPlans
@@ -51,7 +50,7 @@ def _arm_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     yield "radius", units.given(arm.radius, "m")
     along = (
         f"heading {units.given(arm.base_heading, 'rad')}"
-        if isinstance(arm, Arm)
+        if arm.dimension == 2
         else f"along {_direction(arm.direction)}"
     )
     yield "base", f"{_place(arm.base, units)}, {along}"

@@ -29,10 +29,9 @@ from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_stat
 from ccm_opt.io.mjcf import mjcf_text
 from ccm_opt.io.urdf import urdf_text
 from ccm_opt.problem import SimulationOptions
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.solution import Solution
 from ccm_opt.viz.arm_drawing import ArmView
 from hatch_build import build

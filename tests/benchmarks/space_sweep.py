@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose
 from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
 from ccm_opt.solution import JointTrajectory
 from tests.benchmarks.dense_sweep import HAIR, LEAST_SUBSTEPS, ROUNDING, STRAIGHT, Sweep
@@ -70,7 +70,7 @@ def sweep_in_space(problem: SpaceProblem, trajectory: JointTrajectory) -> Sweep:
     return Sweep(len(rows), wall, own, tuple(words for words, is_broken in broken.items() if is_broken))
 
 
-def chain_by_scipy(arm: SpaceArm, rows: FloatArray) -> FloatArray:
+def chain_by_scipy(arm: Arm, rows: FloatArray) -> FloatArray:
     """Base, joints and tip in configurations (T, c), shape (T, links + 1, 3) [m]."""
     left = np.cross(arm.up, arm.direction)
     turn = Rotation.from_matrix(np.tile(np.column_stack((arm.direction, left, arm.up)), (len(rows), 1, 1)))
@@ -82,7 +82,7 @@ def chain_by_scipy(arm: SpaceArm, rows: FloatArray) -> FloatArray:
     return points
 
 
-def densely(arm: SpaceArm, rows: FloatArray) -> FloatArray:
+def densely(arm: Arm, rows: FloatArray) -> FloatArray:
     """Configurations (T, c), each interval divided so that no joint moves far in a step [rad, m]."""
     points = chain_by_scipy(arm, rows)
     travel = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1)
@@ -112,7 +112,7 @@ def least_wall_gap(problem: SpaceProblem, points: FloatArray) -> tuple[float, st
     return least, name
 
 
-def least_own_gap(arm: SpaceArm, points: FloatArray) -> float:
+def least_own_gap(arm: Arm, points: FloatArray) -> float:
     """Least gap between links that are far apart along the arm, at most ``LOOK`` [m]."""
     apart = max(2.0 * arm.link_length, np.pi * arm.radius)
     between = int(np.ceil(apart / arm.link_length - 1e-9))
@@ -231,7 +231,7 @@ def _reaches(problem: SpaceProblem, row: FloatArray, chain: FloatArray) -> bool:
     return off <= problem.tolerances.position + ROUNDING and turn <= problem.tolerances.heading + ROUNDING
 
 
-def _bent_in_tube(arm: SpaceArm, rows: FloatArray) -> bool:
+def _bent_in_tube(arm: Arm, rows: FloatArray) -> bool:
     """Whether a joint bends that has not passed the hole, in configurations (T, c)."""
     if arm.feed is None:
         return False

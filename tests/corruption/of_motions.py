@@ -15,7 +15,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.scene import SpaceObstacle
 from ccm_opt.scene.workspace import Obstacle

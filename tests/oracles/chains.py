@@ -4,11 +4,12 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.space_pose import SpaceChain
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.curve_space import ChainState
-from ccm_opt.robot.space_arm import SpaceArm, bend_rotations
+from ccm_opt.robot.rigid_motions import bend_rotations
 
 
-def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> FloatArray:
+def positions_of_links(arm: Arm, q: FloatArray, rotations: FloatArray) -> FloatArray:
     """Positions of the joints and the tip where the links are turned so, shape (..., links + 1, 3) [m].
 
     Args:
@@ -24,7 +25,7 @@ def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> F
     return positions
 
 
-def rotations_by_numpy(arm: SpaceArm, q: FloatArray) -> FloatArray:
+def rotations_by_numpy(arm: Arm, q: FloatArray) -> FloatArray:
     """As ``link_rotations``."""
     turns = bend_rotations(arm.bend_pairs(q))
     rotations = np.empty_like(turns)
@@ -44,7 +45,7 @@ class ChainByNumpy:
         offset: q₀, shape (c,).
     """
 
-    def __init__(self, arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> None:
+    def __init__(self, arm: Arm, matrix: FloatArray, offset: FloatArray) -> None:
         self._arm = arm
         self._matrix = matrix
         self._offset = offset
@@ -71,7 +72,7 @@ class ChainByNumpy:
         return ChainState(q, positions_of_links(arm, q, rotations), rotations, omega, jacobian)
 
 
-def space_chain_by_numpy(arm: SpaceArm, q: FloatArray, slopes: FloatArray) -> SpaceChain:
+def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> SpaceChain:
     """As ``Chains.at``."""
     base = arm.base_rotation
     n = arm.links

@@ -7,12 +7,12 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.space_certificate import LinkPairs
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
-def bows_by_numpy(arm: SpaceArm, rotations: FloatArray, turns: FloatArray) -> FloatArray:
+def bows_by_numpy(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatArray:
     """As ``LinkMotion.bows``."""
     about_z = turns[0::2]
     about_y = turns[1::2]
@@ -31,7 +31,7 @@ def bows_by_numpy(arm: SpaceArm, rotations: FloatArray, turns: FloatArray) -> Fl
     return bows
 
 
-def near_pairs_by_numpy(arm: SpaceArm, points: FloatArray, reach: float) -> LinkPairs:
+def near_pairs_by_numpy(arm: Arm, points: FloatArray, reach: float) -> LinkPairs:
     """As ``LinkMotion.near_pairs``."""
     first, second = np.triu_indices(arm.links, arm.first_self_pair if arm.self_collision else arm.links)
     first_at, second_at, distance, normal = segment_distances(
@@ -91,7 +91,7 @@ class SpaceCertificateByNumpy:
         pair_gap: between links beyond two radii [m].
     """
 
-    arm: SpaceArm
+    arm: Arm
     tree: SurfaceTree
     gap: float
     pair_gap: float

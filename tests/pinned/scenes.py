@@ -26,10 +26,9 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs, WallQuestion
 from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQuestion, PairSearch

@@ -9,9 +9,8 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import efforts_in_plane

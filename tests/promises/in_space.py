@@ -9,9 +9,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, PlannerOptions, SimulationOptions, Stop, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
-from ccm_opt.robot.link_chain import Feed
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.solution import JointStates, JointTrajectory
@@ -31,7 +30,7 @@ def bends(first: float, second: float = 0.0) -> FloatArray:
     return np.tile([first, second], LINKS)
 
 
-def between(start: FloatArray, end: FloatArray, arm: SpaceArm) -> SpacePlan:
+def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
     """An arm moves on a straight line in joint space, in an empty room; its goal is where it ends."""
     time, *parts = quintic(start, end)
     trajectory = JointTrajectory(time, *parts, arm.coordinates)

@@ -7,9 +7,8 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.arms import plain_arm

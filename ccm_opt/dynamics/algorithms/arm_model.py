@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.arm import Axes
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm, Axes
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,12 @@ class ArmModel:
     world: FloatArray
 
 
-def arm_structure(arm: DrivenArm) -> Structure:
+def arm_structure(arm: Arm) -> Structure:
     """Structure of an arm."""
     return Structure(arm.links, arm.axes, geared=bool(np.any(np.asarray(arm.rotor_inertia) > 0.0)))
 
 
-def arm_model(arm: DrivenArm, gravity: FloatArray) -> ArmModel:
+def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     """Dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
 
     Args:
@@ -91,6 +90,6 @@ def in_plane_alone(model: ArmModel) -> ArmModel:
     return replace(model, structure=replace(model.structure, planar=True))
 
 
-def _per_ball(arm: DrivenArm, value: FloatArray | float) -> FloatArray:
+def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
     """One number, or one for each revolute, as the three of every ball, shape (links, 3)."""
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

@@ -26,8 +26,7 @@ from ccm_opt.dynamics.algorithms.link_algebra import (
     per_ball,
     sines_and_cosines,
 )
-from ccm_opt.robot.arm import Axes
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm, Axes
 
 
 class MassMatrix:
@@ -37,7 +36,7 @@ class MassMatrix:
         arm: the arm.
     """
 
-    def __init__(self, arm: DrivenArm) -> None:
+    def __init__(self, arm: Arm) -> None:
         model = arm_model(arm, gravity=np.zeros(3))
         self._factors = build_mass_factors(model.structure)
         self._model = model

@@ -9,8 +9,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall, native_constant
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model
 from ccm_opt.errors import ProblemError
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
@@ -161,7 +161,7 @@ class InverseDynamics:
         gravity: in the world, shape (3,) [m/s²].
     """
 
-    def __init__(self, arm: DrivenArm, gravity: FloatArray) -> None:
+    def __init__(self, arm: Arm, gravity: FloatArray) -> None:
         self._rnea = DynamicsFunction("inverse_dynamics", arm_model(arm, gravity))
 
     def __call__(
@@ -212,7 +212,7 @@ class InverseDynamics:
         return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
 
-def joint_states(arm: DrivenArm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
+def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
     """A planar trajectory as motion and efforts of all drives: the revolutes, and the axes that carry the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
@@ -232,7 +232,7 @@ class ForwardDynamics:
         gravity: in the world, shape (3,) [m/s²].
     """
 
-    def __init__(self, arm: DrivenArm, gravity: FloatArray) -> None:
+    def __init__(self, arm: Arm, gravity: FloatArray) -> None:
         self._aba = DynamicsFunction("forward_dynamics", arm_model(arm, gravity))
 
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:

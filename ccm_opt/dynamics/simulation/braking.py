@@ -17,9 +17,10 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_BRAKING, BrakingSettings
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import DriveLimits, Limits
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import planned_share
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.robot.points import DrivenArm, MovingPoint, point_of
+from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import JointTrajectory
 
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
@@ -40,7 +41,7 @@ short. Taste."""
 def braked(
     trajectory: JointTrajectory,
     time: float,
-    arm: DrivenArm,
+    arm: Arm,
     limits: Limits,
     inverse_dynamics: InverseDynamics,
     *,
@@ -100,7 +101,7 @@ class _PlannedMotion:
     """
 
     spline: CubicHermiteSpline
-    arm: DrivenArm
+    arm: Arm
     limits: DriveLimits
     dynamics: InverseDynamics
     share: float
@@ -112,7 +113,7 @@ class _PlannedMotion:
     def from_trajectory(
         cls,
         trajectory: JointTrajectory,
-        arm: DrivenArm,
+        arm: Arm,
         limits: Limits,
         dynamics: InverseDynamics,
         share: float,

@@ -27,8 +27,8 @@ from ccm_opt.dynamics.simulation.simulation_record import (
 )
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
 _STRAYED = 0.1
@@ -198,7 +198,7 @@ def _name(fault: RunFault, names: tuple[str, ...]) -> str:
 
 
 def simulate(
-    arm: DrivenArm,
+    arm: Arm,
     trajectory: JointTrajectory,
     joints: JointStates,
     options: SimulationOptions,
@@ -257,7 +257,7 @@ def simulate(
 
 
 def simulated_states(
-    arm: DrivenArm,
+    arm: Arm,
     trajectory: JointTrajectory,
     joints: JointStates,
     options: SimulationOptions,
@@ -295,7 +295,7 @@ def _most_efforts(limits: Limits, coordinates: Coordinates) -> FloatArray:
 
 
 def _prepared(
-    arm: DrivenArm,
+    arm: Arm,
     trajectory: JointTrajectory,
     joints: JointStates,
     options: SimulationOptions,
@@ -327,7 +327,7 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
 
 
 def closed_loop(
-    plant: DrivenArm, arm: DrivenArm, options: SimulationOptions, limits: Limits, *, planar: bool = False
+    plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits, *, planar: bool = False
 ) -> CompiledLoop:
     """The loop of a plant and of the arm that its controller believes in.
 
@@ -351,7 +351,7 @@ def closed_loop(
     return CompiledLoop(plant_model, believed_model, parameters)
 
 
-def _is_planar(arm: DrivenArm, joints: JointStates, options: SimulationOptions) -> bool:
+def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
     """Whether reference and gravity leave the arm exactly in its plane."""
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))

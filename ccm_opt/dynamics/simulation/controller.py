@@ -41,7 +41,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.compiled_loop import LoopParameters
 from ccm_opt.problem import Disturbances, Limits, SimulationOptions
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class FeedGains:
     derivative: float
 
 
-def gains(arm: DrivenArm, options: SimulationOptions) -> Gains:
+def gains(arm: Arm, options: SimulationOptions) -> Gains:
     """Gains of the chosen law; computed torque is critically damped at ωn = bandwidth: Kp = ωn², Kd = 2 ωn."""
     joints = np.ones(3 * arm.links)
     bandwidth = options.bandwidth
@@ -86,7 +86,7 @@ def gains(arm: DrivenArm, options: SimulationOptions) -> Gains:
     return Gains(proportional * joints, derivative * joints)
 
 
-def inertia_at_most(arm: DrivenArm) -> FloatArray:
+def inertia_at_most(arm: Arm) -> FloatArray:
     """What any joint can have to move when all bends move, shape (3 * links,) [kg m²].
 
     Row sums over the bends of the straight arm's mass matrix. Yaws and rolls have those of their bend: about no axis
@@ -97,13 +97,13 @@ def inertia_at_most(arm: DrivenArm) -> FloatArray:
     return np.repeat(bends, 3)
 
 
-def feed_gains(arm: DrivenArm, options: SimulationOptions) -> FeedGains:
+def feed_gains(arm: Arm, options: SimulationOptions) -> FeedGains:
     """Gains of the feed axis: critically damped at ωn = bandwidth, under PD for the mass of the arm [N/m, N s/m]."""
     mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
     return FeedGains(mass * options.bandwidth**2, 2.0 * mass * options.bandwidth)
 
 
-def loop_parameters(arm: DrivenArm, options: SimulationOptions, limits: Limits) -> LoopParameters:
+def loop_parameters(arm: Arm, options: SimulationOptions, limits: Limits) -> LoopParameters:
     """The numbers of the closed loop; efforts saturate at their limits when there are any."""
     joints = gains(arm, options)
     feed = feed_gains(arm, options)
@@ -119,7 +119,7 @@ def loop_parameters(arm: DrivenArm, options: SimulationOptions, limits: Limits) 
     )
 
 
-def disturbed_arm(arm: DrivenArm, disturbances: Disturbances) -> DrivenArm:
+def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
     """The arm that is simulated: heavier links, more payload, more friction."""
     heavier = 1.0 + disturbances.mass_error
     return replace(

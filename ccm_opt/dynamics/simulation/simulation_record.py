@@ -11,8 +11,8 @@ from ccm_opt.dynamics.simulation.controller import disturbed_arm, hermite
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.problem import SimulationOptions
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.points import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
 
@@ -155,9 +155,7 @@ DEFAULT_BRAKING = BrakingSettings()
 """What every braking uses unless it is given others."""
 
 
-def check_options(
-    arm: DrivenArm, options: SimulationOptions, *, settings: SimulationSettings = DEFAULT_SIMULATION
-) -> None:
+def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationSettings = DEFAULT_SIMULATION) -> None:
     """Refuse what no motion of the arm could be simulated with, before one is planned.
 
     Args:
@@ -180,13 +178,13 @@ def check_options(
         raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
 
 
-def falls_in_plane(arm: DrivenArm, gravity: FloatArray) -> bool:
+def falls_in_plane(arm: Arm, gravity: FloatArray) -> bool:
     """Whether gravity, in the world, shape (3,), leaves an arm in the plane of the second bends of its joints."""
     return float(arm.base_rotation[:, 1] @ gravity) == 0.0
 
 
 def check_axes(
-    arm: DrivenArm, angles: FloatArray, *, planar: bool, settings: SimulationSettings = DEFAULT_SIMULATION
+    arm: Arm, angles: FloatArray, *, planar: bool, settings: SimulationSettings = DEFAULT_SIMULATION
 ) -> None:
     """Refuse motions on which the ball joints are singular.
 
@@ -274,7 +272,7 @@ class PlanNeeds:
 
 
 def needs_of_plan(
-    plant: DrivenArm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
+    plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
     """The greatest need of a plan; None where no drive has a limit.
 

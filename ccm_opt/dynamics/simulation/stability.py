@@ -21,7 +21,7 @@ from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.simulation.controller import feed_gains, gains
 from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.problem import SimulationOptions
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm
 
 _CHECKED_POSES = 9
 """Number of poses along the motion at which gains and friction are held against the mass matrix. Taste: λmax varies
@@ -34,12 +34,12 @@ RUNGE_KUTTA_REACH = 2.78
 
 
 def check_stability(
-    arm: DrivenArm,
+    arm: Arm,
     angles: FloatArray,
     options: SimulationOptions,
     *,
     planar: bool,
-    believed: DrivenArm | None = None,
+    believed: Arm | None = None,
 ) -> None:
     """Refuse gains that the sampled controller cannot hold, and friction that the integrator cannot follow.
 
@@ -63,7 +63,7 @@ def check_stability(
     _check_friction(arm, poses, options, planar=planar)
 
 
-def fastest_mode(arm: DrivenArm, poses: FloatArray, *, planar: bool) -> float:
+def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
     """Largest eigenvalue of M⁻¹ [1/(kg m²)] at some poses; of its bends alone for a planar motion.
 
     Args:
@@ -74,7 +74,7 @@ def fastest_mode(arm: DrivenArm, poses: FloatArray, *, planar: bool) -> float:
     return fastest_rate(arm, poses, np.ones(3 * arm.links), planar=planar)
 
 
-def fastest_rate(arm: DrivenArm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
+def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
     """Largest eigenvalue of M⁻¹ diag(damping) [1/s] at some poses; arguments as for ``fastest_mode``.
 
     Args:
@@ -110,7 +110,7 @@ def _check_computed_torque(options: SimulationOptions) -> None:
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": 1.0}))
 
 
-def _check_pd(believed: DrivenArm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
+def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
     step = options.step
     gain = gains(believed, options)
@@ -144,7 +144,7 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[
     return (f"simulation.gains.derivative above {given / most:.3g} N m s/rad", shorter, computed)
 
 
-def _check_feed(arm: DrivenArm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
+def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
     if options.controller == "computed-torque":
         return
@@ -163,7 +163,7 @@ def _check_feed(arm: DrivenArm, poses: FloatArray, options: SimulationOptions, *
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": 2.0}))
 
 
-def _check_friction(arm: DrivenArm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
+def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """Friction damps the fastest mode at a rate that the integrator must follow."""
     friction = float(np.max(arm.friction))
     if friction == 0.0:
@@ -183,7 +183,7 @@ def _check_friction(arm: DrivenArm, poses: FloatArray, options: SimulationOption
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": RUNGE_KUTTA_REACH}))
 
 
-def _lightest_base(arm: DrivenArm, poses: FloatArray, *, planar: bool) -> float:
+def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
     """Least mass [kg] that the base moves at once when it is pushed and the joints are free, at some poses.
 
     The Schur complement of the joints in the mass matrix: what is left when they give way.

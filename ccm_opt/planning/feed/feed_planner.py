@@ -35,7 +35,7 @@ from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planning.search import find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.solution import JointPath
 

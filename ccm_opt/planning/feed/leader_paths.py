@@ -30,9 +30,8 @@ from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.following.leader import LeaderPath, path_through
 from ccm_opt.planning.planner_settings import DEFAULT_FEED, DEFAULT_FOLLOWING, ElasticBandSettings, FeedPlannerSettings
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.link_chain import Feed
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls

@@ -26,8 +26,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, Workspace
 

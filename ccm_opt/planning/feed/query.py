@@ -22,8 +22,7 @@ from ccm_opt.planning.following.leader import (
 from ccm_opt.planning.planner_settings import DEFAULT_FEED, DEFAULT_FOLLOWING, FeedPlannerSettings, FollowingSettings
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.bad_pose import refuse_bad_pose
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.workspace import Workspace

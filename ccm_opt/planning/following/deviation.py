@@ -12,7 +12,6 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import arc_lengths, leg_headings
 from ccm_opt.planning.planner_settings import DEFAULT_DEVIATION, DeviationSettings
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.space_arm import SpaceArm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 
@@ -146,7 +145,7 @@ class LeaderDeviation:
 
 
 def leader_deviation(
-    arm: SpaceArm, positions: FloatArray, settings: DeviationSettings = DEFAULT_DEVIATION
+    arm: Arm, positions: FloatArray, settings: DeviationSettings = DEFAULT_DEVIATION
 ) -> LeaderDeviation | None:
     """The deviation of a motion from the path of the tip; None where the base is not fed or nothing leaves the tube.
 
@@ -179,7 +178,7 @@ def leader_deviation(
     return LeaderDeviation(float(np.mean(near.gap)), float(np.max(near.gap)), mean_on_straight)
 
 
-def leaders_path(arm: SpaceArm, poses: FloatArray, joints: FloatArray) -> FloatArray:
+def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
     """The path of the leader from the hole on: the arm as it lies at the start, then the way of its tip, (m, 3) [m].
 
     Args:

@@ -16,9 +16,7 @@ from ccm_opt.core.arrays import ROUNDING, SHORTEST, BoolArray, FloatArray, IntAr
 from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, whole_turns
 from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING, ChordSettings, FollowingSettings
 from ccm_opt.problem import Limits
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_chain import HELD_TOLERANCE
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
 
 _MOST_STEPS = 40
 """At most. Taste; from a chord's length ahead it needs four or five."""
@@ -249,7 +247,7 @@ def travel_between_samples(arm: Arm, limits: Limits, settings: FollowingSettings
     return settings.sample_period * (feed_limits(arm, limits, settings).feed_velocity or 0.0)
 
 
-def feed_limits(arm: DrivenArm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
+def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
     """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
 
     Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so

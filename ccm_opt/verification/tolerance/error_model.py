@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.points import DrivenArm
+from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, SurvivedError
 
 ErrorName = Literal["joints", "base heading", "link lengths", "base position", "walls"]
@@ -40,29 +40,29 @@ class ErrorModel:
         return self.shift + self.feed
 
 
-def joint_errors(arm: DrivenArm) -> ErrorModel:
+def joint_errors(arm: Arm) -> ErrorModel:
     """Every joint is off by as much as the unit, and the base on a feed axis by a link's length times that."""
     turns = np.append(0.0, np.ones(arm.links))
     feed = arm.link_length * len(arm.base_axes)
     return ErrorModel("joints", "rad", turns, feed=feed)
 
 
-def base_heading_error(arm: DrivenArm) -> ErrorModel:
+def base_heading_error(arm: Arm) -> ErrorModel:
     """The arm stands turned about its base."""
     return ErrorModel("base heading", "rad", np.append(1.0, np.zeros(arm.links)), with_itself=False)
 
 
-def link_length_errors(arm: DrivenArm) -> ErrorModel:
+def link_length_errors(arm: Arm) -> ErrorModel:
     """Every link is longer or shorter by as much as the unit, each by itself."""
     return ErrorModel("link lengths", "m", np.zeros(arm.links + 1), stretch=1.0)
 
 
-def base_position_error(arm: DrivenArm) -> ErrorModel:
+def base_position_error(arm: Arm) -> ErrorModel:
     """The arm stands beside its place, in any direction."""
     return ErrorModel("base position", "m", np.zeros(arm.links + 1), shift=1.0, with_itself=False)
 
 
-def wall_errors(arm: DrivenArm) -> ErrorModel:
+def wall_errors(arm: Arm) -> ErrorModel:
     """Every wall is nearer to the arm by as much as the unit: the certified least gap."""
     return ErrorModel("walls", "m", np.zeros(arm.links + 1), shift=1.0, with_itself=False)
 
