@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 import shapely
 
+from ccm_opt.cli import comparing
 from ccm_opt.cli.comparing import CompareOptions, compare_methods, comparison_page
 from ccm_opt.compare import methods as method_code
+from ccm_opt.compare import running
 from ccm_opt.compare.comparison_files import comparison_json, runs_csv, write_problems
 from ccm_opt.compare.journal import open_journal
 from ccm_opt.compare.methods import METHODS, check_methods, code_of, method_named
@@ -74,6 +76,12 @@ def wanted(tmp_path: Path, **changes: object) -> CompareOptions:
         "planners": (), "workers": 1, "dask": None, "out": tmp_path / "out", "time_limit": None, "pictures": False,
     }  # fmt: skip
     return CompareOptions(**{**values, **changes})  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command's workers are threads, where what is told of runs counts and not who makes them."""
+    monkeypatch.setattr(comparing, "LocalWorkers", lambda _: InThread())
 
 
 # ---------------------------------------------------------------- suites
@@ -215,6 +223,13 @@ def test_keys_tell_runs_apart(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- code
 
 
+def forget_code() -> None:
+    """Forget digests of planners' code, and end the process that has loaded it."""
+    code_of.cache_clear()
+    method_code._digest_of_package.cache_clear()
+    running._end_kept()
+
+
 @pytest.fixture
 def own_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A package with a planner beside the user, whose module imports another."""
@@ -224,15 +239,14 @@ def own_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     (folder / "numbers.py").write_text("SPEED = 1\n")
     (folder / "mine.py").write_text("from tests.comparison_tasks import StraightPlanner\n")
     monkeypatch.syspath_prepend(tmp_path)
-    code_of.cache_clear()
-    method_code._digest_of_package.cache_clear()
+    forget_code()
     yield folder
-    code_of.cache_clear()
-    method_code._digest_of_package.cache_clear()
+    forget_code()
     for name in [name for name in sys.modules if name.partition(".")[0] == "my_planners"]:
         del sys.modules[name]
 
 
+@pytest.mark.usefixtures("in_threads")
 def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     tmp_path: Path, own_package: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -246,8 +260,7 @@ def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     assert "other code" not in capsys.readouterr().err
 
     (own_package / "numbers.py").write_text("SPEED = 2\n")
-    code_of.cache_clear()
-    method_code._digest_of_package.cache_clear()
+    forget_code()
     assert compare_methods(options) == 0
     # Words may be broken into lines anywhere.
     err = " ".join(capsys.readouterr().err.split())
@@ -405,6 +418,7 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
     assert len(files["journal.jsonl"].splitlines()) == 8
 
 
+@pytest.mark.usefixtures("in_threads")
 def test_a_crash_is_a_bug_and_the_rest_is_still_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A planner with a defect gives exit code 1 after all runs are made."""
     small_cases(tmp_path)
@@ -446,5 +460,5 @@ def test_workers_of_a_comparison_are_processes(tmp_path: Path) -> None:
     cases = small_cases(tmp_path, 1)
     with open_journal(tmp_path / "one.jsonl") as one, open_journal(tmp_path / "two.jsonl") as two:
         here = compare(cases, (STRAIGHT,), InThread(), one)
-        there = compare(cases, (STRAIGHT,), LocalWorkers(2), two)
+        there = compare(cases, (STRAIGHT,), LocalWorkers(1), two)
     assert [run.outcome for run in here.runs_of(STRAIGHT)] == [run.outcome for run in there.runs_of(STRAIGHT)]

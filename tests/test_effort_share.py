@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -161,10 +162,16 @@ def test_a_plan_where_gravity_takes_more_than_the_share(retiming: str) -> None:
     assert ccm_opt.check(solution.problem, solution.trajectory, solution.joints) == solution.checks
 
 
-@pytest.mark.parametrize("moment", [0.05, 0.3, 0.6])
+@cache
+def stretched() -> ccm_opt.Solution:
+    """A plan of an arm that has to hold itself up."""
+    return ccm_opt.solve(parse_problem(STRETCHED))
+
+
+@pytest.mark.parametrize("moment", [0.05, 0.5])
 def test_a_new_goal_where_gravity_takes_more_than_the_share(moment: float) -> None:
     """Braking gives way to gravity as timing does: the whole motion passes every check."""
-    solution = ccm_opt.solve(parse_problem(STRETCHED))
+    solution = stretched()
     changed = ccm_opt.retarget(solution, moment * solution.trajectory.duration, TipGoal(np.array([0.24, -0.1])))
     assert all(check.passed for check in changed.checks)
     assert shares_of(changed.checks)["effort"].limit > 0.9

@@ -23,7 +23,7 @@ FAMILIES = {"clutter": into_clutter, "elbow": elbow, "straight": straight_out, "
 
 
 @pytest.mark.parametrize("family", sorted(FAMILIES))
-@settings(deadline=None, max_examples=2)
+@settings(deadline=None, max_examples=1)  # plans twice, for each of four families
 @given(seed=st.integers(0, 10**6))
 @example(604)
 def test_a_larger_tolerance_is_not_harder_with_a_feed(family: str, seed: int) -> None:

@@ -112,7 +112,7 @@ def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float
         assert len(Certificate(scene.arm, room).failures(headings_of(poses))) == 0
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_wherever_a_candidate_leads_it_leads_safely(seed: int) -> None:
     """In clutter the way to where a candidate arrives or stalls touches nothing in a sweep between its poses."""
     scene = clutter(seed, 30)

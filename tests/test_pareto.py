@@ -170,11 +170,20 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.fixture(scope="module", params=["fork", "space/blade-row"])
-def forked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The folder of the fork, or of a problem in space, with its plans, and what was printed."""
+@pytest.fixture(scope="module", params=["fork", "post"])
+def file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The fork, or an arm beside a post in space."""
+    if request.param == "fork":
+        return PROBLEMS / "fork.toml"
+    made = tmp_path_factory.mktemp("problems") / "post.toml"
+    made.write_text(SMALL_IN_SPACE.format(aside=0.12, height=0.1))
+    return made
+
+
+@pytest.fixture(scope="module")
+def forked(file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The folder with the plans of a problem, and what was printed."""
     out = tmp_path_factory.mktemp("runs")
-    file = PROBLEMS / f"{request.param}.toml"
     code, output = run("solve", "--pareto", file, "--out", out)
     assert code == 0, output
     return out / file.stem, output
@@ -235,12 +244,11 @@ def test_every_plan_has_a_page_that_leads_to_the_others(forked: tuple[Path, str]
 
 
 @pytest.mark.planning
-def test_a_single_plan_takes_the_place_of_several(forked: tuple[Path, str], tmp_path: Path) -> None:
+def test_a_single_plan_takes_the_place_of_several(file: Path, forked: tuple[Path, str], tmp_path: Path) -> None:
     """A later solve leaves none of the five plans behind, and keeps what the user put beside them."""
     folder = tmp_path / forked[0].name
     shutil.copytree(forked[0], folder)
     (folder / "notes.txt").write_text("mine")
-    file = next(PROBLEMS.rglob(f"{folder.name}.toml"))
     code, output = run("solve", file, "--out", folder.parent, "--no-pictures")
     assert code == 0, output
     assert not (folder / "pareto").exists()

@@ -60,7 +60,7 @@ def test_what_cannot_be_survived_is_explained() -> None:
     """Where no motion survives the error, the reason names what limits the best, and an error that can be had."""
     problem = swan_neck(10.0)
     # No motion will do, so whatever time there is is spent.
-    problem = replace(problem, planner=replace(problem.planner, time_limit=8.0))
+    problem = replace(problem, planner=replace(problem.planner, time_limit=4.0))
     with pytest.raises(MotionNotFound) as caught:
         ccm_opt.solve(problem, explain=True)
     diagnosis = caught.value.diagnosis

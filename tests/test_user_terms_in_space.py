@@ -191,7 +191,7 @@ def test_what_contradicts_the_start_or_stands_in_the_way_is_named() -> None:
     assert caught.value.diagnosis.findings[0].kind == "constraint"
     with pytest.raises(UnreachableGoal, match=r"'back' cannot hold at the goal"):
         ccm_opt.solve(post(), constraints=[Constraint("back", lambda q: q.tip_direction[1], upper=0.5, where="goal")])
-    hurried = replace(post(), planner=replace(post().planner, time_limit=4.0))
+    hurried = replace(post(), planner=replace(post().planner, time_limit=2.0))
     with pytest.raises(NoPlanFound, match="'far'"):
         ccm_opt.solve(hurried, constraints=[Constraint("far", far, lower=0.6)], explain=False)
 

@@ -107,6 +107,7 @@ def retarget(
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     _check(solution, time)
     expect(goal, (TipGoal, JointPose), "a goal", "for example ccm_opt.TipGoal.at(position)")
+    compiled_terms(solution.problem.arm, constraints, costs)  # terms that cannot be used are refused before all work
     near = tolerances or solution.problem.tolerances
     with on_one_thread(), words_in(solution.problem.length_unit):
         return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))

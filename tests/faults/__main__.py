@@ -19,18 +19,18 @@ from tests.faults.commands import IN_SPACE, PROBLEM, Bench, run  # noqa: E402 - 
 
 
 def main() -> int:
-    """Run one command under faults."""
+    """Run commands under faults, all of them beside one plan that is made before."""
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
-    parser.add_argument("command", choices=("solve", "check", "export", "compare"))
+    parser.add_argument("command", nargs="+", choices=("solve", "check", "export", "compare"))
     parser.add_argument("--space", action="store_true", help="a problem in space")
     parser.add_argument("--every", action="store_true", help="let every operation fail in turn")
-    parser.add_argument("--count", type=int, default=20, help="so many operations drawn at random")
+    parser.add_argument("--count", type=int, default=20, help="so many operations of each, drawn at random")
     parser.add_argument("--seed", type=int, help="of the draws")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as root:
         bench = Bench(Path(root), IN_SPACE if options.space else PROBLEM)
         bench.prepare()
-        return swept(bench, options)
+        return sum(swept(command, bench, options) for command in options.command)
 
 
 def arguments_of(command: str, bench: Bench) -> list[str]:
@@ -52,12 +52,12 @@ def arguments_of(command: str, bench: Bench) -> list[str]:
     return ["export", str(bench.target), "--format", "urdf", "--out", str(bench.root / "arm.urdf")]
 
 
-def swept(bench: Bench, options: argparse.Namespace) -> int:
-    """Let operations fail in turn; the number of those after which something is wrong."""
-    arguments = arguments_of(options.command, bench)
+def swept(command: str, bench: Bench, options: argparse.Namespace) -> int:
+    """Let operations of a command fail in turn; the number of those after which something is wrong."""
+    arguments = arguments_of(command, bench)
     bench.restore()
     clean = run(arguments, None)
-    print(f"{options.command}: {len(clean.faults.kinds)} operations, {dict(Counter(clean.faults.kinds))}")
+    print(f"{command}: {len(clean.faults.kinds)} operations, {dict(Counter(clean.faults.kinds))}")
     numbers = drawn(clean.faults.kinds, None if options.every else options.count, options.seed)
     wrong = 0
     for number in numbers:
@@ -65,7 +65,7 @@ def swept(bench: Bench, options: argparse.Namespace) -> int:
         shutil.rmtree(bench.root / "comparison", ignore_errors=True)
         outcome = run(arguments, number)
         defects = outcome.defects() + bench.defects()
-        if options.command == "compare":
+        if command == "compare":
             # The same command goes on where it was stopped, with every run once.
             again = run([*arguments, "--json"], None)
             defects += [] if again.code == 0 else [f"cannot go on: {again.stderr.strip()[-200:]}"]
