@@ -18,8 +18,7 @@ from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.objective import even_parameters
-from ccm_opt.planning.settings import SmoothPathSettings
-from ccm_opt.planning.smooth_path import moved_onto
+from ccm_opt.planning.path_on_limits import KnotJoints, moved_onto
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
@@ -210,7 +209,9 @@ def test_points_are_moved_onto_equations_by_the_least_change() -> None:
     """The result lies on the equation, and its change is along the equation's slope."""
     terms = compile_terms(arm(), [Constraint("x", lambda q: q.tip[0], lower=0.5, upper=0.5)], [])
     headings = np.linspace(0.3, 1.2, arm().links)
-    moved = moved_onto((UserLimit(terms),), arm(), headings, 0.0, np.ones(len(headings)), SmoothPathSettings())
+    rows = np.diff(np.eye(len(headings)), axis=0, prepend=0.0)
+    joints = KnotJoints(rows, arm().bends, arm().bend_limits, np.ones_like)
+    moved = moved_onto((UserLimit(terms),), joints, headings, 0.0)
     assert moved is not None
     assert arm().joint_positions(moved)[-1, 0] == pytest.approx(0.5, abs=1e-9)
     slope = terms.motion_rows.at(0.5 * (headings + moved)).equation_slopes[0]

@@ -221,6 +221,11 @@ class SpaceCertificate:
     settings: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
     beside: EdgeCondition | None = None
 
+    @property
+    def spare(self) -> float:
+        """Gap beyond contact that is proved [m]."""
+        return self.pair_gap
+
     @cached_property
     def motion(self) -> LinkMotion:
         """Bounds on the motion of the arm's links."""

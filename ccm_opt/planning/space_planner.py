@@ -28,6 +28,7 @@ from ccm_opt.planning.space_settings import SpaceCertificateSettings, SpaceMotio
 from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
+from ccm_opt.planning.spline_path import spare_kept
 from ccm_opt.problem import JointPose
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -192,7 +193,7 @@ def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> Jo
         if spline is not None and missed is None:
             # Of what is certified to be spared timing may use nothing where constraints are kept exactly.
             kept = task.user is not None and task.user.terms.hard
-            spare = 0.0 if kept else task.certificate.pair_gap
+            spare = 0.0 if kept else spare_kept(spline, task.certificate)
             keyframes = motion.configurations
             if task.arm.base_axes and not legs:
                 # Drawn in the unknowns, the path of a fed arm may pass configurations of the motion by.

@@ -15,11 +15,12 @@ from scipy.interpolate import BSpline, make_interp_spline
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.path_on_limits import KnotJoints, certified_samples, spline_on_limits
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.settings import SmoothPathSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
+from ccm_opt.planning.spline_path import DEGREE, at_least_four, clamped_spline, halved, legs_of_spans, uncertified_spans
 from ccm_opt.robot.arm import Arm
 
 _LOOKS = 5
@@ -36,77 +37,34 @@ _MOST_CONTROL = 400
 _LIMIT_SLACK = 1e-8
 """By how much rounding may carry coordinates beyond their limits [rad, m]."""
 
-DEGREE = 3
 
-
-def path_on_equations(
-    task: SpaceTask, motion: SpaceMotion, settings: SmoothPathSettings | None = None
-) -> BSpline | None:
+def path_on_equations(task: SpaceTask, motion: SpaceMotion, user: UserLimit) -> BSpline | None:
     """The certified path through knots that keep the user's constraints; None where there is none.
 
     Args:
-        task: with the constraints.
+        task: of an arm whose base is fixed, so that configurations are linear in the unknowns.
         motion: certified, its keyframes on the equations.
-        settings: how it is refined; those of the plane when None.
+        user: the constraints.
     """
-    user = task.user
-    numbers = settings or SmoothPathSettings()
-    if user is None:
-        return None
+    arm = task.arm
     u = np.linspace(0.0, 1.0, len(motion.unknowns)) if motion.u is None else motion.u
     if len(u) <= DEGREE or np.any(np.diff(u) <= 0.0):
         return None
+    free = (np.arange(len(task.start)) >= 2 * arm.clamped_joints).astype(np.float64)
+    joints = KnotJoints(np.eye(len(free)), lambda q: q, arm.upper_limits, lambda _: free)
     # Smooth in itself; and less smooth, but nearer to what is certified.
-    knots = np.concatenate((np.zeros(DEGREE + 1), u[2:-2], np.ones(DEGREE + 1)))
-    for base in (BSpline(knots, motion.unknowns, DEGREE), make_interp_spline(u, motion.unknowns, k=DEGREE)):
-        spline = _on_equations(task, user, motion, base, numbers)
+    through = motion.curve.configurations(motion.unknowns)
+    near = clamped_spline(through, np.concatenate(([0.0], u[2:-2], [1.0])))
+    for base in (near, make_interp_spline(u, through, k=DEGREE)):
+        spline = spline_on_limits(base, (user,), joints)
         if spline is not None and _safe(task, spline):
             return spline
     return None
 
 
-def _on_equations(
-    task: SpaceTask, user: UserLimit, motion: SpaceMotion, base: BSpline, settings: SmoothPathSettings
-) -> BSpline | None:
-    """A spline through points of the base that are moved onto the constraints, refined until it keeps them."""
-    stepper = task.stepper(motion.curve, 0.0)
-    knots = np.union1d(np.linspace(0.0, 1.0, settings.first_spans + 1), user.breaks)
-    values: dict[float, FloatArray] = {0.0: motion.unknowns[0], 1.0: motion.unknowns[-1]}
-    for _ in range(settings.rounds):
-        for place in knots:
-            # Knots stay from round to round, so each is moved only once.
-            if float(place) not in values:
-                pose = moved_onto_terms(stepper, user.placed(float(place)), stepper.pose(np.asarray(base(place))))
-                if pose is None:
-                    return None
-                values[float(place)] = pose.v
-        of_unknowns = make_interp_spline(knots, np.array([values[float(place)] for place in knots]), k=DEGREE)
-        control = motion.curve.configurations(of_unknowns.c)
-        spline = BSpline(of_unknowns.t, control, DEGREE)
-        missed = _missed_spans(user, spline, knots, settings.equation_samples)
-        if not len(missed):
-            return spline
-        if len(knots) + len(missed) > settings.most_spans or task.deadline.passed():
-            return None
-        # A spline is shaped by its neighbours too; halving one span alone would leave uneven spans that ripple.
-        around = np.unique(np.clip(np.add.outer(missed, (-1, 0, 1)), 0, len(knots) - 2))
-        knots = np.union1d(knots, 0.5 * (knots[around] + knots[around + 1]))
-    return None
-
-
-def _missed_spans(user: UserLimit, spline: BSpline, knots: FloatArray, samples: int) -> IntArray:
-    """Spans in which a constraint is missed, sorted."""
-    places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
-    missed = np.flatnonzero(user.misses_path(np.asarray(spline(places)), places))
-    return np.unique(np.minimum(missed // samples, len(knots) - 2))
-
-
 def _safe(task: SpaceTask, spline: BSpline) -> bool:
     """Whether a path keeps the limits of coordinates and is certified, linear between its samples."""
-    knots = np.unique(np.clip(spline.t, 0.0, 1.0))
-    count = max(2 * task.settings.smooth_path.samples, -(-_MOST_CONTROL // (len(knots) - 1)))
-    places = np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)
-    q = np.asarray(spline(places))
+    q = np.asarray(spline(certified_samples(spline)))
     slack = _LIMIT_SLACK
     within = np.all(q >= task.arm.lower_limits - slack) and np.all(q <= task.arm.upper_limits + slack)
     return bool(within) and len(task.certificate.failures(q)) == 0
@@ -127,7 +85,7 @@ def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
         motion: certified.
     """
     if task.user is not None and task.user.has_equations and not task.arm.base_axes:
-        on_equations = path_on_equations(task, motion)
+        on_equations = path_on_equations(task, motion, task.user)
         if on_equations is not None:
             return on_equations
     path = partial(_through_curve, task, motion.curve)
@@ -183,8 +141,7 @@ def _drawn_near(
     even = np.linspace(0.0, 1.0, len(keyframes))
     # The last column is the path parameter, which is halved with the rest.
     control = np.column_stack((keyframes, even if u is None else u))
-    while len(control) < DEGREE + 1:
-        control = _halved(control, np.arange(len(control) - 1))
+    control = at_least_four(control)
     for refinement in range(settings.refinements):
         ends = _span_ends(control, even=u is None)
         spline = path(control[:, :-1], ends)
@@ -196,9 +153,8 @@ def _drawn_near(
             return spline
         if len(control) > _MOST_CONTROL or task.deadline.passed():
             return None
-        # A span k is shaped by the control points k to k + 3.
-        legs = np.unique(np.clip(np.add.outer(failing, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
-        control = _halved(control, legs)
+        legs = legs_of_spans(control, failing)
+        control = halved(control, legs)
         if task.user is not None and curve is not None:
             # A leg may break a gap that both its ends keep. What was inserted after others is as many places behind.
             _mend(task.stepper(curve, 0.0), task.user, control, legs + 1 + np.arange(len(legs)))
@@ -297,23 +253,18 @@ def _through_curve(task: SpaceTask, curve: CurveMap, control: FloatArray, ends: 
     return BSpline(knots, np.clip(curve.configurations(np.asarray(unknowns(places))), *limits), DEGREE)
 
 
-def clamped_spline(control: FloatArray, ends: FloatArray) -> BSpline:
-    """The clamped cubic B-spline with given control points, shape (m ≥ 4, c), whose spans have given ends."""
-    return BSpline(np.concatenate((np.zeros(DEGREE), ends, np.ones(DEGREE))), control, DEGREE)
-
-
 def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
     """Middles of spans on which the path, linear between samples, is not proved safe, or bends a joint that is held."""
     knots = spline.t[DEGREE:-DEGREE]
-    samples = task.settings.smooth_path.samples
-    q = np.asarray(spline(_samples(spline, samples)))
     middles = 0.5 * (knots[:-1] + knots[1:])
     if task.arm.base_axes:
         # Cheap to see, and asked first.
+        samples = task.settings.smooth_path.samples
+        q = np.asarray(spline(_samples(spline, samples)))
         bent = _bent_inside(task.arm, spline, q, samples)
         if len(bent) > 0:
             return middles[bent]
-    failing = middles[np.unique(task.certificate.failures(q) // samples)]
+    failing = middles[uncertified_spans(spline, task.certificate)]
     if task.user is None:
         return failing
     user_samples = _USER_SAMPLES
@@ -344,8 +295,3 @@ def _bent_inside(arm: Arm, spline: BSpline, q: FloatArray, samples: int) -> IntA
     least = np.min(of_span, axis=0) - 0.5 * way
     outside = least[:, None] + arm.link_length * np.arange(links) - arm.hole
     return np.flatnonzero(np.any(bent_on_span & (outside < 0.0), axis=1))
-
-
-def _halved(control: FloatArray, legs: IntArray) -> FloatArray:
-    """The control polygon with some of its legs halved."""
-    return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

@@ -1,4 +1,4 @@
-"""Splines through keyframes, certified."""
+"""Splines near keyframes, certified."""
 
 from functools import lru_cache
 
@@ -13,12 +13,17 @@ DEGREE = 3
 """Of the spline: the least with a continuous second derivative."""
 
 
-def clamped_spline(control: FloatArray) -> BSpline:
-    """Clamped uniform cubic B-spline over [0, 1] with given control points, shape (m ≥ 4, links)."""
-    spans = len(control) - DEGREE
+def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpline:
+    """Clamped cubic B-spline over [0, 1] with given control points.
+
+    Args:
+        control: shape (m ≥ 4, c).
+        ends: where its spans begin and end, shape (m − 2,); even ones when None.
+    """
+    if ends is None:
+        ends = np.linspace(0.0, 1.0, len(control) - DEGREE + 1)
     # End knots of multiplicity four: the curve begins and ends on its first and last control point.
-    knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
-    return BSpline(knots, control, DEGREE)
+    return BSpline(np.concatenate((np.zeros(DEGREE), ends, np.ones(DEGREE))), control, DEGREE)
 
 
 @lru_cache(maxsize=64)
@@ -67,20 +72,27 @@ def certified_spline(
         certificate: of the arm among the walls.
         settings: samples and refinements.
     """
-    control = _at_least_four(keyframes)
+    control = at_least_four(keyframes)
     for _ in range(settings.refinements):
         spline = clamped_spline(control)
-        counts = _samples_a_span(spline, certificate, settings)
-        # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
-        ends = np.concatenate(([0], np.cumsum(counts)))
-        samples = np.interp(np.arange(ends[-1] + 1), ends, np.linspace(0.0, 1.0, len(ends)))
-        failing = np.unique(np.searchsorted(ends, certificate.failures(spline(samples)), side="right") - 1)
+        failing = uncertified_spans(spline, certificate, settings)
         if len(failing) == 0:
             return spline
         # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
         # differences, by which the curve leaves it, become smaller.
-        control = _halve_legs(control, failing)
+        control = halved(control, legs_of_spans(control, failing))
     return None
+
+
+def uncertified_spans(
+    spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH
+) -> IntArray:
+    """Spans of a clamped spline that are not certified when they are linear between enough samples, sorted."""
+    counts = _samples_a_span(spline, certificate, settings)
+    # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
+    ends = np.concatenate(([0], np.cumsum(counts)))
+    samples = np.interp(np.arange(ends[-1] + 1), ends, spline.t[DEGREE:-DEGREE])
+    return np.unique(np.searchsorted(ends, certificate.failures(np.asarray(spline(samples))), side="right") - 1)
 
 
 def spare_kept(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH) -> float:
@@ -100,22 +112,26 @@ def _samples_a_span(spline: BSpline, certificate: IntervalCertificate, settings:
 def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
     """How far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
 
-    It errs by ⅛ h² max|φ''| in a heading, so by Σ l of that in a position; φ'' is linear on a span, its control points
-    are its values at the knots.
+    It errs by ⅛ h² max|q''| in a coordinate, so by how far such a change moves the arm in a position; q'' is linear on
+    a span, its control points are its values at the knots.
     """
-    spans = len(spline.c) - DEGREE
-    # |φ″| summed over links bounds what the tip may be off by; spans are 1 / spans long.
-    turning = np.abs(spline.derivative(2).c).sum(axis=1)[: spans + 1]
-    return np.asarray(certificate.arm.link_length * np.maximum(turning[:-1], turning[1:]) / (8.0 * spans**2))
+    ends = spline.t[DEGREE:-DEGREE]
+    moving = certificate.arm.travel(spline.derivative(2).c[: len(ends)])
+    return np.asarray(np.maximum(moving[:-1], moving[1:]) * np.diff(ends) ** 2 / 8.0)
 
 
-def _at_least_four(control: FloatArray) -> FloatArray:
+def at_least_four(control: FloatArray) -> FloatArray:
+    """The same polygon with enough control points for a spline."""
     while len(control) < DEGREE + 1:
-        control = _halve_legs(control, np.arange(len(control)))
+        control = halved(control, np.arange(len(control) - 1))
     return control
 
 
-def _halve_legs(control: FloatArray, spans: IntArray) -> FloatArray:
-    """Insert the middles of the legs that shape given spans (span k is shaped by control points k to k + 3)."""
-    legs = np.unique(np.clip(np.add.outer(spans, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
+def legs_of_spans(control: FloatArray, spans: IntArray) -> IntArray:
+    """Legs of a control polygon that shape given spans; span k is shaped by control points k to k + 3."""
+    return np.unique(np.clip(np.add.outer(spans, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
+
+
+def halved(control: FloatArray, legs: IntArray) -> FloatArray:
+    """The control polygon with the middles of some of its legs put in."""
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

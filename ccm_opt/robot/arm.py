@@ -321,6 +321,16 @@ class Arm:
         """Link headings φ from joint bends in the plane, shape (..., links) [rad]."""
         return self.base_heading + np.cumsum(bends, axis=-1)
 
+    def travel(self, change: FloatArray) -> FloatArray:
+        """Bound on how far any point of the arm moves when a pose changes, in space a configuration, shape (...) [m].
+
+        Args:
+            change: of it, shape (..., c).
+        """
+        if self.dimension == 3:
+            return self.coordinates.travel(change, self.link_length)
+        return np.asarray(self.link_length * np.abs(change).sum(axis=-1))
+
     def bends(self, headings: FloatArray) -> FloatArray:
         """Joint bends from link headings, shape (..., links) [rad]; the first is relative to the base heading."""
         return np.diff(headings, axis=-1, prepend=self.base_heading)

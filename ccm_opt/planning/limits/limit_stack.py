@@ -221,25 +221,21 @@ class JointLimit(Limit):
         return accepted
 
 
-def overbent(
-    limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
-    """Slopes of bends too near their limit by the link headings, shape (k, links), and their way back [rad].
+def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance: float) -> tuple[IntArray, FloatArray]:
+    """Numbers of the bends that are too near their limit, shape (k,), and their way back [rad].
 
     Args:
-        limits: to which bends are brought back, shape (links,) [rad].
-        bends: shape (links,) [rad].
+        limits: to which bends are brought back, shape (m,) [rad].
+        bends: shape (m,) [rad].
         held: side to which each bend was too large before, or 0; such bends are kept at the limit, so that Newton's
-            method does not go to and fro. What is too large now is added. Shape (links,).
+            method does not go to and fro. What is too large now is added. Shape (m,).
         tolerance: by which a bend may be beyond [rad].
     """
     # An active set that only grows: a bend let go as soon as it is back would be pushed out again by the next step.
     beyond = np.abs(bends) > limits + tolerance
     held[beyond] = np.sign(bends[beyond])
     over = np.flatnonzero(held)
-    # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
-    slopes = np.diff(np.eye(len(bends)), axis=0, prepend=0.0)[over]
-    return slopes, held[over] * limits[over] - bends[over]
+    return over, held[over] * limits[over] - bends[over]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,24 @@ from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.robot.arm import Arm
 
 
+class MovedArm(Protocol):
+    """An arm, as far as it matters how far its points move."""
+
+    @property
+    def length(self) -> float:
+        """Its length [m]."""
+        ...
+
+    def travel(self, change: FloatArray) -> FloatArray:
+        """Bound on how far any point moves with changes of a pose, shapes (...) [m] and (..., c)."""
+        ...
+
+
 class IntervalCertificate(Protocol):
     """Certifies piecewise-linear motions of an arm interval by interval."""
 
     @property
-    def arm(self) -> Arm:
+    def arm(self) -> MovedArm:
         """The arm."""
         ...
 
@@ -23,8 +36,8 @@ class IntervalCertificate(Protocol):
         """Gap beyond contact that is asked for [m]."""
         ...
 
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
-        """Sorted intervals of a motion, link headings of shape (K, links) [rad], that are not certified."""
+    def failures(self, headings: FloatArray, /, depth: int | None = None) -> IntArray:
+        """Sorted intervals of a motion, poses of shape (K, c), that are not certified."""
         ...
 
 

@@ -245,8 +245,8 @@ class UserLimit(Limit):
             if gaps:
                 slopes, change = self.missed(space, headings)
                 limits = _JOINT_SHARE * space.bend_limits
-                turned, back = overbent(limits, space.bends(headings), held, self.settings.met)
-                slopes = np.vstack((slopes, turned @ space.matrix[: space.arm.links]))
+                over, back = overbent(limits, space.bends(headings), held, self.settings.met)
+                slopes = np.vstack((slopes, space.bend_rows[over]))
                 change = np.append(change, back)
             if np.max(np.abs(change), initial=0.0) <= self.settings.met:
                 return v

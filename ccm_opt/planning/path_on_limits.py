@@ -1,0 +1,151 @@
+"""Smooth paths through knots that are moved onto limits which have equations, or depend on the path parameter.
+
+A cubic spline through points of a smooth curve leaves it by O(h⁴) (de Boor, *A Practical Guide to Splines*, chapter V),
+so halving the spans in which equations are missed brings the path back onto them quickly.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.limit import Limit
+from ccm_opt.planning.limits.limit_stack import overbent
+from ccm_opt.planning.limits.motion_certificate import failed_intervals
+from ccm_opt.planning.limits.user_motion_rows import slope_norms
+from ccm_opt.planning.settings import SmoothPathSettings
+from ccm_opt.planning.spline_path import DEGREE, SMOOTH_PATH
+
+_CERTIFIED_SAMPLES = 12
+"""Samples of a span through knots between which the certificate takes the path to be linear. Taste."""
+_MOST_CERTIFIED = 6000
+"""Samples of the whole path at most. Taste: the certificate's cost."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnotJoints:
+    """What a knot may move.
+
+    Attributes:
+        rows: slopes of the bends by a pose, shape (m, c).
+        bends: of a pose of shape (c,), shape (m,) [rad].
+        limits: of the bends, shape (m,) [rad].
+        free: 1 for what a knot may move about a pose, 0 for the rest, both of shape (c,).
+    """
+
+    rows: FloatArray
+    bends: Callable[[FloatArray], FloatArray]
+    limits: FloatArray
+    free: Callable[[FloatArray], FloatArray]
+
+
+def spline_on_limits(
+    base: BSpline, limits: tuple[Limit, ...], joints: KnotJoints, settings: SmoothPathSettings = SMOOTH_PATH
+) -> BSpline | None:
+    """A spline through points of a base that are moved onto limits, refined until it keeps them throughout.
+
+    Args:
+        base: a smooth path near a certified motion that knows its path parameter.
+        limits: that the path has to keep.
+        joints: what knots may move.
+        settings: numbers.
+
+    Returns:
+        None when that does not converge.
+    """
+    # A constraint that begins inside a span would be met on one side of its beginning only.
+    knots = _first_knots(base, [u for limit in limits for u in limit.breaks], settings.first_spans)
+    values: dict[float, FloatArray] = {0.0: np.asarray(base(0.0)), 1.0: np.asarray(base(1.0))}
+    for _ in range(settings.rounds):
+        for u in knots:
+            # Knots stay from round to round, so each is moved only once.
+            if float(u) not in values:
+                moved = moved_onto(limits, joints, np.asarray(base(u)), float(u), settings)
+                if moved is None:
+                    return None
+                values[float(u)] = moved
+
+        spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=DEGREE)
+        missed = _missed_spans(spline, knots, limits, settings.equation_samples)
+        if not len(missed):
+            missed = _short_spans(spline, knots, limits)
+        if not len(missed):
+            return spline
+        if len(knots) + len(missed) > settings.most_spans:
+            return None
+
+        # A spline is shaped by its neighbours as well; halving one span alone would leave uneven spans that ripple.
+        around = np.unique(np.clip(np.add.outer(missed, (-1, 0, 1)), 0, len(knots) - 2))
+        knots = np.union1d(knots, 0.5 * (knots[around] + knots[around + 1]))
+    return None
+
+
+def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
+    """The knots of the base and the breaks, halved until there are at least so many spans."""
+    knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
+    while len(knots) - 1 < least:
+        knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))
+    return knots
+
+
+def moved_onto(
+    limits: tuple[Limit, ...], joints: KnotJoints, q: FloatArray, u: float, settings: SmoothPathSettings = SMOOTH_PATH
+) -> FloatArray | None:
+    """A pose moved onto the equations, out of broken gaps and within joint limits, by least change.
+
+    Args:
+        limits: that the path has to meet.
+        joints: what may move.
+        q: shape (c,).
+        u: path parameter.
+        settings: of Newton's method.
+
+    Returns:
+        None when that does not converge.
+    """
+    held = np.zeros(len(joints.rows))
+    bounds = settings.joint_share * joints.limits
+    free = joints.free(q)
+    for _ in range(settings.newton_steps):
+        over, change = overbent(bounds, joints.bends(q), held, settings.met)
+        slopes = joints.rows[over]
+        for limit in limits:
+            missed, by = limit.missed_on_path(q, u)
+            slopes = np.vstack((missed, slopes))
+            change = np.append(by, change)
+        if not np.isfinite(change).all():
+            return None
+        if np.max(np.abs(change), initial=0.0) <= settings.met:
+            return q
+        # Rows of norm 1: units differ, and the rank has to be told from rounding.
+        scale = slope_norms(slopes)
+        q = q + np.linalg.lstsq(slopes * free / scale[:, None], change / scale, rcond=settings.rank)[0]
+    return None
+
+
+def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...], samples: int) -> IntArray:
+    """Spans in which a limit is missed, sorted; each is looked at in so many samples."""
+    # Even samples in every span, however long the spans are.
+    places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
+    q = np.asarray(spline(places))
+    missed = np.zeros(len(places), dtype=bool)
+    for limit in limits:
+        missed |= limit.misses_path(q, places)
+    return np.unique(np.minimum(np.flatnonzero(missed) // samples, len(knots) - 2))
+
+
+def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...]) -> IntArray:
+    """Spans in which a limit holds, but with less room than its certificate asks for, sorted."""
+    places = certified_samples(spline)
+    # Sample i to i + 1 lies in the span whose first knot is the last at or before it.
+    failing = places[failed_intervals(limits, np.asarray(spline(places)))]
+    return np.unique(np.clip(np.searchsorted(knots, failing, side="right") - 1, 0, len(knots) - 2))
+
+
+def certified_samples(spline: BSpline) -> FloatArray:
+    """Places along a path through knots, evenly spread in every span."""
+    knots = np.unique(np.clip(spline.t, 0.0, 1.0))
+    count = max(2, min(_CERTIFIED_SAMPLES, _MOST_CERTIFIED // (len(knots) - 1)))
+    return np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)
