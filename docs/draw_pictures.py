@@ -34,7 +34,7 @@ from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 BLOCKS = {
     "block": [(0.24, -0.13), (0.44, -0.07), (0.42, 0.17), (0.25, 0.12)],
@@ -47,7 +47,7 @@ LINKS = 26
 
 def corridor_scene() -> CorridorScene:
     """A room with three obstacles and three ways to a goal that is entered from below."""
-    obstacles = tuple(Obstacle(name, shapely.Polygon(corners)) for name, corners in BLOCKS.items())
+    obstacles = tuple(Obstacle(name, PlaneShape(shapely.Polygon(corners))) for name, corners in BLOCKS.items())
     workspace = Workspace(shapely.box(-0.08, -0.42, 1.2, 0.45), obstacles, 0.0)
     room = FreeSpace(workspace, RADIUS + MARGIN)
     base, goal, heading = np.array([0.0, 0.0]), np.array([1.02, 0.24]), 0.5 * np.pi

@@ -22,7 +22,7 @@ import shapely
 
 import ccm_opt
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 OPEN_SPACE = Path(__file__).parent.parent / "problems" / "open-space.toml"
 GAUGE = np.array([0.53853837, 0.86661361])
@@ -48,7 +48,7 @@ CONSTRAINTS = [aside, ahead]
 def inspection() -> Problem:
     """The open space with a gauge in it, and a start that keeps the gauge in view: the best such pose at its place."""
     problem = ccm_opt.load_problem(OPEN_SPACE)
-    gauge = Obstacle("gauge", shapely.Point(GAUGE), 0.03)
+    gauge = Obstacle("gauge", PlaneShape(shapely.Point(GAUGE), 0.03))
     bends = np.full(problem.arm.links, np.deg2rad(-5.0))
     bends[0] = np.deg2rad(130.0)
     place = problem.arm.joint_positions(problem.arm.headings(bends))[-1]

@@ -18,7 +18,7 @@ import shapely
 
 import ccm_opt
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 OPEN_SPACE = Path(__file__).parent.parent / "problems" / "open-space.toml"
 START_BEND = np.deg2rad(110.0)
@@ -31,7 +31,7 @@ def weld() -> Problem:
     problem = ccm_opt.load_problem(OPEN_SPACE)
     bends = np.full(problem.arm.links, BEND)
     bends[0] = START_BEND
-    post = Obstacle("post", shapely.Point(0.35, 0.25), 0.06)
+    post = Obstacle("post", PlaneShape(shapely.Point(0.35, 0.25), 0.06))
     return replace(
         problem,
         name="follow-a-tip-path",

@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.benchmarks.scene_families import NoSceneError, laid_on
 from tests.scenes import Scene, make_arm, random_headings, self_gap, wall_gaps
 
@@ -69,7 +69,12 @@ def turned(scene: Scene, angle: float) -> Scene:
     """A scene turned about the base [rad]: nothing lies along the axes any more."""
     boundary = shapely.affinity.rotate(scene.workspace.boundary, angle, origin=(0.0, 0.0), use_radians=True)
     obstacles = tuple(
-        replace(each, core=shapely.affinity.rotate(each.core, angle, origin=(0.0, 0.0), use_radians=True))
+        replace(
+            each,
+            shape=PlaneShape(
+                shapely.affinity.rotate(each.core, angle, origin=(0.0, 0.0), use_radians=True), each.rounding
+            ),
+        )
         for each in scene.workspace.obstacles
     )
     arm = replace(scene.arm, base_heading=scene.arm.base_heading + angle)
@@ -135,7 +140,7 @@ def limit_arc_among(rng: np.random.Generator, links: int) -> Scene:
         post = shapely.Point(rng.uniform(-1.0, 1.0, 2))
         rounding = rng.uniform(0.02, 0.06)
         if shapely.distance(post, poses) > arm.radius + rounding + KEPT_OFF and len(posts) < 5:
-            posts.append(Obstacle(f"post {len(posts) + 1}", post, rounding))
+            posts.append(Obstacle(f"post {len(posts) + 1}", PlaneShape(post, rounding)))
     return replace(scene, workspace=Workspace(ROOM, tuple(posts)))
 
 
@@ -164,7 +169,7 @@ def _touching(rng: np.random.Generator, links: int, *, sharp: bool) -> Scene:
         away = unit_vector(start[link] + side * 0.5 * np.pi)
         touching = _pushed_up_to(_wall_towards(rng, place, away, sharp=sharp), away, points, arm.radius)
         base_gap = shapely.distance(touching, shapely.Point(arm.base))
-        workspace = Workspace(ROOM, (Obstacle("wall", touching),))
+        workspace = Workspace(ROOM, (Obstacle("wall", PlaneShape(touching)),))
         if base_gap > 0.1 and _clear(arm, workspace, goal, KEPT_OFF) and _clear(arm, workspace, start, -1e-9):
             return Scene(arm, workspace, start, goal)
     raise NoSceneError("no pose")
@@ -205,21 +210,21 @@ def _clear(arm: Arm, workspace: Workspace, headings: FloatArray, least: float) -
 def _flat(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
     """A wall across the way from one height to another: a sheet where it has no thickness."""
     if thick == 0.0:
-        return (Obstacle(name, shapely.LineString([(x, low), (x, high)])),)
-    return (Obstacle(name, shapely.box(x - 0.5 * thick, min(low, high), x + 0.5 * thick, max(low, high))),)
+        return (Obstacle(name, PlaneShape(shapely.LineString([(x, low), (x, high)]))),)
+    return (Obstacle(name, PlaneShape(shapely.box(x - 0.5 * thick, min(low, high), x + 0.5 * thick, max(low, high)))),)
 
 
 def _pointed(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
     """A wedge whose point is at the lower height."""
     half = 0.5 * thick + 0.02
-    return (Obstacle(name, shapely.Polygon([(x, low), (x - half, high), (x + half, high)])),)
+    return (Obstacle(name, PlaneShape(shapely.Polygon([(x, low), (x - half, high), (x + half, high)]))),)
 
 
 def _round(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
     """A wall with a round end."""
     radius = 0.5 * thick + 0.005
     inside = low + np.copysign(radius, high)
-    return (Obstacle(name, shapely.LineString([(x, inside), (x, high)]), radius),)
+    return (Obstacle(name, PlaneShape(shapely.LineString([(x, inside), (x, high)]), radius)),)
 
 
 SHAPES = (_flat, _pointed, _round)

@@ -8,7 +8,7 @@ import shapely
 from ccm_opt.planning.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
 from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .arms import plain_arm
 
@@ -41,8 +41,8 @@ def fed_arm(low: float = 0.0, links: int = LINKS, link: float = LINK, **changes:
 def make_room(*obstacles: Obstacle) -> Workspace:
     """A room beyond a wall in which the hole is, the guide behind it."""
     guide = (
-        Obstacle("guide, top", shapely.box(-1.2, 0.03, 0.0, 1.0)),
-        Obstacle("guide, bottom", shapely.box(-1.2, -1.0, 0.0, -0.03)),
+        Obstacle("guide, top", PlaneShape(shapely.box(-1.2, 0.03, 0.0, 1.0))),
+        Obstacle("guide, bottom", PlaneShape(shapely.box(-1.2, -1.0, 0.0, -0.03))),
     )
     return Workspace(shapely.box(-1.3, -1.2, 1.4, 1.2), (*guide, *obstacles))
 

@@ -7,7 +7,7 @@ from ccm_opt.compare.suites import RADIUS, Scene, clear_headings, make_arm
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 LINKS = (2, 4, 6, 8)
 LIMITS_DEG = (60.0, 90.0, 120.0, 150.0)
@@ -33,7 +33,7 @@ def few_link_scene(seed: int) -> Scene:
     while len(obstacles) < OBSTACLES[seed // 16 % 3]:
         polygon = _polygon(rng)
         if polygon.distance(keep) > arm.radius + KEPT_OFF:
-            obstacles.append(Obstacle(f"polygon {len(obstacles) + 1}", polygon))
+            obstacles.append(Obstacle(f"polygon {len(obstacles) + 1}", PlaneShape(polygon)))
     return Scene(arm, Workspace(ROOM, tuple(obstacles)), start, goal)
 
 

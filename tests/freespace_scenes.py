@@ -4,7 +4,7 @@ import networkx as nx
 import numpy as np
 import shapely
 
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 SIDE = 2.4
 
@@ -20,7 +20,7 @@ def clutter(count: int, seed: int, side: float = SIDE) -> Workspace:
         middle = rng.uniform(0.0, side, 2)
         polygon = shapely.Polygon(middle + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles))))
         if polygon.is_valid and polygon.area > 1e-4:
-            obstacles.append(Obstacle(f"polygon {len(obstacles)}", polygon))
+            obstacles.append(Obstacle(f"polygon {len(obstacles)}", PlaneShape(polygon)))
     return Workspace(shapely.box(0.0, 0.0, side, side), tuple(obstacles))
 
 
@@ -28,17 +28,20 @@ def sheets(count: int, seed: int) -> Workspace:
     """Random walls of two legs and no thickness in a square room; they may cross."""
     rng = np.random.default_rng(seed)
     lines = [rng.uniform(0.0, SIDE, 2) + rng.uniform(-0.2, 0.2, (3, 2)) for _ in range(count)]
-    obstacles = tuple(Obstacle(f"sheet {k}", shapely.LineString(line)) for k, line in enumerate(lines))
+    obstacles = tuple(Obstacle(f"sheet {k}", PlaneShape(shapely.LineString(line))) for k, line in enumerate(lines))
     return Workspace(shapely.box(0.0, 0.0, SIDE, SIDE), obstacles)
 
 
 def mixed_room() -> Workspace:
     """A room with a circle, a polyline wall of no thickness, a thick wall and a polygon that is not convex."""
     obstacles = (
-        Obstacle("post", shapely.Point(0.5, 0.5), 0.12),
-        Obstacle("sheet", shapely.LineString([(1.0, 0.0), (1.0, 0.7), (1.3, 0.9)])),
-        Obstacle("beam", shapely.LineString([(0.3, 1.2), (1.0, 1.4)]), 0.05),
-        Obstacle("bracket", shapely.Polygon([(1.5, 1.2), (2.0, 1.2), (2.0, 1.3), (1.6, 1.3), (1.6, 1.7), (1.5, 1.7)])),
+        Obstacle("post", PlaneShape(shapely.Point(0.5, 0.5), 0.12)),
+        Obstacle("sheet", PlaneShape(shapely.LineString([(1.0, 0.0), (1.0, 0.7), (1.3, 0.9)]))),
+        Obstacle("beam", PlaneShape(shapely.LineString([(0.3, 1.2), (1.0, 1.4)]), 0.05)),
+        Obstacle(
+            "bracket",
+            PlaneShape(shapely.Polygon([(1.5, 1.2), (2.0, 1.2), (2.0, 1.3), (1.6, 1.3), (1.6, 1.7), (1.5, 1.7)])),
+        ),
     )
     room = shapely.Polygon([(0.0, 0.0), (2.4, 0.0), (2.4, 2.0), (1.2, 2.0), (1.2, 1.8), (0.0, 1.8)])
     return Workspace(room, obstacles)
@@ -47,7 +50,8 @@ def mixed_room() -> Workspace:
 def divided_room() -> Workspace:
     """Two chambers without a door."""
     return Workspace(
-        shapely.box(0.0, 0.0, 2.0, 1.0), (Obstacle("partition", shapely.LineString([(1.0, 0.0), (1.0, 1.0)])),)
+        shapely.box(0.0, 0.0, 2.0, 1.0),
+        (Obstacle("partition", PlaneShape(shapely.LineString([(1.0, 0.0), (1.0, 1.0)]))),),
     )
 
 

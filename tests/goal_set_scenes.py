@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import Scene, make_arm
 
@@ -47,7 +47,7 @@ def slot(rng: np.random.Generator) -> Drawn:
     turn = outwards + rng.uniform(-0.6, 0.6)
     half = arm.radius + rng.uniform(0.01, 0.03)
     sides = [_placed(shapely.box(-0.18, y, 0.18, y + 0.03), middle, turn) for y in (half, -half - 0.03)]
-    obstacles = tuple(Obstacle(f"side {k}", side) for k, side in enumerate(sides))
+    obstacles = tuple(Obstacle(f"side {k}", PlaneShape(side)) for k, side in enumerate(sides))
     width = float(np.deg2rad(rng.choice((30.0, 60.0, 180.0))))
     heading = turn + 0.9 * width * rng.uniform(-1.0, 1.0)
     problem = _problem(rng, arm, obstacles, TipGoal(middle, heading=turn))
@@ -66,7 +66,7 @@ def pocket(rng: np.random.Generator) -> Drawn:
         shapely.box(0.0, -0.3, 0.25, -half),
         shapely.box(depth, -half, 0.25, half),
     ]
-    obstacles = tuple(Obstacle(f"part {k}", _placed(part, mouth, turn)) for k, part in enumerate(parts))
+    obstacles = tuple(Obstacle(f"part {k}", PlaneShape(_placed(part, mouth, turn))) for k, part in enumerate(parts))
     direction = unit_vector(turn)
     narrow = TipGoal(mouth + (depth - arm.radius - 0.008) * direction, heading=turn)
     middle = mouth + (depth + rng.uniform(0.0, 0.06)) * direction
@@ -86,7 +86,7 @@ def wall_behind(rng: np.random.Generator) -> Drawn:
     narrow = TipGoal((distance - 0.13) * direction)
     middle = (distance + rng.uniform(0.0, 0.1)) * direction
     width = float(np.hypot(*(middle - narrow.position))) * rng.uniform(1.0, 1.5) + 0.005
-    problem = _problem(rng, arm, (Obstacle("wall", wall),), narrow)
+    problem = _problem(rng, arm, (Obstacle("wall", PlaneShape(wall)),), narrow)
     return problem, TipGoal(middle), Tolerances(position=width)
 
 
@@ -103,5 +103,5 @@ def box_beside(rng: np.random.Generator) -> Drawn:
     width = half * 1.5 + arm.radius + rng.uniform(0.01, 0.06)
     aside = unit_vector(heading + rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0)) * np.pi)
     narrow = TipGoal(middle + (width - 0.004) * aside)
-    problem = _problem(rng, arm, (Obstacle("box", box),), narrow)
+    problem = _problem(rng, arm, (Obstacle("box", PlaneShape(box)),), narrow)
     return problem, TipGoal(middle), Tolerances(position=width)

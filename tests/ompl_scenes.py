@@ -18,7 +18,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 BEND_LIMIT = float(np.deg2rad(119.0))
 """Two equal links that are two apart cannot meet while the bends between them stay below 120° [rad]."""
@@ -37,8 +37,8 @@ def horn(links: int) -> Problem:
     width = 1.0 / links
     room = np.log(links) / links
     walls = (
-        Obstacle("outer wall", shapely.LineString(_bent_wall(links, -room))),
-        Obstacle("inner wall", shapely.LineString(_bent_wall(links, room))),
+        Obstacle("outer wall", PlaneShape(shapely.LineString(_bent_wall(links, -room)))),
+        Obstacle("inner wall", PlaneShape(shapely.LineString(_bent_wall(links, room)))),
     )
     start = np.full(links, np.pi / links)
     start[0] = 0.0
@@ -67,8 +67,8 @@ def corridor(links: int) -> Problem:
         raise ValueError(f"got {links} links, expected at most {LARGEST_CORRIDOR}: the goal would lie inside a wall")
     gap = (1.1 * np.pi + np.log(links) / links) / links
     blocks = (
-        Obstacle("left block", _outline(0.0, gap, 0.5 * WORLD - gap, WORLD - gap)),
-        Obstacle("right block", _outline(0.5 * WORLD, gap, WORLD, WORLD - gap)),
+        Obstacle("left block", PlaneShape(_outline(0.0, gap, 0.5 * WORLD - gap, WORLD - gap))),
+        Obstacle("right block", PlaneShape(_outline(0.5 * WORLD, gap, WORLD, WORLD - gap))),
     )
     goal = np.array([0.95 * 0.5 * WORLD, min(4.0 * gap, 0.5)])
     return _planar_manipulator(f"corridor-{links}", links, 0.5 * gap, blocks, goal)
@@ -79,9 +79,9 @@ def constricted(links: int) -> Problem:
     gap = 2.0 * np.log10(links) / links
     slit = 1.0 / links
     blocks = (
-        Obstacle("lower block", _outline(0.0, 0.0, 0.5, 0.5 - slit)),
-        Obstacle("upper block", _outline(0.0, 0.5 + slit, 0.5, WORLD)),
-        Obstacle("shelf", _outline(0.5 + gap, 0.5 + 0.5 * gap, 1.0, 0.5 + gap)),
+        Obstacle("lower block", PlaneShape(_outline(0.0, 0.0, 0.5, 0.5 - slit))),
+        Obstacle("upper block", PlaneShape(_outline(0.0, 0.5 + slit, 0.5, WORLD))),
+        Obstacle("shelf", PlaneShape(_outline(0.5 + gap, 0.5 + 0.5 * gap, 1.0, 0.5 + gap))),
     )
     return _planar_manipulator(f"constricted-{links}", links, 0.5, blocks, np.array([0.75, 0.5 + 1.5 * gap]))
 

@@ -7,7 +7,7 @@ import shapely
 
 from ccm_opt.problem import Goal, Problem, TipGoal, VerificationOptions
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 
 def resized(problem: Problem, factor: float) -> Problem:
@@ -28,7 +28,8 @@ def resized(problem: Problem, factor: float) -> Problem:
             boundary=shapely.Polygon(factor * shapely.get_coordinates(workspace.boundary.exterior)),
             obstacles=tuple(
                 Obstacle(
-                    each.name, shapely.transform(each.core, lambda points: factor * points), factor * each.rounding
+                    each.name,
+                    PlaneShape(shapely.transform(each.core, lambda points: factor * points), factor * each.rounding),
                 )
                 for each in workspace.obstacles
             ),

@@ -30,7 +30,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 MARGIN = 2.5e-3
 """Planning margin [m]."""
@@ -41,11 +41,11 @@ WIDE = 0.1
 def mixed_walls() -> Workspace:
     """Walls of every kind round the base: polygon, box, circle, thick wall, wall of no thickness, a bent boundary."""
     obstacles = (
-        Obstacle("polygon", shapely.Polygon([(0.35, 0.1), (0.5, 0.15), (0.4, 0.3)])),
-        Obstacle("box", shapely.box(-0.6, -0.4, -0.4, -0.2)),
-        Obstacle("circle", shapely.Point(0.2, -0.5), 0.08),
-        Obstacle("beam", shapely.LineString([(-0.2, 0.4), (-0.5, 0.5), (-0.7, 0.2)]), 0.03),
-        Obstacle("sheet", shapely.LineString([(0.5, -0.2), (0.8, -0.1)])),
+        Obstacle("polygon", PlaneShape(shapely.Polygon([(0.35, 0.1), (0.5, 0.15), (0.4, 0.3)]))),
+        Obstacle("box", PlaneShape(shapely.box(-0.6, -0.4, -0.4, -0.2))),
+        Obstacle("circle", PlaneShape(shapely.Point(0.2, -0.5), 0.08)),
+        Obstacle("beam", PlaneShape(shapely.LineString([(-0.2, 0.4), (-0.5, 0.5), (-0.7, 0.2)]), 0.03)),
+        Obstacle("sheet", PlaneShape(shapely.LineString([(0.5, -0.2), (0.8, -0.1)]))),
     )
     boundary = shapely.Polygon([(-1.0, -1.0), (1.1, -1.0), (1.1, 0.6), (0.3, 0.9), (-1.0, 0.9)])
     return Workspace(boundary, obstacles)

@@ -13,7 +13,7 @@ from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.space_arms import space_arm
 
 
@@ -46,7 +46,9 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
     arm = space_arm(links, 1.0 / links, 0.012, **changes)
     space = CurveSpace.of(arm)
     for _ in range(2000):
-        workspace = SpaceWorkspace(None, tuple(_obstacle(random, number) for number in range(bodies)), 0.002)
+        workspace = Workspace(
+            bounds=None, obstacles=tuple(_obstacle(random, number) for number in range(bodies)), clearance=0.002
+        )
         tree = SurfaceTree.of(workspace.soup)
         low, high = arm.limits_at(arm.base_range[1])
         q = np.clip(space.matrix @ random.normal(0.0, 0.3, space.dimension), 0.9 * low, 0.9 * high)
@@ -56,7 +58,7 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
     raise AssertionError("no free pose in this clutter")
 
 
-def problem_at(arm: Arm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProblem:
+def problem_at(arm: Arm, workspace: Workspace, q: FloatArray) -> SpaceProblem:
     """A problem whose goal is where the tip of a pose is."""
     goal = TipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
     rates = np.ones(3 * arm.links)
@@ -65,7 +67,7 @@ def problem_at(arm: Arm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProbl
     return SpaceProblem("clutter", workspace, arm, limits, JointPose(np.zeros((arm.links, 2))), goal)
 
 
-def _obstacle(random: np.random.Generator, number: int) -> SpaceObstacle:
+def _obstacle(random: np.random.Generator, number: int) -> Obstacle:
     """A ball or a box, off the base."""
     while True:
         center = random.uniform(-0.9, 0.9, 3)
@@ -74,4 +76,4 @@ def _obstacle(random: np.random.Generator, number: int) -> SpaceObstacle:
             break
     half = size * random.uniform(0.5, 1.5, 3)
     body: Body = SphereBody(center, size) if number % 2 else BoxBody(center - half, center + half)
-    return SpaceObstacle(f"body {number + 1}", body)
+    return Obstacle(f"body {number + 1}", body)

@@ -14,7 +14,7 @@ from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
 from ccm_opt.verification.space_verifier import verify_in_space
@@ -75,7 +75,7 @@ def true_plan() -> SpacePlan:
     last = trajectory.positions[-1:]
     tip = chain_of(arm, trajectory.positions)[:, -1]
     goal = TipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
-    workspace = SpaceWorkspace(np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), bodies(), 0.005)
+    workspace = Workspace(bounds=np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), obstacles=bodies(), clearance=0.005)
     start = JointPose.from_configuration(trajectory.positions[0], arm.coordinates)
     problem = SpaceProblem("true", workspace, arm, limits, start, goal, tolerances=Tolerances(1e-3, 0.01))
     problem = replace(problem, simulation=SimulationOptions(gravity=GRAVITY))
@@ -83,23 +83,23 @@ def true_plan() -> SpacePlan:
     return SpacePlan(problem, trajectory, joint_states(arm, trajectory, dynamics))
 
 
-def bodies() -> tuple[SpaceObstacle, ...]:
+def bodies() -> tuple[Obstacle, ...]:
     """One body of every kind, out of the way."""
     low, high = np.array([0.2, 0.6, -0.2]), np.array([0.4, 0.8, 0.2])
     corners = box_corners(low - [0.0, 1.5, 0.0], high - [0.0, 1.5, 0.0])
     return (
-        SpaceObstacle("box", BoxBody(low, high)),
-        SpaceObstacle("ball", SphereBody(np.array([0.5, 0.0, 0.8]), 0.1)),
-        SpaceObstacle("bar", CapsuleBody(np.array([1.4, -0.5, -0.6]), np.array([1.4, 0.5, -0.6]), 0.05)),
-        SpaceObstacle("tube", CylinderBody(np.array([0.3, -0.5, -0.8]), np.array([0.9, 0.5, -0.8]), 0.05)),
-        SpaceObstacle("mesh", MeshBody(corners, BOX_FACES)),
+        Obstacle("box", BoxBody(low, high)),
+        Obstacle("ball", SphereBody(np.array([0.5, 0.0, 0.8]), 0.1)),
+        Obstacle("bar", CapsuleBody(np.array([1.4, -0.5, -0.6]), np.array([1.4, 0.5, -0.6]), 0.05)),
+        Obstacle("tube", CylinderBody(np.array([0.3, -0.5, -0.8]), np.array([0.9, 0.5, -0.8]), 0.05)),
+        Obstacle("mesh", MeshBody(corners, BOX_FACES)),
     )
 
 
 def with_body(plan: SpacePlan, name: str, body: BoxBody | SphereBody | MeshBody) -> SpacePlan:
     """The same motion with one more body in its room."""
     workspace = plan.problem.workspace
-    return plan.asking(workspace=replace(workspace, obstacles=(*workspace.obstacles, SpaceObstacle(name, body))))
+    return plan.asking(workspace=replace(workspace, obstacles=(*workspace.obstacles, Obstacle(name, body))))
 
 
 def places_of(plan: SpacePlan) -> FloatArray:

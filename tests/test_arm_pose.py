@@ -22,7 +22,7 @@ from ccm_opt.planning.joint_regions import joint_regions
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.segment import PIECES, second_derivatives
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 from .dynamics_arms import swan_neck
 from .scenes import Scene, clutter, wall_gaps
@@ -191,7 +191,7 @@ def test_links_that_stray_beyond_their_regions_touch_nothing(seed: int) -> None:
     axis = shapely.LineString(scene.arm.joint_positions(scene.goal))
     points = scene.arm.joint_positions(free.headings)
     far = shapely.distance(shapely.points(points), axis)
-    post = Obstacle("post", shapely.Point(points[int(far.argmax())]), 0.01)
+    post = Obstacle("post", PlaneShape(shapely.Point(points[int(far.argmax())]), 0.01))
     walled = searched(replace(scene, workspace=replace(scene.workspace, obstacles=(post,))))
     short = replace(walled, settings=PoseSettings(reach=0.3 * float(far.max())))
     pose = short.solved(scene.goal)

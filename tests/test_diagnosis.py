@@ -40,7 +40,7 @@ from ccm_opt.errors import (
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointPath
 
 from .diagnosis_families import FAMILIES, GRAVITY, Case, make_case, string_round
@@ -154,11 +154,11 @@ def screened(radius: float = 0.02, gap: float | None = None) -> Problem:
     scene = open_scene(3)
     arm = make_arm(24, radius)
     if gap is None:
-        obstacles = (Obstacle("screen", shapely.LineString([(0.4, -1.3), (0.4, 0.3)]), 0.02),)
+        obstacles = (Obstacle("screen", PlaneShape(shapely.LineString([(0.4, -1.3), (0.4, 0.3)]), 0.02)),)
     else:
         obstacles = (
-            Obstacle("upper", shapely.box(0.4, 0.5 * gap, 0.45, 1.3)),
-            Obstacle("lower", shapely.box(0.4, -1.3, 0.45, -0.5 * gap)),
+            Obstacle("upper", PlaneShape(shapely.box(0.4, 0.5 * gap, 0.45, 1.3))),
+            Obstacle("lower", PlaneShape(shapely.box(0.4, -1.3, 0.45, -0.5 * gap))),
         )
     start = np.full(24, 2.0)
     return Scene(arm, Workspace(scene.workspace.boundary, obstacles), start, start).problem(
@@ -188,7 +188,7 @@ def test_the_widest_way_is_half_the_gap() -> None:
 def test_contacts_are_told_with_link_depth_and_place() -> None:
     """A post 5 mm into the ninth link of a straight start, and a self-contact of a folded one."""
     arm = make_arm(24, 0.02)
-    post = Obstacle("post", shapely.Point(8.5 / 24, 0.025), 0.01)
+    post = Obstacle("post", PlaneShape(shapely.Point(8.5 / 24, 0.025), 0.01))
     problem = Scene(arm, Workspace(shapely.box(-2, -2, 2, 2), (post,)), np.zeros(24), np.zeros(24)).problem(
         TipGoal(np.array([0.0, 0.8]))
     )

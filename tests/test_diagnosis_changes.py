@@ -21,7 +21,7 @@ from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bad_pose import room_advice
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .conftest import PROBLEMS
 from .scenes import ROOM, Scene, clutter, later, make_arm, open_scene
@@ -35,7 +35,7 @@ def with_post(seed: int) -> Problem:
     place = rng.uniform(0.3, 0.8) * unit_vector(rng.uniform(-2.5, 2.5))
     middle = place + rng.uniform(-0.03, 0.03, 2)
     arm = make_arm()
-    workspace = Workspace(ROOM, (Obstacle("post", shapely.Point(middle), 0.05),))
+    workspace = Workspace(ROOM, (Obstacle("post", PlaneShape(shapely.Point(middle), 0.05)),))
     heading = float(rng.uniform(-np.pi, np.pi)) if rng.uniform() < 0.5 else None
     return Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(TipGoal(place, heading=heading))
 
@@ -57,7 +57,7 @@ def test_a_moved_goal_is_free_and_no_nearer_one_is(seed: int) -> None:
 
 def test_a_heading_that_cannot_be_taken_is_turned() -> None:
     """Where the last link would lie in a wall, the least turn that frees it is told, and solved with."""
-    workspace = Workspace(ROOM, (Obstacle("wall", shapely.box(0.55, -0.2, 0.6, 0.2)),))
+    workspace = Workspace(ROOM, (Obstacle("wall", PlaneShape(shapely.box(0.55, -0.2, 0.6, 0.2))),))
     arm = make_arm()
     problem = Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(
         TipGoal(np.array([0.53, 0.0]), heading=np.pi)
@@ -148,7 +148,7 @@ def test_advice_about_room_is_what_the_problem_has_to_give() -> None:
     assert room_advice(0.0, 0.0) == ()
     assert room_advice(0.0, 0.01) == ("use a smaller workspace.clearance",)
     assert room_advice(0.015, 0.0) == ("use a smaller arm.radius",)
-    crossing = Obstacle("sheet", shapely.LineString([(0.5, -0.1), (0.5, 0.1)]))
+    crossing = Obstacle("sheet", PlaneShape(shapely.LineString([(0.5, -0.1), (0.5, 0.1)])))
     problem = Scene(make_arm(), Workspace(ROOM, (crossing,)), np.zeros(24), np.full(24, 1.0)).problem()
     with pytest.raises(UnreachableGoal, match="touches something") as caught:
         resolve_ends(problem)

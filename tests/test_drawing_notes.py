@@ -13,7 +13,6 @@ from ccm_opt.cli.notes import TIMES
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.io.placement import PlacedFile
 from ccm_opt.io.reading import load_problem
-from ccm_opt.scene.workspace import Workspace
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run
@@ -129,7 +128,7 @@ def test_a_base_inside_an_outline_of_a_drawing_is_told_of_the_key(tmp_path: Path
         load_problem(path)
     path.write_text(path.read_text().replace("scale =", 'closed = "room"\nscale ='))
     workspace = load_problem(path).workspace
-    assert isinstance(workspace, Workspace)
+    assert workspace.dimension == 2
     assert workspace.boundary.bounds == pytest.approx((-0.9, -0.9, 0.9, 0.9))
     assert [obstacle.name for obstacle in workspace.obstacles] == ["post"]
     path.write_text(path.read_text().replace("bounds = [-1.0", "bounds = [-0.5"))

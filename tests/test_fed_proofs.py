@@ -12,7 +12,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 from .benchmarks.feed_families import FAMILIES
 from .feed_scenes import RADIUS, fed_arm, make_problem, make_room
@@ -29,8 +29,8 @@ def test_nothing_is_proved_of_scenes_that_have_a_reference(family: str, seed: in
 def slit(half: float) -> Problem:
     """A goal behind a wall with a slit of some half width [m] in it, straight ahead of the hole."""
     walls = (
-        Obstacle("upper", shapely.box(0.4, half, 0.5, 1.2)),
-        Obstacle("lower", shapely.box(0.4, -1.2, 0.5, -half)),
+        Obstacle("upper", PlaneShape(shapely.box(0.4, half, 0.5, 1.2))),
+        Obstacle("lower", PlaneShape(shapely.box(0.4, -1.2, 0.5, -half))),
     )
     return make_problem(fed_arm(), make_room(*walls), TipGoal(np.array([0.7, 0.0])))
 
@@ -55,7 +55,7 @@ def test_a_slit_is_proved_closed_if_and_only_if_it_is_narrower(share: float) -> 
 @given(share=st.floats(0.7, 0.95))
 def test_the_feed_that_is_asked_for_reaches_round_a_screen(share: float) -> None:
     """Where all ways from the hole are longer than what is beyond it, feeding by what lacks proves nothing any more."""
-    screen = Obstacle("screen", shapely.box(0.3, -1.2, 0.35, 0.3))
+    screen = Obstacle("screen", PlaneShape(shapely.box(0.3, -1.2, 0.35, 0.3)))
     arm = fed_arm()
     assert arm.feed is not None
     problem = make_problem(arm, make_room(screen), TipGoal(np.array([0.5, 0.0])))
@@ -74,7 +74,7 @@ def test_the_feed_that_is_asked_for_reaches_round_a_screen(share: float) -> None
 
 def test_a_goal_in_a_post_is_moved_beside_it() -> None:
     """The nearest free place within reach beyond the hole is told for fed arms as well."""
-    room = make_room(Obstacle("post", shapely.Point(0.5, 0.2).buffer(0.08)))
+    room = make_room(Obstacle("post", PlaneShape(shapely.Point(0.5, 0.2).buffer(0.08))))
     problem = make_problem(fed_arm(), room, TipGoal(np.array([0.5, 0.15])))
     (moved,) = moved_goals(problem, failed(problem), Deadline.never())
     assert moved.key == "goal.position"

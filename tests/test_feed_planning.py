@@ -24,7 +24,7 @@ from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.benchmarks.feed_families import short_range
 from tests.feed_scenes import LINK, LINKS, RADIUS, bow, fed_arm, make_problem, make_room
 
@@ -109,7 +109,7 @@ def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: f
     middle = bow(fed_arm(), sign * turn)
     line = shapely.LineString(middle.points[middle.arc > 0.7])
     tube = shapely.buffer(line, 0.15).difference(shapely.buffer(line, RADIUS + gap, cap_style="flat"))
-    walls = Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)).flat_walls
+    walls = Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", PlaneShape(tube)),)).flat_walls
     way = middle.points[(middle.arc > 0.82) & (middle.arc < 1.38)]
     wanted = RADIUS + 0.01
     band = ElasticBand(walls, wanted, 0.0, 15.0, LINK / 3.0, LINK).smoothed(way, (0.0, None))
@@ -126,7 +126,7 @@ def test_a_tube_is_passed() -> None:
     steps = 0.7 / len(headings) * np.column_stack((np.cos(headings), np.sin(headings)))
     middle = shapely.LineString(np.cumsum(np.vstack(([0.0, 0.0], steps)), axis=0))
     tube = shapely.buffer(middle, 0.06, cap_style="flat").difference(shapely.buffer(middle, 0.026, cap_style="flat"))
-    walls = [Obstacle(f"tube {k}", part) for k, part in enumerate(shapely.get_parts(tube))]
+    walls = [Obstacle(f"tube {k}", PlaneShape(part)) for k, part in enumerate(shapely.get_parts(tube))]
     goal = TipGoal(np.array(middle.coords[-8]), heading=0.0)
     problem = make_problem(fed_arm(), make_room(*walls), goal)
     path = FeedPlanner().plan(problem)
@@ -225,7 +225,7 @@ def test_shipped_problems(name: str) -> None:
 
 def test_unreachable_goals_say_why() -> None:
     """A goal behind a closed wall has no way; one that is too far names both lengths."""
-    closed = make_room(Obstacle("closed", shapely.box(0.3, -1.2, 0.33, 1.2)))
+    closed = make_room(Obstacle("closed", PlaneShape(shapely.box(0.3, -1.2, 0.33, 1.2))))
     with pytest.raises(UnreachableGoal, match="no way from the hole"):
         FeedPlanner().plan(make_problem(fed_arm(), closed, TipGoal(np.array([0.6, 0.0]))))
     with pytest.raises(UnreachableGoal, match=r"comes 1\.600 m far at most"):
@@ -266,7 +266,7 @@ def _bent(bend: float, first: int = 10) -> JointPose:
 
 def _plate(at: float) -> tuple[Obstacle, ...]:
     """A plate across the way beyond the hole, its upper edge at y = 0.1."""
-    return (Obstacle("plate", shapely.box(at, -0.6, at + 0.03, 0.1)),)
+    return (Obstacle("plate", PlaneShape(shapely.box(at, -0.6, at + 0.03, 0.1))),)
 
 
 def test_a_fast_feed_is_held_back_where_joints_leave_the_guide() -> None:
@@ -282,8 +282,8 @@ def test_a_guide_and_a_hole_as_wide_as_the_arm_are_passed() -> None:
     """Touching is not hitting: the arm slides straight through what is no wider than it, and bends where that ends."""
     arm = fed_arm()
     guide = [
-        Obstacle("guide", shapely.box(-0.9, RADIUS, 0.02, 1.0)),
-        Obstacle("other side", shapely.box(-0.9, -1.0, 0.02, -RADIUS)),
+        Obstacle("guide", PlaneShape(shapely.box(-0.9, RADIUS, 0.02, 1.0))),
+        Obstacle("other side", PlaneShape(shapely.box(-0.9, -1.0, 0.02, -RADIUS))),
     ]
     room = Workspace(shapely.box(-1.3, -1.2, 1.4, 1.2), tuple(guide))
     solution = solve(make_problem(arm, room, TipGoal(np.array([0.5, 0.25]))))

@@ -18,7 +18,7 @@ from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import make_arm
 
@@ -37,7 +37,7 @@ def whole_arm_problem(obstacles: tuple[Obstacle, ...], start: FloatArray, goal: 
 def past_post(first: float, last: float, post: shapely.Polygon = POST) -> Problem:
     """A straight arm that turns from one side of a post to the other [rad]."""
     straight = np.zeros(24)
-    return whole_arm_problem((Obstacle("post", post),), straight + first * _BASE, straight + last * _BASE)
+    return whole_arm_problem((Obstacle("post", PlaneShape(post)),), straight + first * _BASE, straight + last * _BASE)
 
 
 _BASE = np.eye(24)[0]
@@ -86,7 +86,9 @@ def test_what_a_known_motion_passes_is_not_proved_shut(seed: int) -> None:
     bends = np.vstack([a + share * (b - a) for a, b in pairwise(ways)])
     # Only the first three links count; the others may touch each other and the walls.
     swept = shapely.MultiLineString([arm.joint_positions(pose)[:4] for pose in arm.headings(bends)])
-    obstacles = [Obstacle(f"polygon {k}", random_polygon(rng, rng.uniform(-0.2, 0.2, 2))) for k in range(30)]
+    obstacles = [
+        Obstacle(f"polygon {k}", PlaneShape(random_polygon(rng, rng.uniform(-0.2, 0.2, 2)))) for k in range(30)
+    ]
     beside = tuple(obstacle for obstacle in obstacles if shapely.distance(obstacle.core, swept) > arm.radius)
     problem = whole_arm_problem(beside, ways[0], ways[-1])
     assert not hemmed_in(problem)

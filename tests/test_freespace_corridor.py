@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.scene.corridor import Corridor
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.freespace_scenes import clutter, mixed_room, sheets
 
 
@@ -94,7 +94,7 @@ def test_corridors_of_a_line_among_sheets(seed: int) -> None:
 
 def test_corridor_of_an_l_shaped_duct_has_two_regions() -> None:
     """Round one corner two regions suffice, whatever the triangulation."""
-    block = Obstacle("block", shapely.box(0.3, 0.3, 1.0, 1.0))
+    block = Obstacle("block", PlaneShape(shapely.box(0.3, 0.3, 1.0, 1.0)))
     space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 1.0, 1.0), (block,)), 0.02)
     route = space.routes(np.array([0.15, 0.9]), np.array([0.9, 0.15]), 1)[0]
     corridor = space.corridor(route)
@@ -105,7 +105,9 @@ def test_corridor_of_an_l_shaped_duct_has_two_regions() -> None:
 def test_corridor_in_a_row_of_posts_is_one_region() -> None:
     """A straight aisle between two rows of posts is one region."""
     posts = tuple(
-        Obstacle(f"{x}{y}", shapely.box(x, y, x + 0.1, y + 0.1)) for x in np.arange(0.2, 1.8, 0.3) for y in (0.3, 0.6)
+        Obstacle(f"{x}{y}", PlaneShape(shapely.box(x, y, x + 0.1, y + 0.1)))
+        for x in np.arange(0.2, 1.8, 0.3)
+        for y in (0.3, 0.6)
     )
     space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 2.0, 1.0), posts), 0.02)
     route = space.routes(np.array([0.1, 0.5]), np.array([1.9, 0.5]), 1)[0]

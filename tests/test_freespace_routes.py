@@ -12,7 +12,7 @@ from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.sleeve import concatenate, reduce, taut_string
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.freespace_scenes import clutter, divided_room, mixed_room, visibility_length, winding_numbers
 
 seeds = st.integers(0, 10_000)
@@ -118,7 +118,9 @@ def test_taut_path_ignores_detours_that_cancel(seed: int) -> None:
 
 def test_a_string_wound_round_a_post_stays_wound() -> None:
     """A sleeve that passes the same triangles again is unfolded: a turn round a post costs its girth."""
-    space = FreeSpace(Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", shapely.Point(0, 0), 0.1),)), 0.02)
+    space = FreeSpace(
+        Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", PlaneShape(shapely.Point(0, 0), 0.1)),)), 0.02
+    )
     angles = np.linspace(-np.pi, 2.5 * np.pi, 351)
     spiral = 0.5 * np.column_stack((np.cos(angles), np.sin(angles)))
     taut = space.taut_path(spiral)
@@ -164,7 +166,7 @@ def test_ends_outside_are_led_to_free_space() -> None:
 
 def test_a_polyline_may_cut_through_walls_a_little() -> None:
     """An arm that leans into a post is taken round the side it leans to."""
-    room = Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", shapely.Point(0, 0), 0.1),))
+    room = Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", PlaneShape(shapely.Point(0, 0), 0.1)),))
     space = FreeSpace(room, 0.02)
     for side in (1.0, -1.0):
         leaning = np.array([[-0.5, 0.0], [0.0, 0.08 * side], [0.5, 0.0]])
@@ -189,7 +191,9 @@ def test_chambers_without_a_door() -> None:
 
 def test_a_narrow_door_is_the_bottleneck() -> None:
     """On the shortest route through a door the width left for the axis is door minus twice the margin."""
-    doorposts = tuple(Obstacle(f"post {k}", shapely.box(0.95, 1.0 * k - 0.45, 1.05, 1.0 * k + 0.45)) for k in (0, 1))
+    doorposts = tuple(
+        Obstacle(f"post {k}", PlaneShape(shapely.box(0.95, 1.0 * k - 0.45, 1.05, 1.0 * k + 0.45))) for k in (0, 1)
+    )
     space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 2.0, 1.0), doorposts), 0.02)
     door = space.bottlenecks(np.array([0.2, 0.5]), np.array([1.8, 0.5]))
     assert door.connected

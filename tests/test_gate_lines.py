@@ -13,7 +13,7 @@ from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.settings import RailSettings
 from ccm_opt.planning.swept_motion import Sweep
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.scenes import ROOM, make_arm
 
 WALL_X = 0.4
@@ -25,13 +25,13 @@ bows = st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-2e-3, 2e
 def flat_gate(thick: float) -> Workspace:
     """A wall of some thickness across the room, with a gate in it."""
     sides = (shapely.box(WALL_X, HALF, WALL_X + thick, 1.4), shapely.box(WALL_X, -1.4, WALL_X + thick, -HALF))
-    return Workspace(ROOM, tuple(Obstacle(f"side {k}", side) for k, side in enumerate(sides)))
+    return Workspace(ROOM, tuple(Obstacle(f"side {k}", PlaneShape(side)) for k, side in enumerate(sides)))
 
 
 def round_gate(radius: float) -> Workspace:
     """Two round posts with a gate between them."""
     posts = [shapely.Point(WALL_X, side * (HALF + radius)) for side in (-1.0, 1.0)]
-    return Workspace(ROOM, tuple(Obstacle(f"post {k}", post, radius) for k, post in enumerate(posts)))
+    return Workspace(ROOM, tuple(Obstacle(f"post {k}", PlaneShape(post, radius)) for k, post in enumerate(posts)))
 
 
 def lines_of(workspace: Workspace, thick: float = 0.02) -> GateLines:

@@ -19,7 +19,7 @@ from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 from .conftest import PROBLEMS
 
@@ -86,7 +86,7 @@ def test_the_obstacle_ahead_is_the_first_between_base_and_goal() -> None:
 def test_a_failure_names_the_schema_where_each_plan_stopped() -> None:
     """A wall all round the goal stops every type in SCM-2 or SCM-0 and both folds; the diagnosis lists all stops."""
     problem = shared("open-space")
-    wall = Obstacle("wall", shapely.box(0.25, -0.9, 0.35, 0.2))
+    wall = Obstacle("wall", PlaneShape(shapely.box(0.25, -0.9, 0.35, 0.2)))
     problem = replace(problem, workspace=replace(problem.workspace, obstacles=(wall,)))
     follower = Follower.from_problem(problem)
     blocked = replace(follower, certificate=_Nothing(problem.arm, problem.workspace))

@@ -15,7 +15,7 @@ from ccm_opt.baseline.hill_climbing_planner import passages
 from ccm_opt.baseline.plans import ClearanceField, Follower
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 from .conftest import PROBLEMS
 
@@ -62,7 +62,7 @@ def test_a_turn_without_room_is_refused() -> None:
 def test_passages_lead_to_the_goal_and_touch_nothing() -> None:
     """Every passage begins at its subgoal, ends in the goal pose, and stays clear of the walls by the arm's radius."""
     problem = load_problem(PROBLEMS / "open-space.toml")
-    wall = Obstacle("wall", shapely.box(0.25, -0.6, 0.3, 0.1))
+    wall = Obstacle("wall", PlaneShape(shapely.box(0.25, -0.6, 0.3, 0.1)))
     problem = replace(problem, workspace=replace(problem.workspace, obstacles=(wall,)))
     follower = Follower.from_problem(problem)
     goal = TipPose(np.array([0.55, -0.15]), -1.2)

@@ -13,7 +13,6 @@ import ccm_opt
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
@@ -91,7 +90,7 @@ def test_the_record_of_a_plan_in_space_says_it() -> None:
     arm = space_arm(2)
     ones = np.ones(3 * arm.links)
     rest, bent = (JointPose(np.full((2, 2), bend)) for bend in (0.0, 0.2))
-    problem = SpaceProblem("two links", SpaceWorkspace(None, ()), arm, Limits(ones, ones), rest, bent)
+    problem = SpaceProblem("two links", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), rest, bent)
     (remark,) = ccm_opt.solve(problem).not_checked
     assert "all are near each other" in remark
 

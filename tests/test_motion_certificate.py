@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, allowed_contact
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.oracles.pair_proofs import InterpretedProofs
 
 from .arms import plain_arm
@@ -56,7 +56,7 @@ def thirty_polygons(rng: np.random.Generator, off: FloatArray, gap: float) -> Wo
     while len(obstacles) < 30:
         polygon = random_polygon(rng, rng.uniform(-1.0, 1.0, 2))
         if polygon.distance(axis) > gap:
-            obstacles.append(Obstacle(f"polygon {len(obstacles)}", polygon))
+            obstacles.append(Obstacle(f"polygon {len(obstacles)}", PlaneShape(polygon)))
     return Workspace(ROOM, tuple(obstacles))
 
 
@@ -148,7 +148,7 @@ def test_thin_walls_cannot_be_tunnelled(seed: int, radius: float) -> None:
     point = where * np.array([np.cos(at), np.sin(at)])
     along = rng.uniform(-np.pi, np.pi)
     sheet = shapely.LineString(point + np.outer((-0.008, 0.008), (np.cos(along), np.sin(along))))
-    workspace = Workspace(ROOM, (Obstacle("sheet", sheet),))
+    workspace = Workspace(ROOM, (Obstacle("sheet", PlaneShape(sheet)),))
     start = np.full(12, heading)
     end = np.full(12, heading + turn)
     assert wall_gaps(arm, workspace, arm.joint_positions(np.array([start, end]))).min() > 0.0
@@ -159,14 +159,16 @@ def test_thin_walls_cannot_be_tunnelled(seed: int, radius: float) -> None:
 def test_a_sheet_that_is_merely_touched_is_refused() -> None:
     """Even an arm of no width keeps off a wall of no thickness: lying along it is contact."""
     arm = make_arm(12, 0.0)
-    sheet = Workspace(ROOM, (Obstacle("sheet", shapely.LineString([(0.5, 0.0), (0.7, 0.0)])),))
+    sheet = Workspace(ROOM, (Obstacle("sheet", PlaneShape(shapely.LineString([(0.5, 0.0), (0.7, 0.0)]))),))
     assert not certified(arm, sheet, np.zeros(12), np.zeros(12))
 
 
 def test_an_arm_inside_a_solid_is_refused() -> None:
     """A polygon is solid: links wholly inside it, far from its outline, are in contact."""
     arm = make_arm(24, mount_length=0.5)
-    block = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0), (Obstacle("block", shapely.box(0.2, -5.0, 8.0, 5.0)),))
+    block = Workspace(
+        shapely.box(-9.0, -9.0, 9.0, 9.0), (Obstacle("block", PlaneShape(shapely.box(0.2, -5.0, 8.0, 5.0))),)
+    )
     assert not certified(arm, block, np.zeros(24), np.full(24, 0.01))
 
 
@@ -223,7 +225,8 @@ def test_wide_turns_need_bisections() -> None:
     """A straight arm that turns by a radian inside a ring of posts leaves its chord by far: halving proves it safe."""
     at = np.linspace(0.0, 1.0, 11)
     posts = tuple(
-        Obstacle(f"post {k}", shapely.Point(1.03 * np.cos(a), 1.03 * np.sin(a)), 0.01) for k, a in enumerate(at)
+        Obstacle(f"post {k}", PlaneShape(shapely.Point(1.03 * np.cos(a), 1.03 * np.sin(a)), 0.01))
+        for k, a in enumerate(at)
     )
     certificate = Certificate(make_arm(24), Workspace(ROOM, posts))
     turn = np.array([np.zeros(24), np.ones(24)])
@@ -237,7 +240,7 @@ def test_an_arm_at_rest_is_certified_where_it_touches_nothing(keyframes: int) ->
     scene = clutter(3)
     still = np.tile(scene.start, (keyframes, 1))
     assert len(Certificate(scene.arm, scene.workspace).failures(still)) == 0
-    beside = Obstacle("beside", shapely.Point(scene.arm.joint_positions(scene.start)[-1]), 0.01)
+    beside = Obstacle("beside", PlaneShape(shapely.Point(scene.arm.joint_positions(scene.start)[-1]), 0.01))
     blocked = Workspace(ROOM, (beside,))
     expected = list(range(keyframes - 1))
     assert Certificate(scene.arm, blocked).failures(still).tolist() == expected
@@ -245,7 +248,7 @@ def test_an_arm_at_rest_is_certified_where_it_touches_nothing(keyframes: int) ->
 
 def test_the_mount_may_touch() -> None:
     """What lies before the end of the mount is not tested, even in the middle of a link; what lies beyond it is."""
-    post = Obstacle("post", shapely.Point(0.2, 0.0), 0.03)
+    post = Obstacle("post", PlaneShape(shapely.Point(0.2, 0.0), 0.03))
     still = [np.zeros(12)] * 2
     for mount, expected in ((0.0, False), (0.24, False), (0.246, True), (0.26, True), (0.5, True)):
         assert certified(make_arm(12, 0.015, mount_length=mount), Workspace(ROOM, (post,)), *still) == expected
@@ -256,7 +259,7 @@ def test_a_spare_gap_is_kept() -> None:
     arm = make_arm(12, 0.015)
     still = np.zeros((2, 12))
     for gap, expected in ((0.9e-3, False), (1.1e-3, True)):
-        post = Obstacle("post", shapely.Point(0.5, 0.015 + 0.03 + gap), 0.03)
+        post = Obstacle("post", PlaneShape(shapely.Point(0.5, 0.015 + 0.03 + gap), 0.03))
         certificate = Certificate(arm, Workspace(ROOM, (post,)), 1e-3)
         assert (len(certificate.failures(still)) == 0) == expected
     hook = np.concatenate((np.zeros(6), np.pi / 2 * np.ones(1), np.pi * np.ones(5)))

@@ -10,7 +10,7 @@ from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.planned_runs import run
 from tests.scenes import ROOM, Scene, make_arm
 
@@ -21,7 +21,7 @@ GOAL = np.linspace(1.2, 2.2, 24)
 def beside(wall: shapely.Geometry, rounding: float = 0.0, radius: float = RADIUS) -> Problem:
     """A straight arm along x beside one wall, to be bent away to its left."""
     arm = make_arm(24, radius)
-    workspace = Workspace(ROOM, (Obstacle("wall", wall, rounding),))
+    workspace = Workspace(ROOM, (Obstacle("wall", PlaneShape(wall, rounding)),))
     return Scene(arm, workspace, np.zeros(24), GOAL).problem(time_limit=900.0)
 
 

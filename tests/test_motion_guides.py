@@ -36,7 +36,7 @@ from ccm_opt.planning.step import GoalPose, Stepper, polish
 from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, round_base
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import (
     ROOM,
@@ -70,7 +70,7 @@ def headings_of(poses: list[Pose]) -> FloatArray:
 
 def walled_off() -> Scene:
     """A scene whose only obstacle is a long wall between start and goal."""
-    wall = Obstacle("wall", shapely.LineString([(0.12, 0.12), (1.2, 1.2)]), 0.01)
+    wall = Obstacle("wall", PlaneShape(shapely.LineString([(0.12, 0.12), (1.2, 1.2)]), 0.01))
     room = open_scene(0).workspace.boundary
     return Scene(make_arm(), Workspace(room, (wall,)), np.full(24, 0.3), np.full(24, 1.3))
 
@@ -245,7 +245,7 @@ def test_settling_behind_an_obstacle_stalls() -> None:
     scene = open_scene(3)
     tip = make_arm().joint_positions(np.zeros(24))[-1]
     goal = tip + np.array([-0.05, 0.08])
-    post = Workspace(scene.workspace.boundary, (Obstacle("post", shapely.Point(goal), 0.03),))
+    post = Workspace(scene.workspace.boundary, (Obstacle("post", PlaneShape(shapely.Point(goal), 0.03)),))
     stepper, pose = make_stepper(Scene(scene.arm, post, np.zeros(24), np.zeros(24)))
     with pytest.raises(Stalled, match=r"settling ended \d+\.\d mm and \d+\.\d° off the goal") as caught:
         settle(stepper, GoalPose(goal, None), pose, later())

@@ -28,7 +28,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from . import ompl_scenes
 from .scenes import (
@@ -233,7 +233,10 @@ def boxed_goal(opening: float) -> Scene:
     box = shapely.LineString(corners) if opening else shapely.LineString([*corners, corners[0]])
     goal = np.concatenate((np.full(8, 0.5), np.full(8, -0.5), np.zeros(8)))
     return Scene(
-        make_arm(), Workspace(open_scene(0).workspace.boundary, (Obstacle("box", box),)), np.full(24, 2.0), goal
+        make_arm(),
+        Workspace(open_scene(0).workspace.boundary, (Obstacle("box", PlaneShape(box)),)),
+        np.full(24, 2.0),
+        goal,
     )
 
 
@@ -276,7 +279,7 @@ def test_a_search_without_candidates_says_so() -> None:
 
 def test_a_failed_search_tells_how_far_it_came_and_what_was_tightest() -> None:
     """When interpolation to the only guess runs into a wall, the diagnosis names candidate, wall and rest."""
-    wall = Obstacle("the long wall", shapely.LineString([(0.12, 0.12), (1.2, 1.2)]), 0.01)
+    wall = Obstacle("the long wall", PlaneShape(shapely.LineString([(0.12, 0.12), (1.2, 1.2)]), 0.01))
     room = Workspace(open_scene(0).workspace.boundary, (wall,))
     scene = Scene(make_arm(), room, np.full(24, 0.3), np.linspace(1.2, 1.8, 24))
     task = replace(motion_task(scene.problem(), 20.0), tip_paths=(), guesses=(scene.goal,))
@@ -303,8 +306,8 @@ def gap_scene(gap: float, radius: float = 0.03) -> Problem:
     """A goal behind two walls with a gap between them."""
     arm = make_arm(24, radius)
     walls = (
-        Obstacle("upper", shapely.box(0.4, 0.5 * gap, 0.45, 1.3)),
-        Obstacle("lower", shapely.box(0.4, -1.3, 0.45, -0.5 * gap)),
+        Obstacle("upper", PlaneShape(shapely.box(0.4, 0.5 * gap, 0.45, 1.3))),
+        Obstacle("lower", PlaneShape(shapely.box(0.4, -1.3, 0.45, -0.5 * gap))),
     )
     start = np.full(24, 2.0)
     return Scene(arm, Workspace(ROOM, walls), start, start).problem(TipGoal(np.array([0.7, 0.0])))

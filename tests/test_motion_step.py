@@ -12,7 +12,7 @@ from ccm_opt.planning.pose import Pose, Term, normal_equations
 from ccm_opt.planning.settings import StepSettings
 from ccm_opt.planning.step import Stepper, smoothness_terms
 from ccm_opt.scene.contact_finder import WALL, ContactFinder
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import MARGIN, Scene, clutter, corridor, make_arm, make_stepper, open_scene, self_gap, wall_gaps
 
@@ -71,7 +71,7 @@ def test_a_gap_below_the_share_never_shrinks(seed: int, short: float) -> None:
     points = scene.arm.joint_positions(scene.start)
     side = np.array([-np.sin(scene.start[-1]), np.cos(scene.start[-1])])
     gap = short * SETTINGS.keep_share * MARGIN
-    post = Obstacle("post", shapely.Point(points[-1] + (scene.arm.radius + 0.02 + gap) * side), 0.02)
+    post = Obstacle("post", PlaneShape(shapely.Point(points[-1] + (scene.arm.radius + 0.02 + gap) * side), 0.02))
     tight = Scene(scene.arm, Workspace(scene.workspace.boundary, (post,)), scene.start, scene.goal)
     stepper, pose = make_stepper(tight)
     before = wall_gaps(tight.arm, tight.workspace, pose.points).min()
@@ -88,7 +88,9 @@ def test_a_violated_margin_is_mended() -> None:
     scene = open_scene(1)
     points = scene.arm.joint_positions(scene.start)
     side = np.array([-np.sin(scene.start[-1]), np.cos(scene.start[-1])])
-    post = Obstacle("post", shapely.Point(points[-1] + (scene.arm.radius + 0.02 + 0.5 * MARGIN) * side), 0.02)
+    post = Obstacle(
+        "post", PlaneShape(shapely.Point(points[-1] + (scene.arm.radius + 0.02 + 0.5 * MARGIN) * side), 0.02)
+    )
     stepper, pose = make_stepper(
         Scene(scene.arm, Workspace(scene.workspace.boundary, (post,)), scene.start, scene.goal)
     )
@@ -153,7 +155,7 @@ def test_pressed_against_a_wall_the_arm_stays() -> None:
     """A pull straight into a wall that the tip cannot slide along ends in poses that hardly move and never touch."""
     scene = open_scene(3)
     pocket = shapely.LineString([(0.9, 0.03), (1.02, 0.03), (1.02, -0.03), (0.9, -0.03)])
-    workspace = Workspace(scene.workspace.boundary, (Obstacle("pocket", pocket),))
+    workspace = Workspace(scene.workspace.boundary, (Obstacle("pocket", PlaneShape(pocket)),))
     stepper, pose = make_stepper(Scene(scene.arm, workspace, np.zeros(24), np.zeros(24)))
     for _ in range(20):
         jacobians = stepper.space.jacobians(pose.headings)

@@ -22,7 +22,7 @@ from ccm_opt.planning.strategies import TreeStrategy
 from ccm_opt.planning.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
 
@@ -160,10 +160,10 @@ def boxed_in() -> Scene:
     """A straight arm that fills a duct of 34 mm; the goal lies in a branch off its beginning."""
     arm = make_arm()
     walls = (
-        Obstacle("above", shapely.box(0.02, 0.017, 1.2, 0.1)),
-        Obstacle("below, left", shapely.box(0.02, -0.8, 0.28, -0.017)),
-        Obstacle("below, right", shapely.box(0.32, -0.8, 1.2, -0.017)),
-        Obstacle("end", shapely.box(1.02, -0.02, 1.2, 0.02)),
+        Obstacle("above", PlaneShape(shapely.box(0.02, 0.017, 1.2, 0.1))),
+        Obstacle("below, left", PlaneShape(shapely.box(0.02, -0.8, 0.28, -0.017))),
+        Obstacle("below, right", PlaneShape(shapely.box(0.32, -0.8, 1.2, -0.017))),
+        Obstacle("end", PlaneShape(shapely.box(1.02, -0.02, 1.2, 0.02))),
     )
     return Scene(arm, Workspace(ROOM, walls), np.zeros(arm.links), np.zeros(arm.links))
 

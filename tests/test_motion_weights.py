@@ -22,7 +22,7 @@ from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import TipGoal, Weights
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
 
 SEED = 50_019
@@ -143,7 +143,7 @@ def test_model_of_nearness_matches_differences() -> None:
 
 def over_a_box(weights: Weights) -> tuple[FloatArray, float]:
     """Gaps of points of the goal configuration over a box in the arm's way, up to 60 mm [m], and its mean κ² [1/m²]."""
-    box = Obstacle("box", shapely.box(0.3, -0.5, 0.7, 0.08))
+    box = Obstacle("box", PlaneShape(shapely.box(0.3, -0.5, 0.7, 0.08)))
     scene = Scene(make_arm(), Workspace(ROOM, (box,)), np.full(24, 2.0), np.full(24, 0.0))
     problem = scene.problem(TipGoal(np.array([0.955, 0.0])))
     problem = replace(problem, planner=replace(problem.planner, weights=weights))

@@ -17,7 +17,7 @@ from ccm_opt.problem import JointPose
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.edge_scenes import ROOM, edge_problem
 from tests.planned_runs import run
 from tests.scenes import clutter, make_stepper, motion_task
@@ -33,7 +33,7 @@ def gate(middle: float, half: float, *, thick: float = 0.02) -> Workspace:
         shapely.box(WALL_X, middle + half, WALL_X + thick, 1.4),
         shapely.box(WALL_X, -1.4, WALL_X + thick, middle - half),
     )
-    return Workspace(ROOM, tuple(Obstacle(f"side {k}", side) for k, side in enumerate(sides)))
+    return Workspace(ROOM, tuple(Obstacle(f"side {k}", PlaneShape(side)) for k, side in enumerate(sides)))
 
 
 @given(
@@ -72,7 +72,7 @@ def test_space_beside_the_base_is_no_gate() -> None:
 def test_fine_corners_give_next_to_nothing_away(angle: float, size: float) -> None:
     """Drawn finely, a corner keeps every place that is a thousandth of the inflation farther off than it must be."""
     corner = shapely.Polygon([(0.0, 0.0), (size, 0.4 * size), (size, -0.4 * size)])
-    free = FreeSpace(Workspace(ROOM, (Obstacle("corner", corner),)), RADIUS, settings=FINE_FREE_SPACE)
+    free = FreeSpace(Workspace(ROOM, (Obstacle("corner", PlaneShape(corner)),)), RADIUS, settings=FINE_FREE_SPACE)
     place = np.array([[np.cos(angle), np.sin(angle)]]) * 1.0
     there = shapely.shortest_line(shapely.Point(place[0]), corner).coords
     nearest = np.array(there[1])

@@ -31,7 +31,7 @@ from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.dynamics_arms import swan_neck
 from tests.scenes import ROOM, make_arm, mixed_walls
 from tests.snakes_in_space import snake
@@ -149,7 +149,7 @@ def test_obstacles_in_the_plane(corner: FloatArray, size: float) -> None:
     """An obstacle of any size and place is refused, or its walls are met."""
     arm = make_arm(LINKS, 0.01)
     with suppress(CcmError, ValueError, shapely.errors.GEOSException):
-        room = Workspace(ROOM, (Obstacle("far", shapely.box(*corner, *(corner + size))),))
+        room = Workspace(ROOM, (Obstacle("far", PlaneShape(shapely.box(*corner, *(corner + size)))),))
         Certificate(arm, room).failures(np.zeros((2, LINKS)), depth=2)
         ContactFinder(arm, room.flat_walls, 0.0, 0.0, 0.1).find(arm.joint_positions(np.zeros(LINKS)))
 

@@ -18,7 +18,7 @@ from ccm_opt.problem import JointPose, Limits, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.space_arms import space_arm
 
 PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
@@ -57,10 +57,10 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
 def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
     """No plane beside the ball leaves it more room than the tip has, which does not move: yet all that is wanted."""
     arm = space_arm(4, radius=0.015, joint_limit=0.5 * np.pi, mount_length=0.015)
-    ball = SpaceObstacle("ball", SphereBody(np.array([0.2, 0.0, 0.15]), 0.06))
+    ball = Obstacle("ball", SphereBody(np.array([0.2, 0.0, 0.15]), 0.06))
     problem = SpaceProblem(
         "ball",
-        SpaceWorkspace(None, (ball,)),
+        Workspace(bounds=None, obstacles=(ball,)),
         arm,
         Limits(np.ones(12), 4.0 * np.ones(12)),
         JointPose.from_configuration(np.zeros(8), arm.coordinates),

@@ -14,7 +14,7 @@ from ccm_opt.compare.runs import QUANTITIES
 from ccm_opt.compare.suites import clutter
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 from .conftest import PROBLEMS
 
@@ -70,7 +70,7 @@ def test_a_closed_box_ends_in_time_with_a_reason() -> None:
 def _shut(problem: Problem) -> tuple[Obstacle, ...]:
     """A wall across the way of the swan's neck."""
     x, y, right, top = problem.workspace.boundary.bounds
-    return (Obstacle("shutter", shapely.box(0.5 * (x + right) - 0.002, y, 0.5 * (x + right) + 0.002, top)),)
+    return (Obstacle("shutter", PlaneShape(shapely.box(0.5 * (x + right) - 0.002, y, 0.5 * (x + right) + 0.002, top))),)
 
 
 def test_an_arm_on_a_feed_axis_is_unusable() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.neighbourhood import neighbourhood, route_workspace, simplified
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .benchmarks.polygon_fields import FieldKind, polygon_field
 from .scenes import random_headings
@@ -28,7 +28,7 @@ def wavy(rng: np.random.Generator, vertices: int) -> shapely.Polygon:
 @given(seed=st.integers(0, 2**32 - 1), vertices=st.integers(50, 3000), error=st.sampled_from((1e-6, 1e-5, 1e-4, 1e-3)))
 def test_a_simplified_obstacle_contains_the_old_one(seed: int, vertices: int, error: float) -> None:
     """Every point of the old obstacle lies in the new one, which reaches no farther than twice the error beyond it."""
-    obstacle = Obstacle("wavy", wavy(np.random.default_rng(seed), vertices), 0.003)
+    obstacle = Obstacle("wavy", PlaneShape(wavy(np.random.default_rng(seed), vertices), 0.003))
     simple = simplified(obstacle, error)
     grown = shapely.buffer(simple.core, simple.rounding - obstacle.rounding + 1e-12, quad_segs=64)
     assert grown.covers(obstacle.core)
@@ -38,7 +38,7 @@ def test_a_simplified_obstacle_contains_the_old_one(seed: int, vertices: int, er
 
 def test_many_vertices_become_few() -> None:
     """An outline of 40 000 vertices keeps hundreds within a ten-thousandth of a metre."""
-    simple = simplified(Obstacle("wavy", wavy(np.random.default_rng(3), 40_000)), 1e-4)
+    simple = simplified(Obstacle("wavy", PlaneShape(wavy(np.random.default_rng(3), 40_000))), 1e-4)
     assert shapely.get_num_coordinates(simple.core) < 400
 
 

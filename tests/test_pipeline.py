@@ -17,7 +17,7 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.retiming.timing_settings import SamplingSettings, TimingSettings
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointPath, Solution
 from ccm_opt.verification.verification_settings import VerificationSettings
 
@@ -155,7 +155,7 @@ def test_the_path_passes_through_its_ends() -> None:
 def test_what_the_verifier_refuses_is_no_solution(name: str) -> None:
     """A planner whose path hits a post, folds into itself, ends elsewhere or starts elsewhere: refused, and why."""
     scene = open_scene(3)
-    post = Obstacle("post", shapely.Point(0.6 * np.cos(0.4), 0.6 * np.sin(0.4)), 0.03)
+    post = Obstacle("post", PlaneShape(shapely.Point(0.6 * np.cos(0.4), 0.6 * np.sin(0.4)), 0.03))
     room = Workspace(scene.workspace.boundary, (post,) if name == "wall clearance" else ())
     start, end = np.zeros(24), np.append(0.8, np.zeros(23))
     if name == "self-collision":
@@ -238,7 +238,7 @@ def test_an_end_that_touches_is_refused_by_name(which: str) -> None:
     """An arm that stands in an obstacle at its start, or is asked to, is told which link touches what."""
     scene = open_scene(5)
     touched = scene.start if which == "start" else scene.goal
-    post = Obstacle("the post", shapely.Point(scene.arm.joint_positions(touched)[12]), 0.01)
+    post = Obstacle("the post", PlaneShape(shapely.Point(scene.arm.joint_positions(touched)[12]), 0.01))
     workspace = Workspace(scene.workspace.boundary, (post,))
     problem = Scene(scene.arm, workspace, scene.start, scene.goal).problem(JointPose(scene.arm.bends(scene.goal)))
     with pytest.raises(UnreachableGoal, match=rf"the {which} .*link 1[23].*'the post'"):

@@ -14,7 +14,7 @@ from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose_draws import PoseDraws, PoseDrawSettings, TipEquations, landmarks, same_class, windings
 from ccm_opt.planning.pose_energy import EnergyWeights, PoseEnergy
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import ROOM, Scene, clutter, make_arm, wall_gaps
 
@@ -115,7 +115,7 @@ def test_classes_are_told_apart_by_obstacles_and_whole_turns() -> None:
     right = across - left
     right = right + WHOLE_TURN * np.round((left[-1] - right[-1]) / WHOLE_TURN)
     middle = 0.5 * (arm.joint_positions(left)[6] + arm.joint_positions(right)[6])
-    walled = Workspace(ROOM, (Obstacle("post", shapely.Point(middle), 0.01),))
+    walled = Workspace(ROOM, (Obstacle("post", PlaneShape(shapely.Point(middle), 0.01)),))
     post = landmarks(walled)
     assert same_class(arm, landmarks(Workspace(ROOM)), left, right)
     assert not same_class(arm, post, left, right)

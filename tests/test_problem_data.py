@@ -26,7 +26,7 @@ from ccm_opt.problem import (
 )
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .conftest import PROBLEMS
 
@@ -34,10 +34,10 @@ HOLED = shapely.Polygon(
     [(0.5, 0.5), (0.9, 0.5), (0.9, 0.9), (0.5, 0.9)], [[(0.6, 0.6), (0.7, 0.6), (0.7, 0.7), (0.6, 0.7)]]
 )
 OBSTACLES = (
-    Obstacle("frame", HOLED),
-    Obstacle("disc", shapely.Point(-0.5, 0.61), 0.07),
-    Obstacle("rod", shapely.LineString([(-0.9, -0.5), (0.1, -0.55), (0.3, -0.7)]), 0.013),
-    Obstacle("foil", shapely.LineString([(-0.9, -0.8), (0.9, -0.8)])),
+    Obstacle("frame", PlaneShape(HOLED)),
+    Obstacle("disc", PlaneShape(shapely.Point(-0.5, 0.61), 0.07)),
+    Obstacle("rod", PlaneShape(shapely.LineString([(-0.9, -0.5), (0.1, -0.55), (0.3, -0.7)]), 0.013)),
+    Obstacle("foil", PlaneShape(shapely.LineString([(-0.9, -0.8), (0.9, -0.8)]))),
 )
 
 
@@ -145,7 +145,11 @@ def test_jerk_limits_are_rebuilt_and_need_a_timing_that_keeps_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("obstacle", "kind"), [(Obstacle("soft", HOLED, 0.1), "a Polygon"), (Obstacle("dot", shapely.Point(1, 1)), "Point")]
+    ("obstacle", "kind"),
+    [
+        (Obstacle("soft", PlaneShape(HOLED, 0.1)), "a Polygon"),
+        (Obstacle("dot", PlaneShape(shapely.Point(1, 1))), "Point"),
+    ],
 )
 def test_shapes_that_no_file_can_say_are_refused(obstacle: Obstacle, kind: str) -> None:
     """The message names the obstacle and its kind."""

@@ -189,7 +189,13 @@ def test_goals_in_the_unit_that_suits() -> None:
     assert ccm_opt.TipGoal.at([0.1, 0.2]).heading is None
     assert ccm_opt.JointPose.of_degrees([0, 90], feed=20, unit="mm").feed == pytest.approx(0.02)
     with pytest.raises(ccm_opt.ProblemError, match="position: expected 2 numbers"):
-        ccm_opt.TipGoal.at((1, 2, 3))
+        ccm_opt.TipGoal.at((1, 2, 3, 4))
+    above = ccm_opt.TipGoal.at((1, 2, 3), direction=(0, 0, 2), unit="mm")
+    np.testing.assert_allclose((*above.position, *np.asarray(above.direction)), (1e-3, 2e-3, 3e-3, 0.0, 0.0, 1.0))
+    with pytest.raises(ccm_opt.ProblemError, match="heading_deg: only allowed in the plane"):
+        ccm_opt.TipGoal.at((1, 2, 3), 60)
+    with pytest.raises(ccm_opt.ProblemError, match="direction: only allowed in space"):
+        ccm_opt.TipGoal.at((1, 2), direction=(1, 0))
     with pytest.raises(ccm_opt.ProblemError, match="bends_deg: expected a list of numbers"):
         ccm_opt.JointPose.of_degrees("straight")  # type: ignore[arg-type]
 

@@ -17,7 +17,7 @@ from ccm_opt.planning.tip_paths import find_tip_paths, turning_by
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from tests.crossings import CrossingCheck, densely
 from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES, corridor, horn
 
@@ -80,7 +80,7 @@ def test_axis_on_a_wall_counts_as_contact() -> None:
     problem = horn(12)
     assert isinstance(problem.start, JointPose)
     points = problem.arm.joint_positions(problem.arm.headings(problem.start.bends))
-    touching = Obstacle("needle", shapely.LineString([points[6], points[6] + [0.0, 0.1]]))
+    touching = Obstacle("needle", PlaneShape(shapely.LineString([points[6], points[6] + [0.0, 0.1]])))
     workspace = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, touching))
     with pytest.raises(UnreachableGoal, match="needle"):
         CurvePlanner().plan(replace(problem, workspace=workspace))
@@ -116,7 +116,7 @@ def test_width_of_a_channel(width: float, place: float, turn: float) -> None:
     problem = corridor(12)
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     sheets = tuple(
-        Obstacle(f"{y}", shapely.LineString(np.array([[-3.0, y], [3.0, y]]) @ rotation.T))
+        Obstacle(f"{y}", PlaneShape(shapely.LineString(np.array([[-3.0, y], [3.0, y]]) @ rotation.T)))
         for y in (-0.5 * width, 0.5 * width)
     )
     workspace = replace(problem.workspace, boundary=shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles=sheets)

@@ -20,7 +20,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from ccm_opt.solution import Check, GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.viz.checks_section import checks_in_words
@@ -81,7 +81,7 @@ def beside_a_post(solution: Solution) -> Solution:
     """The same plan with a post 10 mm beside the last place of the tip, in an otherwise empty room."""
     arm = solution.problem.arm
     tip = solution.joint_positions[-1, -1] + np.array([0.0, arm.radius + 0.04])
-    workspace = replace(solution.problem.workspace, obstacles=(Obstacle("post", shapely.Point(tip), 0.03),))
+    workspace = replace(solution.problem.workspace, obstacles=(Obstacle("post", PlaneShape(shapely.Point(tip), 0.03)),))
     return replace(solution, problem=replace(solution.problem, workspace=workspace))
 
 

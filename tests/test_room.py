@@ -17,7 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.kept_plan import gap_between_walls
 from ccm_opt.problem import JointPose, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.verification.room_over_time import RoomSettings, room_over_time
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
@@ -28,7 +28,7 @@ from .arms import plain_arm
 from .conftest import PROBLEMS
 from .test_verification import ROOM, make_case, quintic, random_motion, random_obstacles
 
-POST = Obstacle("post", shapely.Point(0.3, 0.12), 0.02)
+POST = Obstacle("post", PlaneShape(shapely.Point(0.3, 0.12), 0.02))
 
 
 def swept_gap(problem: Problem, time: FloatArray, bends: FloatArray, poses: int = 1500) -> float:
@@ -132,7 +132,7 @@ def turned_about_its_base(turns: tuple[float, ...], pin: Obstacle) -> RoomRecord
 def test_a_pose_without_room_is_the_cause(turns: tuple[float, ...], causes: list[str]) -> None:
     """Where the arm rests with less than the wanted gap, and has no less nearby, that pose is the cause."""
     # At angle 0 the arm is 5 mm from the pin, and turns away from it at larger angles.
-    pin = Obstacle("pin", shapely.Point(0.3 * np.cos(0.1), -0.3 * np.sin(0.1)), 0.005)
+    pin = Obstacle("pin", PlaneShape(shapely.Point(0.3 * np.cos(0.1), -0.3 * np.sin(0.1)), 0.005))
     room = turned_about_its_base(turns, pin)
     assert [part.cause for part in room.short] == causes
     at_rest = 0.3 * np.sin(0.1) - 0.025
@@ -141,7 +141,7 @@ def test_a_pose_without_room_is_the_cause(turns: tuple[float, ...], causes: list
 
 def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     """The tip passes a pin at 5 mm between two ends that are far from it: the way is short of room there, and then."""
-    pin = Obstacle("pin", shapely.Point(0.63 * np.cos(0.2), 0.63 * np.sin(0.2)), 0.005)
+    pin = Obstacle("pin", PlaneShape(shapely.Point(0.63 * np.cos(0.2), 0.63 * np.sin(0.2)), 0.005))
     room = turned_about_its_base((0.0, 0.4), pin)
     (part,) = room.short
     assert part.cause == "passage"
@@ -194,9 +194,11 @@ def bounded(goal: TipGoal, walls: list[Obstacle], wanted: float = 0.05) -> Possi
 
 def test_the_goal_bounds_the_gap_by_what_it_fixes() -> None:
     """A tip without a heading has the room of its place; with one, that of the last link."""
-    post = Obstacle("post", shapely.Point(0.3, 0.3), 0.01)
+    post = Obstacle("post", PlaneShape(shapely.Point(0.3, 0.3), 0.01))
     free = bounded(TipGoal(np.array([0.3, 0.35])), [post])
-    along = bounded(TipGoal(np.array([0.345, 0.3]), heading=0.0), [Obstacle("post", shapely.Point(0.3, 0.335), 0.01)])
+    along = bounded(
+        TipGoal(np.array([0.345, 0.3]), heading=0.0), [Obstacle("post", PlaneShape(shapely.Point(0.3, 0.335), 0.01))]
+    )
     assert (free.by, along.by) == ("goal", "goal")
     assert free.value == pytest.approx(0.02, abs=1e-9)
     assert along.value == pytest.approx(0.005, abs=1e-9)
@@ -206,8 +208,8 @@ def test_the_goal_bounds_the_gap_by_what_it_fixes() -> None:
 @given(half=st.floats(0.025, 0.06))
 def test_a_door_bounds_the_gap_of_every_way(half: float) -> None:
     """Through a door in a wall across the room no arm keeps more than half the door less its radius."""
-    below = Obstacle("below", shapely.box(-3.0, 0.2, -half, 0.25))
-    above = Obstacle("above", shapely.box(half, 0.2, 3.0, 0.25))
+    below = Obstacle("below", PlaneShape(shapely.box(-3.0, 0.2, -half, 0.25)))
+    above = Obstacle("above", PlaneShape(shapely.box(half, 0.2, 3.0, 0.25)))
     found = bounded(TipGoal(np.array([0.0, 0.5])), [below, above], wanted=0.03)
     assert found.value == pytest.approx(min(half - 0.02, 0.03), rel=2e-3, abs=1e-4)
     if half - 0.02 < 0.029:
@@ -220,8 +222,8 @@ def test_a_door_bounds_the_gap_of_every_way(half: float) -> None:
 @given(width=st.floats(0.05, 0.09), turn=st.floats(-0.5, 0.5), shift=st.floats(-0.02, 0.02))
 def test_walls_bound_the_gap_of_an_arm_between_them(width: float, turn: float, shift: float) -> None:
     """An arm between two walls has no more than the bound, measured by shapely; beside them there is none."""
-    below = Obstacle("below", shapely.box(0.28, -0.5, 0.32, shift - 0.5 * width))
-    above = Obstacle("above", shapely.Point(0.3, shift + 0.5 * width + 0.1), 0.1)
+    below = Obstacle("below", PlaneShape(shapely.box(0.28, -0.5, 0.32, shift - 0.5 * width)))
+    above = Obstacle("above", PlaneShape(shapely.Point(0.3, shift + 0.5 * width + 0.1), 0.1))
     problem, _, _ = make_case(plain_arm(6, 0.1, 0.02), [below, above])
     points = problem.arm.joint_positions(np.full(6, turn * width))
     axis = shapely.LineString(points)

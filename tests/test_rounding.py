@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.scene.certificate import Certificate, proof_rounding
 from ccm_opt.scene.contact_finder import CertificateSettings
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.consistency import distance_rounding, heading_rounding, point_rounding
 from ccm_opt.verification.left_unchecked import relative_travel
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
@@ -157,7 +157,7 @@ def test_an_arm_far_from_the_origin_is_refused_rather_than_believed(power: int) 
     for far, proved in ((1.0, True), (1e13, False)):
         base = np.array([far * scale, 0.0])
         arm = plain_arm(2, 0.5 * scale, radius=0.0, base=base)
-        wall = Obstacle("shelf", shapely.box(*(base + scale * np.array([0.2, 1e-4])), *(base + scale)))
+        wall = Obstacle("shelf", PlaneShape(shapely.box(*(base + scale * np.array([0.2, 1e-4])), *(base + scale))))
         room = Workspace(shapely.box(*(base - 9.0 * scale), *(base + 9.0 * scale)), (wall,))
         still = np.zeros((2, 2))
         settings = replace(

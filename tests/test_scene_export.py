@@ -17,7 +17,7 @@ from ccm_opt.io.scene_solids import Prism, SolidScene, convex_parts, prism_mesh,
 from ccm_opt.io.urdf import scene_meshes, stl, urdf_text
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.dynamics_arms import loose_limits, swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -28,14 +28,14 @@ RING = shapely.Polygon(
 ROOM = shapely.Polygon(
     [(-0.8, -0.3), (0.8, -0.3), (0.8, 0.9), (0.2, 0.9), (0.2, 0.7), (-0.1, 0.7), (-0.1, 0.9), (-0.8, 0.9)]
 )
-SHEET = Obstacle("sheet", shapely.LineString([(0.2, -0.25), (0.7, -0.1)]))
+SHEET = Obstacle("sheet", PlaneShape(shapely.LineString([(0.2, -0.25), (0.7, -0.1)])))
 OBSTACLES = (
-    Obstacle("hook", HOOK),
-    Obstacle("ring", RING),
-    Obstacle("post", shapely.Point(0.0, 0.5), 0.05),
-    Obstacle("wall / é", shapely.LineString([(-0.7, -0.1), (-0.3, -0.1), (-0.3, -0.2)]), 0.02),
+    Obstacle("hook", PlaneShape(HOOK)),
+    Obstacle("ring", PlaneShape(RING)),
+    Obstacle("post", PlaneShape(shapely.Point(0.0, 0.5), 0.05)),
+    Obstacle("wall / é", PlaneShape(shapely.LineString([(-0.7, -0.1), (-0.3, -0.1), (-0.3, -0.2)]), 0.02)),
     SHEET,
-    Obstacle("hook_2", shapely.box(0.7, 0.6, 0.75, 0.65)),
+    Obstacle("hook_2", PlaneShape(shapely.box(0.7, 0.6, 0.75, 0.65))),
 )
 
 
@@ -150,7 +150,7 @@ def test_the_mount_may_touch_walls() -> None:
     near_base = shapely.box(0.05, -0.02, 0.15, 0.005)
     for mount, contacts in ((0.9, False), (0.1, True)):
         arm = replace(ARM, mount_length=mount * ARM.link_length)
-        workspace = Workspace(shapely.box(-2, -2, 2, 2), (Obstacle("floor", near_base),))
+        workspace = Workspace(shapely.box(-2, -2, 2, 2), (Obstacle("floor", PlaneShape(near_base)),))
         model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY, solid_scene(workspace, arm)))
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -222,7 +222,9 @@ def test_the_urdf_has_a_tip_and_a_link_for_every_obstacle(tmp_path: Path) -> Non
 
 def test_a_fed_arm_and_names_that_are_alike_get_along(tmp_path: Path) -> None:
     """Obstacles whose names differ in signs alone get different links; the arm may stand on a feed axis."""
-    alike = tuple(Obstacle(name, shapely.Point(0.3 * k, 0.8), 0.01) for k, name in enumerate(("a b", "a-b", "a\tb")))
+    alike = tuple(
+        Obstacle(name, PlaneShape(shapely.Point(0.3 * k, 0.8), 0.01)) for k, name in enumerate(("a b", "a-b", "a\tb"))
+    )
     arm = replace(ARM, feed=Feed(0.0, 0.1, 0.1))
     scene = solid_scene(Workspace(shapely.box(-2, -2, 2, 2), alike), arm)
     assert len({obstacle.slug for obstacle in scene.obstacles}) == 4

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 ANGLES = st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3).map(np.array)
 PLACES = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
@@ -62,15 +62,15 @@ def test_soup_of_a_scene() -> None:
     """The soup has every body's triangles under its name, in order, and then the sides of the room."""
     bounds = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
     bodies = (
-        SpaceObstacle("ball", SphereBody(np.zeros(3), 0.5)),
-        SpaceObstacle("bar", CapsuleBody(np.zeros(3), np.ones(3), 0.25)),
-        SpaceObstacle("block", BoxBody(np.zeros(3), np.ones(3))),
+        Obstacle("ball", SphereBody(np.zeros(3), 0.5)),
+        Obstacle("bar", CapsuleBody(np.zeros(3), np.ones(3), 0.25)),
+        Obstacle("block", BoxBody(np.zeros(3), np.ones(3))),
     )
-    workspace = SpaceWorkspace(bounds, bodies)
+    workspace = Workspace(bounds=bounds, obstacles=bodies)
     soup = workspace.soup
     assert soup.names == ("ball", "bar", "block", "room")
     assert soup.owner.tolist() == [0, 1] + [2] * 12 + [3] * 12
     assert soup.rounding.tolist() == [0.5, 0.25] + [0.0] * 24
     assert volume(soup.triangles[soup.owner == 3]) == pytest.approx(8.0)
     assert np.allclose(workspace.extent, [[-1.0] * 3, [1.25] * 3])
-    assert len(SpaceWorkspace(None).soup) == 0
+    assert len(Workspace(bounds=None).soup) == 0

@@ -29,7 +29,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 from .diagnosis_judgement import named_rightly, relaxation_error
 from .scenes import later
@@ -44,19 +44,19 @@ seeds = st.integers(0, 10**6)
 ROOM = np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]])
 
 
-def problem_of(arm: Arm, goal: TipGoal | JointPose, *obstacles: SpaceObstacle) -> SpaceProblem:
+def problem_of(arm: Arm, goal: TipGoal | JointPose, *obstacles: Obstacle) -> SpaceProblem:
     """A problem in a large room with a straight start."""
     ones = np.ones(3 * arm.links)
     start = JointPose(np.zeros((arm.links, 2)))
-    return SpaceProblem("made", SpaceWorkspace(ROOM, obstacles), arm, Limits(ones, ones), start, goal)
+    return SpaceProblem("made", Workspace(bounds=ROOM, obstacles=obstacles), arm, Limits(ones, ones), start, goal)
 
 
-def box(name: str, low: list[float], high: list[float]) -> SpaceObstacle:
+def box(name: str, low: list[float], high: list[float]) -> Obstacle:
     """A box between two corners."""
-    return SpaceObstacle(name, BoxBody(np.array(low), np.array(high)))
+    return Obstacle(name, BoxBody(np.array(low), np.array(high)))
 
 
-def window(half: float, ahead: float = 0.4, depth: float = 0.05) -> tuple[SpaceObstacle, ...]:
+def window(half: float, ahead: float = 0.4, depth: float = 0.05) -> tuple[Obstacle, ...]:
     """A wall across the room with a square window in its middle."""
     far, near = 1.5, ahead + depth
     return (
@@ -127,7 +127,7 @@ def test_no_pose_in_space_is_out_of_reach(seed: int, limit: float, base: float, 
     tip = arm.joint_positions_at(q)[-1]
     direction = arm.link_rotations(q)[-1, :, 0] if asked else None
     problem = problem_of(arm, TipGoal(tip, direction))
-    refuse_impossible(replace(problem, workspace=SpaceWorkspace(None)))
+    refuse_impossible(replace(problem, workspace=Workspace(bounds=None)))
 
 
 @settings(max_examples=6, deadline=None)
@@ -166,7 +166,7 @@ def test_caps_are_as_far_as_the_arm_when_nothing_bends_it_back() -> None:
 def test_split_cubes_touch_as_before(seed: int) -> None:
     """However cubes are split, they fill the same box, and the pairs that are kept are those that touch."""
     rng = np.random.default_rng(seed)
-    tree = SurfaceTree.of(SpaceWorkspace(ROOM).soup)
+    tree = SurfaceTree.of(Workspace(bounds=ROOM).soup)
     cells = CellTree.over(tree, ROOM, 30, 1.0)
     volume = float(np.sum(cells.sides**3))
     for _ in range(3):
@@ -252,7 +252,7 @@ def test_a_turn_that_the_arm_cannot_make_is_told() -> None:
 def test_contacts_in_space_are_told_with_link_depth_and_place() -> None:
     """A ball 5 mm into the third link of a straight start, a box about the tip, and the room's wall behind the tip."""
     arm = space_arm(6)
-    ball = SpaceObstacle("ball", SphereBody(np.array([0.25, 0.025, 0.0]), 0.01))
+    ball = Obstacle("ball", SphereBody(np.array([0.25, 0.025, 0.0]), 0.01))
     problem = problem_of(arm, TipGoal(np.array([0.0, 0.4, 0.2])), ball)
     (finding,) = failed_in_space(problem)
     assert "start: the start is in contact: link 3 overlaps 'ball' by 5.0 mm" in finding.reason
@@ -264,7 +264,7 @@ def test_contacts_in_space_are_told_with_link_depth_and_place() -> None:
     kept = replace(touched, workspace=replace(touched.workspace, clearance=0.005))
     (finding,) = failed_in_space(kept)
     assert "the tip comes within a hair of 'cover'" in finding.reason
-    small = replace(problem, workspace=SpaceWorkspace(np.array([[-0.2, -0.5, -0.5], [0.5, 0.5, 0.5]])))
+    small = replace(problem, workspace=Workspace(bounds=np.array([[-0.2, -0.5, -0.5], [0.5, 0.5, 0.5]])))
     findings = failed_in_space(small)
     assert "link 6 is 100.0 mm outside the 'room'" in findings[0].reason
     asked: list[SpaceProblem] = []
@@ -310,7 +310,7 @@ def test_a_goal_moved_in_space_is_free(seed: int) -> None:
     goal = rng.uniform(0.3, 0.6) * way / np.linalg.norm(way)
     if goal[0] > 0.8 * float(np.linalg.norm(goal)):
         goal[0] *= -1.0  # away from the straight start
-    ball = SpaceObstacle("ball", SphereBody(goal + rng.uniform(-0.02, 0.02, 3), 0.06))
+    ball = Obstacle("ball", SphereBody(goal + rng.uniform(-0.02, 0.02, 3), 0.06))
     problem = problem_of(space_arm(8), TipGoal(goal), ball)
     (moved,) = moved_space_goals(problem, failed_in_space(problem), Deadline.never())
     assert moved.bound is not None

@@ -19,7 +19,7 @@ from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.space_arms import random_rotation, space_arm
 from tests.space_clutter import Clutter, clutter, problem_at
 
@@ -95,14 +95,14 @@ def test_a_turned_scene_gives_the_turned_pose() -> None:
     arm = scene.problem.arm
     turned_arm = replace(arm, base=turn @ arm.base, direction=turn @ arm.direction, up=turn @ arm.up)
     balls = tuple(
-        SpaceObstacle(each.name, SphereBody(turn @ each.body.center, each.body.radius))
+        Obstacle(each.name, SphereBody(turn @ each.body.center, each.body.radius))
         for each in scene.problem.workspace.obstacles
         if isinstance(each.body, SphereBody)
     )
     plain = tuple(each for each in scene.problem.workspace.obstacles if isinstance(each.body, SphereBody))
     answers = []
     for one, obstacles in ((arm, plain), (turned_arm, balls)):
-        workspace = SpaceWorkspace(None, obstacles, 0.002)
+        workspace = Workspace(bounds=None, obstacles=obstacles, clearance=0.002)
         problem = problem_at(one, workspace, scene.seed)
         answers.append(goal_pose(problem, scene.seed, SurfaceTree.of(workspace.soup)))
     first, second = answers
@@ -119,7 +119,7 @@ def test_a_pose_in_a_plane_stays_in_it() -> None:
     q[0::2] = 0.1
     middle = arm.joint_positions_at(q)[6]
     ball = SphereBody(middle + np.array([-0.05, 0.05, 0.0]), 0.05)
-    workspace = SpaceWorkspace(None, (SpaceObstacle("ball", ball),))
+    workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", ball),))
     found = goal_pose(problem_at(arm, workspace, q), q, SurfaceTree.of(workspace.soup))
     assert found is not None
     np.testing.assert_allclose(found.q[1::2], 0.0, atol=1e-6)
@@ -133,7 +133,7 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
     q[24] = 0.27  # the joints of the first three links are in the tube
     q[6:24:2] = 0.08
     beside = arm.joint_positions_at(q)[8] + np.array([0.0, -0.033, 0.0])
-    workspace = SpaceWorkspace(None, (SpaceObstacle("ball", SphereBody(beside, 0.02)),))
+    workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", SphereBody(beside, 0.02)),))
     tree = SurfaceTree.of(workspace.soup)
     problem = problem_at(arm, workspace, q)
     found = goal_pose(problem, q, tree)
@@ -148,7 +148,7 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
 def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
     """A coil whose turns nearly touch gets room between them."""
     arm = space_arm(24, 1.0 / 24.0, 0.012, joint_limit=1.0)
-    workspace = SpaceWorkspace(None)
+    workspace = Workspace(bounds=None)
     tree = SurfaceTree.of(workspace.soup)
     for turning in np.linspace(0.0, 0.3, 601):
         azimuth = turning * np.arange(24)

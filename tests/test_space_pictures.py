@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ccm_opt.problem import JointPose, Limits, Stop, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.viz.space_plan import ArmSection, draw_goals_in_space, section_along
 from ccm_opt.viz.space_views import SIDES
 
@@ -21,7 +21,7 @@ def section_beside(body: Body, base: tuple[float, float, float]) -> ArmSection:
     arm = space_arm(4, base=np.array(base))
     problem = SpaceProblem(
         "one body",
-        SpaceWorkspace(None, (SpaceObstacle("body", body),)),
+        Workspace(bounds=None, obstacles=(Obstacle("body", body),)),
         arm,
         Limits(np.ones(12), np.full(12, 4.0)),
         JointPose(np.zeros((4, 2))),

@@ -11,7 +11,7 @@ from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
-from ccm_opt.scene.scene import SpaceObstacle
+from ccm_opt.scene.workspace import Obstacle
 
 from .space_plans import true_plan
 
@@ -27,7 +27,7 @@ def with_body(body: object) -> Change:
     """One obstacle more."""
 
     def changed(problem: SpaceProblem) -> SpaceProblem:
-        bodies = (*problem.workspace.obstacles, SpaceObstacle("new", body))  # type: ignore[arg-type]
+        bodies = (*problem.workspace.obstacles, Obstacle("new", body))  # type: ignore[arg-type]
         return replace(problem, workspace=replace(problem.workspace, obstacles=bodies))
 
     return changed
@@ -88,6 +88,6 @@ def test_a_mistake_is_named(name: str) -> None:
 def test_all_mistakes_are_named_together() -> None:
     """Mistakes in several parts are told at once."""
     problem = true_plan().problem
-    wrong = replace(problem.workspace, clearance=-1.0, obstacles=(SpaceObstacle("ball", SphereBody(PLACE, -0.1)),))
+    wrong = replace(problem.workspace, clearance=-1.0, obstacles=(Obstacle("ball", SphereBody(PLACE, -0.1)),))
     with pytest.raises(ProblemError, match=r"(?s)clearance.*'ball'.*goal.position"):
         replace(problem, workspace=wrong, goal=TipGoal(np.zeros(2)))

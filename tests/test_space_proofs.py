@@ -13,7 +13,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, SphereBody, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.body_sides import separations
 from ccm_opt.verification.newton_euler import efforts_in_space
 from ccm_opt.verification.space_chain_motion import LinkFrames, SpaceChainMotion, TimeStretches, chain_of
@@ -110,7 +110,7 @@ def test_no_joint_goes_farther_than_its_travel(seed: int, samples: int, bend: fl
         stretches = stretches.halves().take(np.arange(min(2 * len(stretches), 30)))
 
 
-def clutter(rng: np.random.Generator, count: int) -> SpaceWorkspace:
+def clutter(rng: np.random.Generator, count: int) -> Workspace:
     """Balls, boxes and sheets about the arm, at some distance from its base."""
     obstacles = []
     for number in range(count):
@@ -123,8 +123,8 @@ def clutter(rng: np.random.Generator, count: int) -> SpaceWorkspace:
             BoxBody(-size, size, turn),
             MeshBody(place + rng.normal(0.0, 0.05, (4, 3)), np.array([[0, 1, 2], [1, 2, 3]])),
         )
-        obstacles.append(SpaceObstacle(f"body {number}", bodies[number % 3]))
-    return SpaceWorkspace(np.array([[-1.5] * 3, [1.5] * 3]), tuple(obstacles), 0.002)
+        obstacles.append(Obstacle(f"body {number}", bodies[number % 3]))
+    return Workspace(bounds=np.array([[-1.5] * 3, [1.5] * 3]), obstacles=tuple(obstacles), clearance=0.002)
 
 
 @settings(max_examples=40)
@@ -188,7 +188,7 @@ def test_what_passes_between_two_samples_is_seen() -> None:
     positions[1, 0] = 1.0
     motion = SpaceChainMotion(arm, np.array([0.0, 0.005]), positions)
     ball = SphereBody(0.3 * np.array([np.cos(0.5), np.sin(0.5), 0.0]), 1e-3)
-    check = check_surfaces(motion, SpaceWorkspace(None, (SpaceObstacle("ball", ball),)), SETTINGS)
+    check = check_surfaces(motion, Workspace(bounds=None, obstacles=(Obstacle("ball", ball),)), SETTINGS)
     assert not check.passed
     assert check.worst < 0.0
 
@@ -204,7 +204,7 @@ def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> Non
     motion = SpaceChainMotion(arm, 0.005 * np.arange(20), positions)
     gap = rng.uniform(1e-5, 0.01)
     ball = SphereBody(np.array([3.5 * arm.link_length, -0.03 - gap, 0.0]), 0.02)
-    workspace = SpaceWorkspace(None, (SpaceObstacle("ball", ball),))
+    workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", ball),))
     for interval, link, by, passed in (
         (0, 3, -1e-5, True),
         (0, 3, 2e-5, False),
@@ -220,9 +220,9 @@ def test_a_flush_mount_hides_nothing() -> None:
     """Where the least gap is that of the link on a wall, the least of the links beyond it is told too."""
     arm = space_arm(4, radius=0.02, mount_length=0.02)
     motion = SpaceChainMotion(arm, np.array([0.0, 0.005]), np.zeros((2, 8)))
-    ball = SpaceObstacle("ball", SphereBody(np.array([3.5 * arm.link_length, 0.05, 0.0]), 0.01))
+    ball = Obstacle("ball", SphereBody(np.array([3.5 * arm.link_length, 0.05, 0.0]), 0.01))
     room = np.array([[0.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
-    check = check_surfaces(motion, SpaceWorkspace(room, (ball,)), SETTINGS)
+    check = check_surfaces(motion, Workspace(bounds=room, obstacles=(ball,)), SETTINGS)
     assert check.passed
     assert check.where.endswith("touches it where it leaves the mount; links beyond it keep 20.0 mm from 'ball'")
 
@@ -240,11 +240,11 @@ def test_the_side_is_told_by_the_body(seed: int) -> None:
     corners = turn.points(box_corners(-size, size))
     bodies = (BoxBody(-size, size, turn), MeshBody(corners, BOX_FACES))
     for body in bodies:
-        check = check_side(motion, SpaceWorkspace(None, (SpaceObstacle("box", body),)))
+        check = check_side(motion, Workspace(bounds=None, obstacles=(Obstacle("box", body),)))
         assert check.passed == (depth <= 0.0)
         assert check.worst == pytest.approx(-max(depth, 0.0), abs=1e-9)
     opened = MeshBody(corners, BOX_FACES, solid=False)
-    assert check_side(motion, SpaceWorkspace(None, (SpaceObstacle("box", opened),))).passed
+    assert check_side(motion, Workspace(bounds=None, obstacles=(Obstacle("box", opened),))).passed
 
 
 def test_links_that_cross_near_by_are_seen() -> None:

@@ -21,7 +21,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.space_verifier import verify_in_space
 
 from .space_folders import solved
@@ -145,7 +145,7 @@ def test_moved_bodies_are_the_same_elsewhere(by: list[float]) -> None:
         MeshBody.of_arrays(corners, sides),
     )
     for body in bodies:
-        room = SpaceWorkspace(None, (SpaceObstacle("it", body), SpaceObstacle("other", body)))
+        room = Workspace(bounds=None, obstacles=(Obstacle("it", body), Obstacle("other", body)))
         moved = room.with_moved("it", np.array(by))
         assert moved.obstacles[1] is room.obstacles[1]
         np.testing.assert_allclose(moved.obstacles[0].body.triangles, body.triangles + by, atol=1e-9)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.tolerance.chain_cases import ChainCases, chain_support, joined_cases, worst_errors
@@ -61,7 +61,7 @@ def drawn_case(rng: np.random.Generator, links: int) -> tuple[Arm, Workspace, Fl
     axes = shapely.multilinestrings(shapely.linestrings(arm.joint_positions(arm.headings(dense_poses(poses)))))
     polygons = (random_polygon(rng, rng.uniform(-1.1, 1.1, 2)) for _ in range(12))
     free = [polygon for polygon in polygons if shapely.distance(polygon, axes) > arm.radius + 0.02]
-    obstacles = tuple(Obstacle(f"polygon {k}", polygon) for k, polygon in enumerate(free))
+    obstacles = tuple(Obstacle(f"polygon {k}", PlaneShape(polygon)) for k, polygon in enumerate(free))
     # Links that cross each other are no arm of a plan.
     crossing = self_gap(arm, arm.joint_positions(arm.headings(dense_poses(poses)))) <= 1e-3
     return replace(arm, self_collision=not crossing), Workspace(ROOM, obstacles), poses
@@ -245,7 +245,7 @@ def test_other_certified_errors_touch_nothing(seed: int, links: int) -> None:
 def test_a_straight_arm_beside_a_wall_has_the_error_of_its_levers() -> None:
     """The tip of a straight arm meets a distant wall when all joints together have turned it there."""
     arm = replace(plain_arm(10, 0.1), radius=0.01, mount_length=0.0)
-    wall = Obstacle("wall", shapely.LineString([(-2.0, 0.05), (2.0, 0.05)]))
+    wall = Obstacle("wall", PlaneShape(shapely.LineString([(-2.0, 0.05), (2.0, 0.05)])))
     poses = np.zeros((3, 10))
     found = survived_error(arm, Workspace(ROOM, (wall,)), motion_of(poses), joint_errors(arm))
     turned = found.size * np.arange(1, 11)
@@ -290,7 +290,9 @@ def test_joints_in_a_guide_tube_have_no_error() -> None:
     """Held joints cannot bend, so an arm that is still in its tube survives any error of its joints."""
     feed = Feed(low=0.0, high=1.0, hole=1.0)
     arm = replace(plain_arm(10, 0.1), radius=0.01, mount_length=0.0, feed=feed, self_collision=False)
-    walls = tuple(Obstacle(name, shapely.LineString([(-0.5, y), (2.0, y)])) for name, y in (("a", 0.05), ("b", -0.05)))
+    walls = tuple(
+        Obstacle(name, PlaneShape(shapely.LineString([(-0.5, y), (2.0, y)]))) for name, y in (("a", 0.05), ("b", -0.05))
+    )
     inside = np.zeros((3, 11))
     fixed = survived_error(arm, Workspace(ROOM, walls), coordinates_of(arm, inside), joint_errors(arm))
     out = inside.copy()
@@ -309,7 +311,7 @@ def coordinates_of(arm: Arm, poses: FloatArray) -> JointTrajectory:
 def test_nothing_is_survived_in_contact() -> None:
     """An arm that touches a wall survives no error, and the place is named."""
     arm = replace(plain_arm(4, 0.1), radius=0.01, mount_length=0.0)
-    wall = Obstacle("wall", shapely.LineString([(0.2, 0.01), (0.3, 0.01)]))
+    wall = Obstacle("wall", PlaneShape(shapely.LineString([(0.2, 0.01), (0.3, 0.01)])))
     errors = survived_errors(arm, Workspace(ROOM, (wall,)), motion_of(np.zeros((2, 4))))
     assert all(error.size == 0.0 and "'wall'" in error.where for error in errors if error.name != "link lengths")
 

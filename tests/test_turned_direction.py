@@ -11,7 +11,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.workspace import Workspace
 from tests.scenes import later
 from tests.space_arms import space_arm
 
@@ -43,7 +43,7 @@ def asked_for(direction: FloatArray, end: FloatArray) -> SpaceProblem:
     ones = np.ones(3 * LINKS)
     goal = TipGoal(arm.joint_positions_at(end)[-1], direction)
     start = JointPose(np.zeros((LINKS, 2)))
-    return SpaceProblem("turned", SpaceWorkspace(None, ()), arm, Limits(ones, ones), start, goal)
+    return SpaceProblem("turned", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), start, goal)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

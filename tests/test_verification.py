@@ -19,7 +19,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import dh_table, joint_names, revolute_angles
 from ccm_opt.robot.mapping import map_curve
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.consistency import check_form
 from ccm_opt.verification.link_motion import ChainMotion
@@ -131,7 +131,7 @@ def random_obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
         angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 5))
         ring = centre + rng.uniform(0.02, 0.12) * np.stack((np.cos(angle), np.sin(angle)), axis=1)
         core = (shapely.Polygon(ring), shapely.Point(centre), shapely.LineString(ring[:3]))[k % 3]
-        obstacles.append(Obstacle(f"obstacle {k}", core, (0.0, 0.05, 0.01)[k % 3]))
+        obstacles.append(Obstacle(f"obstacle {k}", PlaneShape(core, (0.0, 0.05, 0.01)[k % 3])))
     return tuple(obstacles)
 
 
@@ -246,7 +246,7 @@ def test_segment_distances_agree_with_geos(seed: int) -> None:
 def test_tunnelling_through_a_thin_wall_is_refused() -> None:
     """A wall that lies wholly between two clear samples is found, with its name, the link and the time."""
     arm = plain_arm(2, 0.5, radius=0.001)
-    wall = Obstacle("sliver", shapely.LineString([(0.6, 0.05), (1.2, 0.1)]))
+    wall = Obstacle("sliver", PlaneShape(shapely.LineString([(0.6, 0.05), (1.2, 0.1)])))
     time, bends = straight_steps([[-0.05, 0.0], [-0.02, 0.0], [0.17, 0.0], [0.2, 0.0]])
     workspace = Workspace(ROOM, (wall,))
     assert all(Sweep.of(arm, bends[[k, k]]).walls(workspace) > 0.0 for k in range(len(bends)))
@@ -259,7 +259,7 @@ def test_tunnelling_through_a_thin_wall_is_refused() -> None:
 def test_a_bodiless_arm_may_not_cross_a_line() -> None:
     """With zero radius and a wall without thickness the crossing itself is found."""
     arm = plain_arm(4, 0.25, radius=0.0)
-    wall = Obstacle("thread", shapely.LineString([(0.8, 0.1), (1.5, 0.12)]))
+    wall = Obstacle("thread", PlaneShape(shapely.LineString([(0.8, 0.1), (1.5, 0.12)])))
     time, bends = straight_steps([[0.0, 0, 0, 0], [0.3, 0, 0, 0]])
     assert not check_walls(ChainMotion(arm, time, bends), Workspace(ROOM, (wall,))).passed
     assert check_walls(ChainMotion(arm, time, -bends), Workspace(ROOM, (wall,))).passed
@@ -270,7 +270,7 @@ def test_touching_within_a_micrometre_is_allowed_and_beyond_it_refused() -> None
     arm = plain_arm(2, 0.5, radius=0.05)
     time, bends = straight_steps(np.zeros((3, 2)))
     for short, passed in ((0.0, True), (0.9e-6, True), (1.1e-6, False)):
-        wall = Obstacle("shelf", shapely.box(0.2, 0.05 - short, 0.8, 0.5))
+        wall = Obstacle("shelf", PlaneShape(shapely.box(0.2, 0.05 - short, 0.8, 0.5)))
         assert check_walls(ChainMotion(arm, time, bends), Workspace(ROOM, (wall,))).passed is passed
 
 
@@ -282,7 +282,7 @@ def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> Non
     arm = plain_arm(4, 0.1, radius=0.01)
     time, bends = straight_steps(np.linspace(np.zeros(4), np.full(4, rng.uniform(0.05, 0.2)), 6))
     gap = rng.uniform(1e-5, 0.01)
-    wall = Workspace(ROOM, (Obstacle("shelf", shapely.box(0.3, -0.5, 0.4, -0.01 - gap)),))
+    wall = Workspace(ROOM, (Obstacle("shelf", PlaneShape(shapely.box(0.3, -0.5, 0.4, -0.01 - gap))),))
     exact = ChainMotion(arm, time, bends)
     for interval, link, by, passed in (
         (0, 3, -1e-7, True),
@@ -310,7 +310,7 @@ def test_what_links_may_be_off_counts_for_both_of_a_pair() -> None:
 
 def test_the_mount_may_touch_walls_and_nothing_beyond_it_may() -> None:
     """Arm length up to mount_length is exempt, even across several links; the link after it is not."""
-    block = Obstacle("block", shapely.box(-0.1, -0.1, 0.24, 0.1))
+    block = Obstacle("block", PlaneShape(shapely.box(-0.1, -0.1, 0.24, 0.1)))
     time, bends = straight_steps(np.zeros((3, 6)))
     for mount, passed in ((0.265, True), (0.05, False), (0.255, False)):
         motion = ChainMotion(plain_arm(6, 0.1, 0.02, mount_length=mount), time, bends)
@@ -327,7 +327,7 @@ def test_an_arm_outside_the_room_or_inside_an_obstacle_is_refused() -> None:
     """Clearance from edges alone is not enough: the arm must be on the right side of them."""
     time, bends = straight_steps(np.zeros((2, 2)))
     motion = ChainMotion(plain_arm(2, 0.1), time, bends)
-    inside = Workspace(ROOM, (Obstacle("rock", shapely.box(-1.0, -1.0, 1.0, 1.0)),))
+    inside = Workspace(ROOM, (Obstacle("rock", PlaneShape(shapely.box(-1.0, -1.0, 1.0, 1.0))),))
     outside = Workspace(shapely.box(1.0, 1.0, 2.0, 2.0))
     for workspace, name in ((inside, "rock"), (outside, "workspace boundary")):
         assert check_walls(motion, workspace).passed
@@ -339,7 +339,7 @@ def test_an_arm_outside_the_room_or_inside_an_obstacle_is_refused() -> None:
 
 def test_one_sample_moved_into_a_wall_is_refused() -> None:
     """Moving a single sample is caught by the wall check and by the rates."""
-    wall = Obstacle("shelf", shapely.box(0.2, -0.5, 0.6, -0.05))
+    wall = Obstacle("shelf", PlaneShape(shapely.box(0.2, -0.5, 0.6, -0.05)))
     problem, trajectory, joints = make_case(obstacles=[wall])
     assert not failures(verify(problem, trajectory, joints))
     bends = trajectory.bend_angles.copy()
@@ -573,7 +573,7 @@ def test_runs_of_edges_contain_their_edges(seed: int, vertices: int) -> None:
     angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, vertices))
     ring = rng.uniform(0.5, 1.0) * np.column_stack((np.cos(angles), np.sin(angles)))
     shapes = (shapely.LineString(ring), shapely.Point(2.0, 0.0), shapely.box(3.0, 3.0, 4.0, 4.0))
-    obstacles = tuple(Obstacle(f"wall {k}", shape, 0.01 * k) for k, shape in enumerate(shapes))
+    obstacles = tuple(Obstacle(f"wall {k}", PlaneShape(shape, 0.01 * k)) for k, shape in enumerate(shapes))
     edges = wall_edges(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles))
     place, other = edges.runs.edges_of(np.arange(len(edges.runs.radius)))
     np.testing.assert_array_equal(other, np.arange(len(edges.owner)))
@@ -592,7 +592,9 @@ def test_what_no_coordinate_of_walls_exceeds_has_their_scale(seed: int, power: i
     for scale in (1.0, 2.0**power):
         scaled = [shapely.affinity.scale(each.core, scale, scale, origin=(0.0, 0.0)) for each in obstacles]
         room = shapely.box(-scale, -scale, scale, scale)
-        edges = wall_edges(Workspace(room, tuple(Obstacle(f"wall {k}", core) for k, core in enumerate(scaled))))
+        edges = wall_edges(
+            Workspace(room, tuple(Obstacle(f"wall {k}", PlaneShape(core)) for k, core in enumerate(scaled)))
+        )
         coordinates = np.concatenate([shapely.get_coordinates(each) for each in (room, *scaled)])
         assert edges.size == np.abs(coordinates).max()
         sizes.append(edges.size)
@@ -607,7 +609,8 @@ def test_boxes_meet_the_same_walls_however_many_are_asked_for_at_once(
     """All pairs of boxes that meet are found, touching ones too, and no others."""
     rng = np.random.default_rng(seed)
     obstacles = tuple(
-        Obstacle(f"wall {k}", shapely.Point(*place), 0.25) for k, place in enumerate(rng.integers(-4, 5, (9, 2)))
+        Obstacle(f"wall {k}", PlaneShape(shapely.Point(*place), 0.25))
+        for k, place in enumerate(rng.integers(-4, 5, (9, 2)))
     )
     runs = wall_edges(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles)).runs
     low = 0.25 * rng.integers(-20, 20, (rows * width, 2))

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import efforts_in_plane
@@ -122,7 +122,7 @@ def test_joints_inside_the_guide_stay_straight() -> None:
 def test_walls_are_met_by_a_base_that_moves() -> None:
     """An arm that keeps its shape and is pushed into a wall is refused; pushed less far, it is not."""
     along = np.array([np.cos(np.pi / 6), np.sin(np.pi / 6)])
-    post = Obstacle("post", shapely.Point(0.8 * along), 0.05)
+    post = Obstacle("post", PlaneShape(shapely.Point(0.8 * along), 0.05))
     reach = 0.8 - 0.05 - 0.02 - 0.6
     for fed, hits in ((reach - 1e-3, False), (reach + 1e-3, True)):
         problem, trajectory = make_case(np.zeros(LINKS), fed, obstacles=(post,))
@@ -131,7 +131,7 @@ def test_walls_are_met_by_a_base_that_moves() -> None:
 
 def test_a_wall_passed_between_two_samples_is_met() -> None:
     """The motion of the base between samples counts too."""
-    wall = Obstacle("foil", shapely.LineString([(0.75, -0.5), (0.75, 0.5)]))
+    wall = Obstacle("foil", PlaneShape(shapely.LineString([(0.75, -0.5), (0.75, 0.5)])))
     arm = fed_arm(base_heading=0.0)
     arm = replace(arm, feed=Feed(0.0, 2.0, 0.0))
     motion = ChainMotion(arm, np.array([0.0, 0.005]), np.array([[0.0] * LINKS + [0.0], [0.0] * LINKS + [2.0]]))
@@ -175,7 +175,10 @@ def test_a_guide_as_wide_as_the_arm_touches_and_is_not_hit(play: float, turned: 
     """
     arm = fed_arm(base_heading=0.0)
     off = arm.radius + play
-    walls = (Obstacle("left", shapely.box(-1.0, off, 2.0, 1.0)), Obstacle("right", shapely.box(-1.0, -1.0, 2.0, -off)))
+    walls = (
+        Obstacle("left", PlaneShape(shapely.box(-1.0, off, 2.0, 1.0))),
+        Obstacle("right", PlaneShape(shapely.box(-1.0, -1.0, 2.0, -off))),
+    )
     positions = np.zeros((101, LINKS + 1))
     positions[:, 0] = turned
     positions[:, -1] = np.linspace(0.0, 0.3, 101)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import IntArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Stretches, WallProofs, WallQuestion
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .oracles.wall_proofs import InterpretedWallProofs
 from .scenes import ROOM, clutter, make_arm, mixed_walls, random_headings
@@ -26,8 +26,10 @@ def with_a_court(seed: int) -> Workspace:
     outside = shapely.box(-0.6, -0.6, 0.7, 0.5).exterior.coords
     court = shapely.box(-0.3, -0.25, 0.45, 0.2).exterior.coords
     rng = np.random.default_rng(seed)
-    posts = [Obstacle(f"post {k}", shapely.Point(rng.uniform(-1.0, 1.0, 2)), 0.02) for k in range(3)]
-    return Workspace(ROOM, (posts[0], Obstacle("block", shapely.Polygon(outside, [court])), *posts[1:]), 0.002)
+    posts = [Obstacle(f"post {k}", PlaneShape(shapely.Point(rng.uniform(-1.0, 1.0, 2)), 0.02)) for k in range(3)]
+    return Workspace(
+        ROOM, (posts[0], Obstacle("block", PlaneShape(shapely.Polygon(outside, [court]))), *posts[1:]), 0.002
+    )
 
 
 def walls_of_all_kinds(seed: int) -> Workspace:
@@ -99,7 +101,7 @@ def test_the_hull_of_a_proved_link_is_apart(seed: int, links: int, turn: float) 
 @pytest.mark.parametrize("inside", [True, False])
 def test_a_court_is_free_and_its_block_is_not(*, inside: bool) -> None:
     """Far from every edge a link is in the way inside the block, and clear in the court."""
-    big = Obstacle("block", shapely.Polygon(shapely.box(-9.0, -9.0, 9.0, 9.0).exterior.coords, _court(4.0)))
+    big = Obstacle("block", PlaneShape(shapely.Polygon(shapely.box(-9.0, -9.0, 9.0, 9.0).exterior.coords, _court(4.0))))
     arm = replace(make_arm(12, 0.01), base=np.array([6.0 if inside else 0.0, 0.3]))
     still = np.zeros((1, 12))
     left, touched = WallProofs(asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,)))).unproved(

@@ -14,7 +14,7 @@ from ccm_opt.planning.search_run import drawn_in, mouth_of_passage
 from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.benchmarks.withdrawal_scenes import way_in, way_out
 from tests.benchmarks.wound_scenes import unwound
 from tests.planned_runs import run
@@ -29,7 +29,7 @@ def duct(width: float) -> Workspace:
         shapely.box(0.25, 0.5 * width, 1.1, 0.5 * width + 0.1),
         shapely.box(0.25, -0.5 * width - 0.1, 1.1, -0.5 * width),
     ]
-    return Workspace(ROOM, tuple(Obstacle(f"duct {k}", wall) for k, wall in enumerate(walls)))
+    return Workspace(ROOM, tuple(Obstacle(f"duct {k}", PlaneShape(wall)) for k, wall in enumerate(walls)))
 
 
 def in_duct(width: float, heading: float) -> Scene:

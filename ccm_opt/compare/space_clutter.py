@@ -23,8 +23,8 @@ from ccm_opt.robot.link_bodies import cylinder_inertia
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 STEP = 0.004
 """Between the places of a route [m]."""
@@ -268,18 +268,18 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
     start = _clear_pose(rng, arm)
     goal = _clear_pose(rng, arm)
     axes = np.concatenate([_axes(arm.joint_positions_at(pose)) for pose in (start, goal)])
-    bodies: list[SpaceObstacle] = []
+    bodies: list[Obstacle] = []
     while len(bodies) < count:
         body = _random_body(rng, _place_in_reach(rng))
         if _apart(body, axes) > arm.radius + KEPT_OFF:
-            bodies.append(SpaceObstacle(f"body {len(bodies)}", body))
+            bodies.append(Obstacle(f"body {len(bodies)}", body))
     wide = 1.3 * LENGTH
     bounds = np.array([[-wide, -wide, -wide], [wide, wide, wide]])
     tip = TipGoal(arm.joint_positions_at(goal)[-1], arm.link_rotations(goal)[-1, :, 0])
     revolutes = 3 * links
     return SpaceProblem(
         name,
-        SpaceWorkspace(bounds, tuple(bodies)),
+        Workspace(bounds=bounds, obstacles=tuple(bodies)),
         arm,
         Limits(np.full(revolutes, VELOCITY), np.full(revolutes, ACCELERATION)),
         JointPose(start.reshape(links, 2)),

@@ -22,7 +22,7 @@ from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -355,7 +355,7 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
         # The guide tube ends at the origin.
         outside = LENGTH - SHOWN
         arm = replace(arm, base=np.array([-outside, 0.0, 0.0]), feed=Feed(0.0, TRAVEL, outside))
-    soup_of = SpaceWorkspace(None, tuple(SpaceObstacle(name, body) for name, body in site.bodies))
+    soup_of = Workspace(bounds=None, obstacles=tuple(Obstacle(name, body) for name, body in site.bodies))
     tree = SurfaceTree.of(soup_of.soup)
     ends = []
     for route, end in site.routes:
@@ -406,7 +406,7 @@ def _turned(problem: SpaceProblem, by: RigidPlacement) -> SpaceProblem:
     turned = by.rotation
     workspace = replace(
         problem.workspace,
-        obstacles=tuple(SpaceObstacle(each.name, _moved(each.body, by)) for each in problem.workspace.obstacles),
+        obstacles=tuple(Obstacle(each.name, _moved(each.body, by)) for each in problem.workspace.obstacles),
     )
     goal = problem.goal
     if isinstance(goal, TipGoal):

@@ -25,7 +25,7 @@ from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 SPACE = "space-"
 """How the names of these suites begin."""
@@ -192,7 +192,7 @@ def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
     while len(obstacles) < count:
         polygon = random_polygon(rng, rng.uniform(-LENGTH, LENGTH, 2))
         if polygon.distance(poses) > arm.radius + KEPT_OFF:
-            obstacles.append(Obstacle(f"polygon {len(obstacles)}", polygon))
+            obstacles.append(Obstacle(f"polygon {len(obstacles)}", PlaneShape(polygon)))
     return Scene(arm, Workspace(ROOM, tuple(obstacles)), start, goal)
 
 
@@ -210,8 +210,8 @@ def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
     height = rng.uniform(-0.2, 0.2)
     mouth = rng.uniform(0.45, 0.55)
     obstacles = (
-        Obstacle("duct, top", shapely.box(mouth, height + 0.5 * width, 1.1, height + 0.5 * width + 0.1)),
-        Obstacle("duct, bottom", shapely.box(mouth, height - 0.5 * width - 0.1, 1.1, height - 0.5 * width)),
+        Obstacle("duct, top", PlaneShape(shapely.box(mouth, height + 0.5 * width, 1.1, height + 0.5 * width + 0.1))),
+        Obstacle("duct, bottom", PlaneShape(shapely.box(mouth, height - 0.5 * width - 0.1, 1.1, height - 0.5 * width))),
     )
     start = np.full(links, rng.choice((-1.0, 1.0)) * rng.uniform(1.3, 1.9))
     return Scene(arm, Workspace(ROOM, obstacles), start, _into_duct(arm, height))

@@ -25,7 +25,7 @@ from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import PossibleGap, RoomRecord
 
 _CELLS = 20_000
@@ -130,7 +130,7 @@ class AxisWays:
         """Among the places that the arm can reach, and a longer one."""
         return self._search_in(self.problem.workspace, self.gaps.whole)
 
-    def _search_in(self, workspace: SpaceWorkspace, tree: SurfaceTree) -> WaySearch:
+    def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> WaySearch:
         arm = self.problem.arm
         longer = replace(arm, link_length=_DETOUR * arm.link_length)
         box = reach_box(longer, workspace.bounds)
@@ -207,7 +207,7 @@ class AxisWays:
         return tuple(sorted(self.opened_without(names), key=lambda name: sizes[name]))
 
     @property
-    def _obstacles(self) -> tuple[SpaceObstacle, ...]:
+    def _obstacles(self) -> tuple[Obstacle, ...]:
         return self.problem.workspace.obstacles
 
     def place_in(self, name: str) -> FloatArray | None:

@@ -30,8 +30,8 @@ from ccm_opt.scene.bodies import CylinderBody
 from ccm_opt.scene.distances.enclosures import deepest_enclosure, segment_distances
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import ROOM_NAME, SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.workspace import ROOM_NAME, Obstacle, Workspace
 
 _SAMPLES = np.linspace(0.0, 1.0, 9)
 """Places along a segment at which its depth is measured; between them it is hardly deeper."""
@@ -64,7 +64,7 @@ class ObstacleGaps:
         workspace: the scene.
     """
 
-    workspace: SpaceWorkspace
+    workspace: Workspace
 
     @cached_property
     def whole(self) -> SurfaceTree:
@@ -96,7 +96,7 @@ class ObstacleGaps:
                 yield found
 
 
-def _from_obstacle(obstacle: SpaceObstacle, segments: FloatArray, reach: float) -> ObstacleGap:
+def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> ObstacleGap:
     """Distances from one obstacle: from its surface, and inside of it the depth."""
     body = obstacle.body
     tree = SurfaceTree.of(SurfaceSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
@@ -115,7 +115,7 @@ def _from_obstacle(obstacle: SpaceObstacle, segments: FloatArray, reach: float) 
     return ObstacleGap(obstacle.name, gaps, places, stands_out(obstacle))
 
 
-def stands_out(obstacle: SpaceObstacle) -> float:
+def stands_out(obstacle: Obstacle) -> float:
     """By how much the surfaces that planning keeps away from may stand out of an obstacle itself [m]."""
     body = obstacle.body
     return body.error if isinstance(body, CylinderBody) else 0.0

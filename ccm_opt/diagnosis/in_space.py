@@ -26,7 +26,7 @@ from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import ROOM_NAME
+from ccm_opt.scene.workspace import ROOM_NAME
 
 _CELLS = 20_000
 """Of each of two grids, one about the goal, one where the arm can be. Taste."""

@@ -20,7 +20,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
-from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.workspace import Workspace
 
 _MOST_CELLS = 300_000
 """Cubes at which a search is given up. Taste: 0.1 GB and some seconds."""
@@ -70,7 +70,7 @@ class WaySearch:
         sides: of each cube whether it is inside of a closed body: 1 yes, −1 no, 0 not looked at.
     """
 
-    workspace: SpaceWorkspace
+    workspace: Workspace
     ends: WayEnds
     box: FloatArray
     cells: CellTree

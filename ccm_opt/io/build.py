@@ -55,8 +55,7 @@ from ccm_opt.robot.arm import Arm, Feed, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _GAP_IN_DIAMETERS = 1.1
 """The axes of distant links keep at least this many link diameters (two radii) apart."""
@@ -184,7 +183,7 @@ def build_workspace(
     table: WorkspaceTable | SpaceWorkspaceTable,
     obstacles: Sequence[tuple[int, ObstacleTable | SpaceObstacleTable]],
     meshes: Mapping[int, MeshBody] | None = None,
-) -> Workspace | SpaceWorkspace:
+) -> Workspace:
     """Build the room and its obstacles.
 
     Args:
@@ -197,11 +196,11 @@ def build_workspace(
     if isinstance(table, SpaceWorkspaceTable):
         bounds = None if table.bounds is None else np.array(table.bounds)
         bodies = tuple(
-            SpaceObstacle(name, (meshes or {}).get(number) or _body(item))
+            Obstacle(name, (meshes or {}).get(number) or _body(item))
             for number, name, item in named
             if isinstance(item, SpaceObstacleTable)
         )
-        return SpaceWorkspace(bounds, bodies, table.clearance)
+        return Workspace(bounds=bounds, obstacles=bodies, clearance=table.clearance)
     shapes = tuple(_obstacle(item, name) for _, name, item in named if isinstance(item, ObstacleTable))
     return Workspace(build_boundary(table), shapes, table.clearance)
 
@@ -214,12 +213,12 @@ def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
 def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
     """One obstacle; the table holds exactly one kind."""
     if table.circle is not None:
-        return Obstacle(name, shapely.Point(table.circle.center), table.circle.radius)
+        return Obstacle(name, PlaneShape(shapely.Point(table.circle.center), table.circle.radius))
     if table.wall is not None:
-        return Obstacle(name, shapely.LineString(table.wall.points), table.wall.thickness / 2.0)
+        return Obstacle(name, PlaneShape(shapely.LineString(table.wall.points), table.wall.thickness / 2.0))
     if table.box is not None:
-        return Obstacle(name, _box(table.box))
-    return Obstacle(name, shapely.Polygon(table.polygon, table.holes))
+        return Obstacle(name, PlaneShape(_box(table.box)))
+    return Obstacle(name, PlaneShape(shapely.Polygon(table.polygon, table.holes)))
 
 
 def _box(corners: Sequence[float]) -> shapely.Polygon:

@@ -33,7 +33,7 @@ from ccm_opt.io.schema import SceneTable
 from ccm_opt.io.settings import IMPORT, ImportOptions, ImportSettings
 from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 _FLATTENING_SHARE = 0.499
 """Share of the tolerance by which a polyline may leave its curve. Derived: polygons grow by half the tolerance, so that
@@ -77,16 +77,16 @@ def obstacles_of(
         ProblemError: the shape cannot be an obstacle.
     """
     if isinstance(shape, Disc):
-        return [Obstacle(shape.name, shapely.Point(shape.center), shape.radius)]
+        return [Obstacle(shape.name, PlaneShape(shapely.Point(shape.center), shape.radius))]
     if isinstance(shape, Line):
         rounding = max(shape.half_width, 0.5 * wall_thickness) + (growth if shape.curved else 0.0)
-        return [Obstacle(shape.name, shapely.LineString(shape.points), rounding)]
+        return [Obstacle(shape.name, PlaneShape(shapely.LineString(shape.points), rounding))]
     # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
     grow = shape.half_width + (growth if shape.curved else 0.0)
     polygons = filled(shape.rings, shape.rule, settings)
     if grow > 0.0:
         polygons = _grown(shapely.MultiPolygon(polygons), grow, _CORNER_REACH)
-    return [Obstacle(shape.name, polygon) for polygon in polygons]
+    return [Obstacle(shape.name, PlaneShape(polygon)) for polygon in polygons]
 
 
 def divided(shape: Shape, largest: float) -> list[Shape]:

@@ -15,9 +15,8 @@ from ccm_opt.problem.field_types import ODD_RATIO
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import ways_out
 from ccm_opt.scene.distances.insides import depth_inside
-from ccm_opt.scene.scene import ROOM_NAME, SpaceWorkspace
 from ccm_opt.scene.surfaces import box_about
-from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, Workspace
+from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
 
 _SLIPS = (1e-3, 1e3, 1.0 / 25.4, 25.4)
 """Factors by which scales are off where millimetres are taken for metres or inches, or the other way round."""
@@ -99,7 +98,7 @@ def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthU
 
 
 def check_base(
-    workspace: Workspace | SpaceWorkspace,
+    workspace: Workspace,
     base: FloatArray,
     arm_length: float,
     issues: Issues,
@@ -115,7 +114,7 @@ def check_base(
         drawing: the drawing that the last obstacles come from, if there is one.
     """
     unit = said_unit()
-    if isinstance(workspace, SpaceWorkspace):
+    if workspace.dimension == 3:
         size = max(float(np.ptp(workspace.extent, axis=0).max()), arm_length)
         depths = [depth_inside(obstacle.body, base) for obstacle in workspace.obstacles]
         outside, room = _depth_outside(workspace.bounds, base), ROOM_NAME
@@ -124,7 +123,7 @@ def check_base(
         xmin, ymin, xmax, ymax = workspace.boundary.bounds
         size = max(xmax - xmin, ymax - ymin)
         depths = [_depth_inside(obstacle, base) for obstacle in workspace.obstacles]
-        outside, room = -_depth_inside(Obstacle(BOUNDARY_NAME, workspace.boundary), base), BOUNDARY_NAME
+        outside, room = -_depth_inside(Obstacle(BOUNDARY_NAME, PlaneShape(workspace.boundary)), base), BOUNDARY_NAME
         where = "the base"
     rounding = READING.depth_rounding * size
     for k, depth in enumerate(depths):
@@ -135,9 +134,9 @@ def check_base(
         issues.add(("arm", "base"), f"{where} is {file_length(outside)} outside the {room}; move it in")
 
 
-def _way_out(workspace: Workspace | SpaceWorkspace, number: int, drawing: ImportedDrawing | None) -> str:
+def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None) -> str:
     """What brings the base out of an obstacle."""
-    if isinstance(workspace, SpaceWorkspace):
+    if workspace.dimension == 3:
         return " or ".join(ways_out(workspace, workspace.obstacles[number].name, "it"))
     if drawing is None or number < len(workspace.obstacles) - drawing.obstacles:
         return "move it out"

@@ -33,7 +33,7 @@ from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 Table = dict[str, object]
 """A table of a problem file."""
@@ -137,7 +137,7 @@ def obstacle_in_unit(obstacle: Obstacle, unit: LengthUnit) -> Table:
             "is none that a problem file can say; expected a polygon without rounding, a point with, or a line"
         )
     core = shapely.transform(obstacle.core, lambda points: np.array(_lengths(points, unit)))
-    return obstacle_table(Obstacle(obstacle.name, core, in_unit(obstacle.rounding, unit)))
+    return obstacle_table(Obstacle(obstacle.name, PlaneShape(core, in_unit(obstacle.rounding, unit))))
 
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:

@@ -46,8 +46,7 @@ from ccm_opt.problem import (
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
-from ccm_opt.scene.scene import SpaceObstacle
-from ccm_opt.scene.workspace import Obstacle, Workspace, named_shapes, parts_of
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, named_shapes, parts_of
 
 Part = TypeVar("Part")
 
@@ -78,7 +77,10 @@ class PartTables:
             inside = list(table["obstacles"])  # type: ignore[call-overload]
         elif isinstance(room, shapely.Polygon):
             table["boundary"] = shapely.get_coordinates(room.exterior)[:-1]
-            holes = [Obstacle(f"hole {k}", shapely.Polygon(ring)) for k, ring in enumerate(room.interiors, start=1)]
+            holes = [
+                Obstacle(f"hole {k}", PlaneShape(shapely.Polygon(ring)))
+                for k, ring in enumerate(room.interiors, start=1)
+            ]
             inside = [obstacle_table(hole) for hole in holes]
         else:
             table["bounds"] = room
@@ -304,7 +306,7 @@ def make_space_problem(
     expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")
     given = {} if obstacles is None else obstacles
     expect(given, Mapping, "names with bodies or tables for obstacles=")
-    bodies = tuple(SpaceObstacle(str(key), body) for key, body in given.items() if isinstance(body, _BODIES))
+    bodies = tuple(Obstacle(str(key), body) for key, body in given.items() if isinstance(body, _BODIES))
     entries = [{"name": str(key), **plain(table)} for key, table in given.items() if isinstance(table, Mapping)]
     wrong = [key for key, each in given.items() if not isinstance(each, (Mapping, *_BODIES))]
     if wrong:

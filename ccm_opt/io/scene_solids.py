@@ -16,7 +16,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, Workspace
+from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, PlaneShape, Workspace
 
 
 def told_apart(names: Iterable[str]) -> list[tuple[str, str]]:
@@ -119,7 +119,7 @@ def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPOR
     boundary = workspace.boundary
     walls = _frame(boundary.bounds, settings.room_wall * arm.length)
     walls.append(shapely.difference(shapely.box(*boundary.bounds), boundary))
-    everything = [*workspace.obstacles, Obstacle(BOUNDARY_NAME, shapely.GeometryCollection(walls))]
+    everything = [*workspace.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.GeometryCollection(walls)))]
     thinnest = 0.5 * settings.thin_wall * arm.length
     obstacles = []
     for obstacle, (name, slug) in zip(everything, told_apart([each.name for each in everything]), strict=True):

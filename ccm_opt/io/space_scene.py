@@ -15,8 +15,8 @@ from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.io.urdf import arm_urdf, triangles_stl, urdf_of
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
-from ccm_opt.scene.scene import ROOM_NAME
 from ccm_opt.scene.surfaces import turned_to
+from ccm_opt.scene.workspace import ROOM_NAME
 
 
 @dataclass(frozen=True)

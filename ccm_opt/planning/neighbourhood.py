@@ -19,7 +19,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polygons import nearest_on_segments
 from ccm_opt.planning.ends import Ends
 from ccm_opt.problem import Problem
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _NEIGHBOURHOOD = 0.1
 """Walls are left out that are farther beyond the arm's reach than this share of its length. Taste: more than any row of
@@ -56,7 +56,7 @@ def simplified(obstacle: Obstacle, error: float) -> Obstacle:
         moved = _rings_moved(core, simple)
         # Between vertices the old outline is no farther from a new edge than at its ends, for distance is convex.
         if moved <= error:
-            return replace(obstacle, core=simple, rounding=obstacle.rounding + moved)
+            return replace(obstacle, shape=PlaneShape(simple, obstacle.rounding + moved))
     return obstacle
 
 

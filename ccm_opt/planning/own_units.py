@@ -30,7 +30,7 @@ from ccm_opt.problem import (
 )
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import GoalPoseRecord, JointPath, JointTrajectory
 
 GRID = 2.0**36
@@ -146,7 +146,7 @@ class OwnUnits:
     def _workspace(self, workspace: Workspace) -> Workspace:
         cores = shapely.transform(np.array([each.core for each in workspace.obstacles], dtype=object), self._lengths)
         obstacles = (
-            Obstacle(each.name, core, self._length(each.rounding))
+            Obstacle(each.name, PlaneShape(core, self._length(each.rounding)))
             for each, core in zip(workspace.obstacles, cores, strict=True)
         )
         boundary = shapely.transform(workspace.boundary, self._lengths)

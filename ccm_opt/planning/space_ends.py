@@ -14,7 +14,7 @@ from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import ROOM_NAME
+from ccm_opt.scene.workspace import ROOM_NAME
 
 
 def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:

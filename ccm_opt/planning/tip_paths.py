@@ -24,7 +24,7 @@ from ccm_opt.core.polyline import (
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import gate_rails
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 _ARC_STEP = 0.3
 """Angle between points on an arc round a punctured base [rad]. Taste; the arc is drawn taut, only its class counts."""
@@ -100,7 +100,7 @@ def find_tip_paths(
         routes: from the base to the goal, each of shape (k, 2) [m].
         shrink: distance kept from corners where there is room [m].
     """
-    puncture = Obstacle("base", shapely.Point(points[0]))
+    puncture = Obstacle("base", PlaneShape(shapely.Point(points[0])))
     punctured = replace(room.workspace, obstacles=(*room.workspace.obstacles, puncture))
     return tip_paths_in(replace(room, workspace=punctured), points, routes, shrink)
 

@@ -34,6 +34,8 @@ def defects(problem: "Problem") -> Iterator[str]:
         yield f"arm.links must be even and at least 2, got {arm.links}"
     if not (arm.link_length > 0.0 and arm.radius >= 0.0):
         yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
+    if problem.workspace.dimension != 2:
+        yield "workspace.boundary must be a polygon that is not empty"
     for name, value, shape in _plain_arrays(problem):
         yield from array_defects(name, value, shape, positive=False)
     yield from _name_defects("planner.mapping", problem.planner.mapping, get_args(MappingName))

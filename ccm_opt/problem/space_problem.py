@@ -28,7 +28,7 @@ from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH, Plann
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import Body, BoxBody, MeshBody, SphereBody
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.scene.workspace import Obstacle, Workspace
 
 UNIT_ROUNDING = 1e-9
 """By which the length of a unit vector, or a right angle's cosine, may be off."""
@@ -77,7 +77,7 @@ def _unit_defects(name: str, vector: FloatArray) -> Iterator[str]:
         yield f"{name} must have the length 1, got {float(np.linalg.norm(vector)):g}"
 
 
-def _workspace_defects(workspace: SpaceWorkspace) -> Iterator[str]:
+def _workspace_defects(workspace: Workspace) -> Iterator[str]:
     if not workspace.clearance >= 0.0:
         yield f"workspace.clearance must not be negative, got {workspace.clearance}"
     if workspace.bounds is not None:
@@ -132,7 +132,7 @@ def _pose_defects(problem: "SpaceProblem") -> Iterator[str]:
 IN_SPACE = PartTypes(
     parts={
         **COMMON_PARTS,
-        "workspace": (SpaceWorkspace,),
+        "workspace": (Workspace,),
         "arm": (Arm,),
         "start": (JointPose,),
         "goal": (TipGoal, JointPose),
@@ -141,7 +141,7 @@ IN_SPACE = PartTypes(
         "planner.weights": (Weights,),
     },
     numbers=COMMON_NUMBERS,
-    entries={"stops": Stop, "workspace.obstacles": SpaceObstacle},
+    entries={"stops": Stop, "workspace.obstacles": Obstacle},
 )
 """What the parts of a ``SpaceProblem`` are."""
 
@@ -173,7 +173,7 @@ class SpaceProblem(PlanningProblem):
     """
 
     name: str
-    workspace: SpaceWorkspace
+    workspace: Workspace
     arm: Arm
     limits: Limits
     start: JointPose

@@ -6,7 +6,7 @@ exactly; a cylinder is met by the prism about it, which stands out of it by ``Sc
 most. Bodies are solid, but for meshes of which the user says that they are surfaces alone.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -76,6 +76,10 @@ class RigidPlacement:
     def is_identity(self) -> bool:
         """Whether nothing is moved at all."""
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
+
+    def moved(self, by: FloatArray) -> "RigidPlacement":
+        """The placement that is so much elsewhere, shape (3,) [m]."""
+        return replace(self, position=self.position + by)
 
     def points(self, own: FloatArray) -> FloatArray:
         """Points of the body where they come to lie, shape (..., 3) [m]."""
@@ -153,6 +157,10 @@ class BoxBody:
         """Its corners in the room, shape (8, 3) [m]."""
         return self.placement.points(box_corners(self.low, self.high))
 
+    def moved(self, by: FloatArray) -> "BoxBody":
+        """The box moved by so much, shape (3,) [m]."""
+        return replace(self, placement=self.placement.moved(by))
+
     @property
     def triangles(self) -> FloatArray:
         """Its twelve triangles, shape (12, 3, 3) [m]."""
@@ -178,6 +186,10 @@ class SphereBody:
     def rounding(self) -> float:
         """Its radius about its centre [m]."""
         return self.radius
+
+    def moved(self, by: FloatArray) -> "SphereBody":
+        """The ball moved by so much, shape (3,) [m]."""
+        return replace(self, center=self.center + by)
 
     @property
     def triangles(self) -> FloatArray:
@@ -206,6 +218,10 @@ class CapsuleBody:
     def rounding(self) -> float:
         """Its radius about its axis [m]."""
         return self.radius
+
+    def moved(self, by: FloatArray) -> "CapsuleBody":
+        """The bar moved by so much, shape (3,) [m]."""
+        return replace(self, start=self.start + by, end=self.end + by)
 
     @property
     def triangles(self) -> FloatArray:
@@ -237,6 +253,10 @@ class CylinderBody:
     def error(self) -> float:
         """How far the prism stands out of the cylinder at most [m]."""
         return self.radius * self.settings.cylinder_error
+
+    def moved(self, by: FloatArray) -> "CylinderBody":
+        """The bar moved by so much, shape (3,) [m]."""
+        return replace(self, start=self.start + by, end=self.end + by)
 
     @property
     def triangles(self) -> FloatArray:
@@ -326,6 +346,10 @@ class MeshBody:
         given.must(bool(numbers.min() >= 0 and numbers.max() < len(known)), "faces: a vertex is not there")
         given.refuse()
         return cls(known, numbers, triangles_read=len(numbers))
+
+    def moved(self, by: FloatArray) -> "MeshBody":
+        """The mesh moved by so much, shape (3,) [m]."""
+        return replace(self, vertices=self.vertices + by, placement=self.placement.moved(by))
 
     @cached_property
     def triangles(self) -> FloatArray:

@@ -1,9 +1,9 @@
-"""The workspace in the plane: boundary, obstacles and clearance."""
+"""The workspace in the plane or in space: room, obstacles and clearance."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Protocol, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,25 +14,89 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.errors import ProblemError
+from ccm_opt.scene.bodies import BOX_FACES, Body, box_corners
+from ccm_opt.scene.surfaces import SurfaceSoup, box_about
 from ccm_opt.scene.walls import Walls, WallSegments
 
 
+class Shape(Protocol):
+    """What an obstacle is: a shape in the plane, or a body in space."""
+
+    @property
+    def rounding(self) -> float:
+        """Radius by which the shape reaches beyond its core, or its triangles [m]."""
+        ...
+
+    def moved(self, by: FloatArray) -> "Shape":
+        """The shape moved by so much, shape (d,) [m]."""
+        ...
+
+
 @dataclass(frozen=True)
-class Obstacle:
-    """One obstacle, the set of points within ``rounding`` of ``core``; exact for every kind in a problem file.
+class PlaneShape:
+    """A shape in the plane, the set of points within ``rounding`` of ``core``; exact for every kind in a problem file.
 
     Attributes:
-        name: the user's name for it, used in every message.
         core: a polygon (polygon, box), a point (circle) or a line string (wall) [m].
         rounding: radius of the disc that sweeps the core [m]; a circle's radius, half a wall's thickness, else 0.
     """
 
-    name: str
     core: shapely.Geometry
     rounding: float = 0.0
 
+    def moved(self, by: FloatArray) -> "PlaneShape":
+        """The shape moved by so much, shape (2,) [m]."""
+        return replace(self, core=shapely.transform(self.core, lambda points: points + by))
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """One obstacle.
+
+    Attributes:
+        name: the user's name for it, used in every message.
+        shape: where it stands: a ``PlaneShape``, or in space a body.
+    """
+
+    name: str
+    shape: Shape
+
+    @property
+    def rounding(self) -> float:
+        """Radius by which it reaches beyond its core, or its triangles [m]."""
+        return self.shape.rounding
+
+    @property
+    def core(self) -> shapely.Geometry:
+        """Core of its shape in the plane.
+
+        Raises:
+            TypeError: it is a body in space.
+        """
+        if not isinstance(self.shape, PlaneShape):
+            raise TypeError(f"obstacle '{self.name}' is a body in space, and has no core in the plane")
+        return self.shape.core
+
+    @property
+    def body(self) -> Body:
+        """Its shape in space.
+
+        Raises:
+            TypeError: it is a shape in the plane.
+        """
+        if isinstance(self.shape, PlaneShape):
+            raise TypeError(f"obstacle '{self.name}' is a shape in the plane, and no body")
+        return cast("Body", self.shape)
+
+    @property
+    def middle(self) -> FloatArray:
+        """Centre of the shape's core, in space of the box about the body, shape (d,) [m]."""
+        if isinstance(self.shape, PlaneShape):
+            return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
+        return np.asarray(box_about(self.body.triangles).mean(axis=0))
+
     def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
-        """The obstacle grown by ``grow`` [m], as a geometry that *contains* it (arcs are circumscribed)."""
+        """The obstacle of the plane grown by ``grow`` [m], as a geometry that *contains* it: arcs are circumscribed."""
         radius = self.rounding + grow
         if radius <= 0.0:
             return self.core
@@ -42,42 +106,70 @@ class Obstacle:
 
 
 BOUNDARY_NAME = "workspace boundary"
+ROOM_NAME = "room"
+"""What the sides of the room are called in space."""
 _LOOKED_AT_FIRST = 4
 """Walls whose distance says which others may be nearer."""
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """The room the arm moves in.
+    """The room the arm moves in, what stands in it, and how far the arm keeps from both.
 
     Attributes:
-        boundary: simple polygon [m]; its edge is a wall like any obstacle.
+        boundary: of a room in the plane, a simple polygon whose edge is a wall like any obstacle [m]; empty in space.
         obstacles: the obstacles, in the order of the file.
         clearance: least gap kept between the arm's surface and every obstacle [m].
+        bounds: lower and upper corner of a room in space, whose sides are walls, shape (2, 3) [m]; None where there is
+            no room, and in the plane.
     """
 
-    boundary: shapely.Polygon
+    boundary: shapely.Polygon = field(default_factory=shapely.Polygon)
     obstacles: tuple[Obstacle, ...] = ()
     clearance: float = 0.0
+    bounds: FloatArray | None = None
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        return 3 if self.boundary.is_empty else 2
 
     def middle_of(self, name: str) -> FloatArray:
-        """Centre of an obstacle of a name, shape (2,) [m]."""
-        core = next(obstacle.core for obstacle in self.obstacles if obstacle.name == name)
-        return np.asarray(shapely.get_coordinates(shapely.centroid(core))[0], dtype=np.float64)
+        """Middle of an obstacle of a name, shape (d,) [m]."""
+        return next(obstacle.middle for obstacle in self.obstacles if obstacle.name == name)
 
     def with_moved(self, name: str, by: FloatArray) -> "Workspace":
-        """The room with the obstacles of a name moved by so much, shape (2,) [m]."""
+        """The workspace with the obstacles of a name moved by so much, shape (d,) [m]."""
+        moved = [replace(each, shape=each.shape.moved(by)) if each.name == name else each for each in self.obstacles]
+        return replace(self, obstacles=tuple(moved))
 
-        def moved(obstacle: Obstacle) -> Obstacle:
-            return replace(obstacle, core=shapely.transform(obstacle.core, lambda points: points + by))
+    def without(self, name: str) -> "Workspace":
+        """The workspace without the obstacles of a name."""
+        return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
 
-        obstacles = tuple(moved(each) if each.name == name else each for each in self.obstacles)
-        return replace(self, obstacles=obstacles)
+    @cached_property
+    def soup(self) -> SurfaceSoup:
+        """The surfaces of all obstacles in space in their order, then the sides of the room."""
+        named = [(each.name, each.body.triangles, each.rounding) for each in self.obstacles]
+        if self.bounds is not None:
+            named.append((ROOM_NAME, box_corners(self.bounds[0], self.bounds[1])[BOX_FACES], 0.0))
+        return SurfaceSoup.joined(named)
+
+    @cached_property
+    def extent(self) -> FloatArray:
+        """Lower and upper corner of everything in space, shape (2, 3) [m]; zeros where there is nothing."""
+        if len(self.soup) == 0:
+            return np.zeros((2, 3))
+        bodies = [each.body for each in self.obstacles if len(each.body.triangles)]
+        grown = [box_about(body.triangles) + body.rounding * np.array([[-1.0], [1.0]]) for body in bodies]
+        if self.bounds is not None:
+            grown.append(self.bounds)
+        return box_about(np.stack(grown))
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
-        """All that the arm must keep away from, the obstacles first, then the boundary's edge."""
-        return (*self.obstacles, Obstacle(BOUNDARY_NAME, shapely.LinearRing(self.boundary.exterior.coords)))
+        """All that an arm in the plane must keep away from, the obstacles first, then the boundary's edge."""
+        return (*self.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.LinearRing(self.boundary.exterior.coords))))
 
     @cached_property
     def flat_walls(self) -> Walls:
@@ -215,10 +307,13 @@ def _obstacle(name: str, part: shapely.Geometry) -> Obstacle:
     if isinstance(part, shapely.Point):
         raise ProblemError(f"'{name}': a Point has no size; expected {WANTED}; point.buffer(radius) is a disc")
     if isinstance(part, shapely.LinearRing):
-        return Obstacle(name, shapely.LineString(part.coords))
-    return Obstacle(name, part)
+        return Obstacle(name, PlaneShape(shapely.LineString(part.coords)))
+    return Obstacle(name, PlaneShape(part))
 
 
 def _in_metres(obstacles: Sequence[Obstacle], metres: float) -> list[Obstacle]:
     """Obstacles without rounding in a unit of so many metres, in metres."""
-    return [replace(each, core=shapely.transform(each.core, lambda points: metres * points)) for each in obstacles]
+    return [
+        replace(each, shape=PlaneShape(shapely.transform(each.core, lambda points: metres * points)))
+        for each in obstacles
+    ]

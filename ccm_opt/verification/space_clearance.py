@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.body_sides import depth_enclosed, separations
 from ccm_opt.verification.consistency import distance_rounding
@@ -254,7 +254,7 @@ def _by_size_and_place(triangles: FloatArray) -> IntArray:
 
 def check_surfaces(
     motion: SpaceChainMotion,
-    workspace: SpaceWorkspace,
+    workspace: Workspace,
     settings: VerificationSettings,
     proof: SpaceProofSettings = DEFAULT_SPACE_PROOF,
 ) -> Check:
@@ -353,7 +353,7 @@ class SurfaceProof:
         return StretchPairs(closed.stretch[place], closed.link[place], child), boxes
 
 
-def check_side(motion: SpaceChainMotion, workspace: SpaceWorkspace) -> Check:
+def check_side(motion: SpaceChainMotion, workspace: Workspace) -> Check:
     """Check that the arm lies inside the room and outside of all solid obstacles.
 
     One point decides: an arm that never meets a closed surface cannot change sides, neither along itself nor over time.

@@ -17,7 +17,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.body_sides import separations
 from ccm_opt.verification.consistency import distance_rounding
@@ -293,7 +293,7 @@ class _SurfacesWithErrors(SurfaceProof):
         levers: of the errors.
     """
 
-    def __init__(self, motion: SpaceChainMotion, workspace: SpaceWorkspace, levers: ErrorLevers) -> None:
+    def __init__(self, motion: SpaceChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
         super().__init__(motion, CheckedSurfaces.of(workspace.soup), exposed_shares(motion.arm))
         self._workspace = workspace
         self._levers = levers
@@ -368,7 +368,7 @@ def _in_error(known: Measured, during: FloatArray, middle: FloatArray, taken: fl
 
 
 def _proofs(
-    motion: SpaceChainMotion, workspace: SpaceWorkspace, model: ErrorModel, inside: float
+    motion: SpaceChainMotion, workspace: Workspace, model: ErrorModel, inside: float
 ) -> list[_SurfacesWithErrors | _LinksWithErrors]:
     """What has to be proved: that the arm keeps off the scene, and off itself."""
     arm = motion.arm

@@ -9,7 +9,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import ParetoPlan, ParetoPlans
 from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz.document import NONE, Child, Markup, PageUnits, element, joined, table, three_digits
@@ -93,7 +92,7 @@ def _bounds(values: FloatArray, unit: str) -> str:
 def _room_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     workspace = problem.workspace
     count, sides, meshes = len(workspace.obstacles), None, ""
-    if isinstance(workspace, Workspace):
+    if workspace.dimension == 2:
         sides = np.ptp(np.reshape(workspace.boundary.bounds, (2, 2)), axis=0)
     else:
         sides = None if workspace.bounds is None else np.ptp(workspace.bounds, axis=0)

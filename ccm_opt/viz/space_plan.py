@@ -19,8 +19,8 @@ from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.scene.surfaces import seen_triangles
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution.space_solution import SpacePlan
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
@@ -75,7 +75,7 @@ def section_along(problem: SpaceProblem, points: FloatArray, count: int, reach: 
     return ArmSection(place, free.reshape(count, 4), np.maximum(nearest, 0.0), reach)
 
 
-def _seen(workspace: SpaceWorkspace) -> FloatArray:
+def _seen(workspace: Workspace) -> FloatArray:
     """The surfaces that rays can meet, those of round bodies too, shape (m, 3, 3) [m]."""
     surfaces = [seen_triangles(each.body, _ROUND_SIDES) for each in workspace.obstacles]
     found = [vertices[faces] for vertices, faces in surfaces]

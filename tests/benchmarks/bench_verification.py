@@ -9,7 +9,7 @@ import shapely
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify
@@ -55,7 +55,7 @@ def make_clutter(arm: Arm, trajectory: JointTrajectory, count: int) -> Workspace
         turn = rng.uniform(0.0, 6.0) + np.arange(5) * 1.2566
         core = shapely.Polygon(centre + size * np.stack((np.cos(turn), np.sin(turn)), axis=1))
         if shapely.disjoint(core, sweep):
-            obstacles.append(Obstacle(f"obstacle {len(obstacles) + 1}", core))
+            obstacles.append(Obstacle(f"obstacle {len(obstacles) + 1}", PlaneShape(core)))
     return Workspace(shapely.box(-1.5, -1.5, 1.5, 1.5), tuple(obstacles))
 
 

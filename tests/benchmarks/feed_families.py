@@ -16,7 +16,7 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.following.leader import LeaderPath, pose_on
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.feed_scenes import LINK, RADIUS, fed_arm, make_problem, make_room
 from tests.scenes import random_polygon
 
@@ -77,7 +77,7 @@ def clutter(rng: np.random.Generator, ways: list[LeaderPath]) -> list[Obstacle]:
     while len(obstacles) < count:
         polygon = random_polygon(rng, rng.uniform((0.05, -0.95), (1.0, 0.95)))
         if polygon.distance(lines) > RADIUS + KEPT_OFF and polygon.bounds[0] > 0.0:
-            obstacles.append(Obstacle(f"polygon {len(obstacles)}", polygon))
+            obstacles.append(Obstacle(f"polygon {len(obstacles)}", PlaneShape(polygon)))
     return obstacles
 
 
@@ -161,7 +161,7 @@ def tube_around(path: LeaderPath, gap: float) -> list[Obstacle]:
     inside = shapely.buffer(line, RADIUS + gap, cap_style="flat", quad_segs=16)
     shell = shapely.buffer(line, RADIUS + gap + 0.02, cap_style="flat").difference(inside)
     parts = shapely.get_parts(shapely.simplify(shell, 2e-4))
-    return [Obstacle(f"tube {k}", part) for k, part in enumerate(parts) if part.area > 1e-5]
+    return [Obstacle(f"tube {k}", PlaneShape(part)) for k, part in enumerate(parts) if part.area > 1e-5]
 
 
 def tight_guide(rng: np.random.Generator, links: int = LINKS) -> Problem:
@@ -171,8 +171,8 @@ def tight_guide(rng: np.random.Generator, links: int = LINKS) -> Problem:
     play = float(rng.choice((0.0, 1e-4, 1e-3)))
     plate = float(rng.uniform(0.01, 0.05))
     walls = [
-        Obstacle("guide, above", shapely.box(-1.2, RADIUS + play, plate, 1.0)),
-        Obstacle("guide, below", shapely.box(-1.2, -1.0, plate, -RADIUS - play)),
+        Obstacle("guide, above", PlaneShape(shapely.box(-1.2, RADIUS + play, plate, 1.0))),
+        Obstacle("guide, below", PlaneShape(shapely.box(-1.2, -1.0, plate, -RADIUS - play))),
     ]
     room = make_room(*clutter(rng, [path]))
     beyond = tuple(each for each in room.obstacles if not each.name.startswith("guide"))
@@ -226,7 +226,7 @@ def tank(rng: np.random.Generator, links: int = LINKS) -> Problem:
     shell = inside.buffer(0.02, join_style="mitre").difference(inside)
     # The wall in which the hole is belongs to the room.
     walls = shapely.difference(shell, shapely.box(-1.0, -2.0, 0.0, 2.0))
-    return make_problem(arm, make_room(Obstacle("tank", walls)), TipGoal(path.points[-1]))
+    return make_problem(arm, make_room(Obstacle("tank", PlaneShape(walls))), TipGoal(path.points[-1]))
 
 
 def widened(problem: Problem, rng: np.random.Generator) -> Problem:

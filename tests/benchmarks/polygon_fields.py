@@ -14,7 +14,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.benchmarks.walked_goals import walked
 from tests.scenes import Scene, make_arm, random_headings, self_gap
 
@@ -89,7 +89,7 @@ def _field(rng: np.random.Generator, kind: FieldKind) -> Scene:
         polygon = _polygon(rng, middle, rng.uniform(*SIZE) * width, kind.vertices)
         clear = not shapely.dwithin(ends, polygon, arm.radius + kind.gap * width)
         if clear and not shapely.dwithin(base, polygon, kind.hole * width):
-            obstacles.append(Obstacle(f"polygon {len(obstacles) + 1}", polygon))
+            obstacles.append(Obstacle(f"polygon {len(obstacles) + 1}", PlaneShape(polygon)))
     room = shapely.box(-HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH, HALF_WIDTH)
     return Scene(arm, Workspace(room, tuple(obstacles)), start, goal)
 

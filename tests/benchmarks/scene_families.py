@@ -14,7 +14,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.scenes import Scene, make_arm, random_headings, random_polygon, self_gap, swept, wall_gaps
 
 LINKS = (4, 6, 8, 10, 12, 14, 16, 20, 30, 60, 120, 200)
@@ -124,7 +124,7 @@ def carved(block: shapely.Polygon, corners: FloatArray, width: float) -> tuple[O
     duct = shapely.LineString(corners).buffer(0.5 * width, cap_style="flat", join_style="mitre")
     rest = shapely.difference(block, duct)
     pieces = [piece for piece in shapely.get_parts(rest) if piece.area > 1e-4]
-    return tuple(Obstacle(f"block {k + 1}", piece) for k, piece in enumerate(pieces))
+    return tuple(Obstacle(f"block {k + 1}", PlaneShape(piece)) for k, piece in enumerate(pieces))
 
 
 def s_duct(rng: np.random.Generator) -> Layout:
@@ -150,9 +150,9 @@ def u_turn(rng: np.random.Generator) -> Layout:
     high = low + thick + gap
     tongue = _box(0.15, side * low, end, side * (low + thick)) if thick else _sheet((0.15, end), side * low)
     walls = (
-        Obstacle("tongue", tongue),
-        Obstacle("back", _box(0.1, side * low, 0.15, side * high)),
-        Obstacle("lid", _box(0.1, side * high, end + 0.4, side * (high + 0.1))),
+        Obstacle("tongue", PlaneShape(tongue)),
+        Obstacle("back", PlaneShape(_box(0.1, side * low, 0.15, side * high))),
+        Obstacle("lid", PlaneShape(_box(0.1, side * high, end + 0.4, side * (high + 0.1)))),
     )
     y = side * (low + thick + 0.5 * gap)
     corners = np.array([[0.0, 0.0], [end + 0.12, 0.0], [end + 0.12, y], [-0.5, y]])
@@ -170,9 +170,9 @@ def slalom(rng: np.random.Generator) -> Layout:
     sides = side * (-1.0) ** np.arange(posts)
     x = first + step * np.arange(posts)
     obstacles = [
-        Obstacle(f"post {k + 1}", shapely.Point(a, b * (swing + radius) - b * 0.06), radius)
+        Obstacle(f"post {k + 1}", PlaneShape(shapely.Point(a, b * (swing + radius) - b * 0.06), radius))
         if radius > 0.01
-        else Obstacle(f"post {k + 1}", shapely.LineString([(a, b * (swing - 0.06)), (a, b * 0.4)]))
+        else Obstacle(f"post {k + 1}", PlaneShape(shapely.LineString([(a, b * (swing - 0.06)), (a, b * 0.4)])))
         for k, (a, b) in enumerate(zip(x, sides, strict=True))
     ]
     line = np.linspace(0.0, 1.6, 161)
@@ -191,7 +191,9 @@ def gates(rng: np.random.Generator) -> Layout:
     width = rng.uniform(0.07, 0.16)
     thick = float(rng.choice((0.0, 0.01)))
     obstacles = [
-        Obstacle(f"gate {k + 1}, {name}", shapely.LineString([(a, b + s * 0.5 * width), (a, s * 1.0)]), thick)
+        Obstacle(
+            f"gate {k + 1}, {name}", PlaneShape(shapely.LineString([(a, b + s * 0.5 * width), (a, s * 1.0)]), thick)
+        )
         for k, (a, b) in enumerate(zip(x, y, strict=True))
         for name, s in (("top", 1.0), ("bottom", -1.0))
     ]
@@ -242,7 +244,7 @@ def unfolding(rng: np.random.Generator, links: int) -> Scene:
     for k in range(int(rng.choice((10, 30, 60)))):
         polygon = random_polygon(rng, rng.uniform(-1.1, 1.1, 2))
         if not shapely.dwithin(trace, polygon, arm.radius + 2.0 * SPARE):
-            obstacles.append(Obstacle(f"polygon {k + 1}", polygon))
+            obstacles.append(Obstacle(f"polygon {k + 1}", PlaneShape(polygon)))
     return Scene(arm, replace(empty, obstacles=tuple(obstacles)), start, goal)
 
 

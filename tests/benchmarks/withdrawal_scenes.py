@@ -17,7 +17,7 @@ from ccm_opt.compare.suites import random_headings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointTrajectory
 from tests.benchmarks.scene_families import DRAWS, SPARE, NoSceneError, clear, smooth
 from tests.benchmarks.wound_scenes import out_of_bottle, wound_up
@@ -54,7 +54,7 @@ def _sheets(legs: list[tuple[FloatArray, FloatArray]], name: str) -> tuple[Obsta
     """Walls of some thickness along straight legs."""
     lines = [shapely.LineString([a, b]) for a, b in legs]
     return tuple(
-        Obstacle(f"{name} {k + 1}", shapely.buffer(line, 0.5 * WALL, cap_style="square"))
+        Obstacle(f"{name} {k + 1}", PlaneShape(shapely.buffer(line, 0.5 * WALL, cap_style="square")))
         for k, line in enumerate(lines)
     )
 
@@ -208,8 +208,8 @@ def spiral(rng: np.random.Generator, arm: Arm) -> Inside:
     last = angles > total - 2.0 * np.pi
     # Between the turns one wall is both the inner of one and the outer of the next.
     walls = (
-        Obstacle("outer wall", shapely.LineString(outer).buffer(0.5 * WALL)),
-        Obstacle("inner wall", shapely.LineString(innermost[last]).buffer(0.5 * WALL)),
+        Obstacle("outer wall", PlaneShape(shapely.LineString(outer).buffer(0.5 * WALL))),
+        Obstacle("inner wall", PlaneShape(shapely.LineString(innermost[last]).buffer(0.5 * WALL))),
     )
     line = np.vstack(([0.0, 0.0], [0.5 * entry, 0.0], wound(0.0)))
     return Inside(walls, line, float(shapely.LineString(line).length) - 0.03)

@@ -12,7 +12,7 @@ from ccm_opt.compare.suites import random_headings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.benchmarks.scene_families import DRAWS, SPARE, NoSceneError, clear, laid_on
 from tests.scenes import Scene, make_arm, random_polygon
 
@@ -38,7 +38,7 @@ def wound_up(rng: np.random.Generator, links: int, name: str, time_limit: float)
         pitch = rng.uniform(2.6, 4.5) * arm.radius
         turns = rng.uniform(*TURNS)
         coil, centre, inner = _coil(arm, side, pitch, turns)
-        post = Obstacle("post", shapely.Point(centre), inner - arm.radius - rng.uniform(0.004, 0.02))
+        post = Obstacle("post", PlaneShape(shapely.Point(centre), inner - arm.radius - rng.uniform(0.004, 0.02)))
         if post.rounding < 0.01:
             continue
         headings = laid_on(arm, coil)
@@ -88,7 +88,7 @@ def _beside(rng: np.random.Generator, arm: Arm, way: list[FloatArray]) -> tuple[
     # Between two poses the tip moves by less than this.
     apart = arm.radius + SPARE + arm.length * arm.joint_limit / UNWINDING / 2.0
     kept = [polygon for polygon in polygons if shapely.distance(polygon, trace) > apart]
-    return tuple(Obstacle(f"polygon {k + 1}", polygon) for k, polygon in enumerate(kept))
+    return tuple(Obstacle(f"polygon {k + 1}", PlaneShape(polygon)) for k, polygon in enumerate(kept))
 
 
 def out_of_bottle(rng: np.random.Generator, links: int, name: str, time_limit: float) -> Problem:
@@ -129,7 +129,10 @@ def _bottle(belly: float, neck: float, long: float, ends: tuple[float, float], l
     lower = [[right + long, lift - half], [right, lift - half], [right, -belly], [left, -belly]]
     walls = {"shoulder": upper, "foot": lower, "bottom": [[left, -belly], [left, belly]]}
     return tuple(
-        Obstacle(name, shapely.buffer(shapely.LineString(line), 0.5 * WALL, cap_style="square", join_style="mitre"))
+        Obstacle(
+            name,
+            PlaneShape(shapely.buffer(shapely.LineString(line), 0.5 * WALL, cap_style="square", join_style="mitre")),
+        )
         for name, line in walls.items()
     )
 

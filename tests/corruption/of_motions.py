@@ -17,8 +17,7 @@ from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
-from ccm_opt.scene.scene import SpaceObstacle
-from ccm_opt.scene.workspace import Obstacle
+from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.solution.space_solution import AnySolution
 
@@ -165,9 +164,9 @@ def _(folder: Folder, rng: Generator) -> bool:
     sample = int(rng.integers(len(points)))
     place = points[sample, int(rng.integers(2, points.shape[1]))]
     if isinstance(problem, SpaceProblem):
-        bodies = (*problem.workspace.obstacles, SpaceObstacle("speck", SphereBody(place, 0.002)))
+        bodies = (*problem.workspace.obstacles, Obstacle("speck", SphereBody(place, 0.002)))
         return write_anew(folder, replace(problem, workspace=replace(problem.workspace, obstacles=bodies)))
-    speck = Obstacle("speck", shapely.Point(place), 0.002)
+    speck = Obstacle("speck", PlaneShape(shapely.Point(place), 0.002))
     workspace = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, speck))
     return write_anew(folder, replace(problem, workspace=workspace))
 
@@ -215,7 +214,7 @@ def _(folder: Folder, rng: Generator) -> bool:
     if not isinstance(problem, SpaceProblem):
         return False
     half = np.full(3, rng.uniform(2.0, 3.0))  # all of the motion is inside
-    around = SpaceObstacle("around", BoxBody(problem.arm.base - half, problem.arm.base + half))
+    around = Obstacle("around", BoxBody(problem.arm.base - half, problem.arm.base + half))
     workspace = replace(problem.workspace, bounds=None, obstacles=(*problem.workspace.obstacles, around))
     return write_anew(folder, replace(problem, workspace=workspace))
 

@@ -32,7 +32,7 @@ from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs, WallQuestion
 from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQuestion, PairSearch
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
@@ -80,11 +80,11 @@ def walls() -> tuple[Obstacle, ...]:
         shapely.box(-0.9, -0.7, -0.4, -0.3).exterior.coords, [shapely.box(-0.8, -0.6, -0.5, -0.4).exterior.coords]
     )
     return (
-        Obstacle("blob", blob),
-        Obstacle("post", shapely.Point(0.45, -0.33), 0.071),
-        Obstacle("wire", shapely.LineString([(0.8, -0.5), (0.86, -0.1), (0.95, 0.1)]), 0.013),
-        Obstacle("ring", ring),
-        Obstacle("wedge", shapely.Polygon([(0.1, 0.41), (0.17, 0.9), (-0.2, 0.6)])),
+        Obstacle("blob", PlaneShape(blob)),
+        Obstacle("post", PlaneShape(shapely.Point(0.45, -0.33), 0.071)),
+        Obstacle("wire", PlaneShape(shapely.LineString([(0.8, -0.5), (0.86, -0.1), (0.95, 0.1)]), 0.013)),
+        Obstacle("ring", PlaneShape(ring)),
+        Obstacle("wedge", PlaneShape(shapely.Polygon([(0.1, 0.41), (0.17, 0.9), (-0.2, 0.6)]))),
     )
 
 

@@ -12,7 +12,7 @@ from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
-from ccm_opt.scene.scene import SpaceWorkspace
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.space_chain_motion import LinkFrames
 from tests.space_arms import space_arm
@@ -37,7 +37,7 @@ def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
     one = np.ones(3 * LINKS)
     on_axis = {"feed_velocity": 0.25, "feed_acceleration": 0.5, "feed_force": 20.0} if arm.feed else {}
     limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, **on_axis)
-    room = SpaceWorkspace(np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), ())
+    room = Workspace(bounds=np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), obstacles=())
     ends = [JointPose.from_configuration(place, arm.coordinates) for place in (start, end)]
     problem = SpaceProblem("in space", room, arm, limits, *ends, planner=FULL)
     problem = replace(problem, simulation=SimulationOptions(gravity=np.array([0.0, 0.0, -9.81])))

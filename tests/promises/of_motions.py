@@ -10,7 +10,7 @@ from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.mapping import map_curve
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.arms import plain_arm
 
 from .cases import FULL, LINKS, ROOM, WEIGHTLESS, Case, Mutation, fed, fixed, pausing, peak
@@ -30,12 +30,12 @@ def gap_in_time() -> Case:
 
 def inside_a_rock() -> Case:
     """The whole arm lies in an obstacle, far from its edges."""
-    return fixed().asked(workspace=Workspace(ROOM, (Obstacle("rock", shapely.box(-2.0, -2.0, 2.0, 2.0)),)))
+    return fixed().asked(workspace=Workspace(ROOM, (Obstacle("rock", PlaneShape(shapely.box(-2.0, -2.0, 2.0, 2.0))),)))
 
 
 def near_a_wall() -> Case:
     """A wall is nearer than the clearance, and is not touched."""
-    wall = Obstacle("wall", shapely.box(0.8, -1.0, 0.9, 1.0))
+    wall = Obstacle("wall", PlaneShape(shapely.box(0.8, -1.0, 0.9, 1.0)))
     return fixed().asked(workspace=Workspace(ROOM, (wall,), clearance=0.3))
 
 
@@ -284,7 +284,7 @@ MUTATIONS: dict[str, Mutation] = {
     "stop N tip": lambda: stopping_bowed(1.1),
     "stop N pause": lambda: stopping(AT_STOP, rest=0.06),
     "survived joint error": lambda: fixed().asked(
-        joint_error=0.4, workspace=Workspace(ROOM, (Obstacle("wall", shapely.box(0.8, -1.0, 0.9, 1.0)),))
+        joint_error=0.4, workspace=Workspace(ROOM, (Obstacle("wall", PlaneShape(shapely.box(0.8, -1.0, 0.9, 1.0))),))
     ),
 }
 """By the check that catches it; N stands for the number of a goal on the way."""

@@ -11,7 +11,6 @@ from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.solution import JointStates, JointTrajectory
 
 _TUBE_FRAMES = 200
@@ -81,7 +80,7 @@ class MotionFrames:
         points = self.points[self._looked_at]
         links = np.stack((points[:, :-1], points[:, 1:]), axis=2)
         kept = arm.radius + workspace.clearance
-        if isinstance(workspace, SpaceWorkspace):
+        if workspace.dimension == 3:
             reach = kept + arm.link_length
             away = SurfaceTree.of(workspace.soup).distances(links.reshape(-1, 2, 3), reach)
             return np.asarray(np.minimum(away, reach).reshape(links.shape[:2]) - kept)

@@ -5,7 +5,7 @@ world x-z.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import shapely
@@ -17,12 +17,10 @@ from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem
-from ccm_opt.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.scene.surfaces import seen_triangles, within
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
 
-_Obstacle: TypeAlias = Obstacle | SpaceObstacle
 LAYERS = {
     "start": "/start",
     "poses on the way": "/poses",
@@ -55,7 +53,7 @@ class Scene:
     colour_by: str = "nothing"
     _arm: Any = None
     _joints: Any = None
-    _standing: dict[str, _Obstacle] = field(default_factory=dict)
+    _standing: dict[str, Obstacle] = field(default_factory=dict)
 
     @property
     def layers(self) -> tuple[str, ...]:
@@ -85,7 +83,7 @@ class Scene:
     def look(self, client: viser.ClientHandle) -> None:
         """Put a client's camera before the room, or in space before the arm and what is about it."""
         workspace = self.frames.problem.workspace
-        if isinstance(workspace, SpaceWorkspace):
+        if workspace.dimension == 3:
             seen = self.world(self.frames.points).reshape(-1, 3)
             towards = 1.2 * np.array([0.35, -0.85, 0.4])
         else:
@@ -106,9 +104,9 @@ class Scene:
         """Draw obstacles and goals of a problem, which may be ahead of the motion."""
         self._draw_walls(problem)
         workspace = problem.workspace
-        obstacles: tuple[_Obstacle, ...] = workspace.obstacles
+        obstacles: tuple[Obstacle, ...] = workspace.obstacles
         most = self.settings.most_triangles // max(len(obstacles), 1)
-        extent = np.ptp(workspace.extent, axis=0) if isinstance(workspace, SpaceWorkspace) else ()
+        extent = np.ptp(workspace.extent, axis=0) if workspace.dimension == 3 else ()
         cell = self.settings.cell * float(np.max(extent, initial=self.unit))
         for obstacle in obstacles:
             # Most drags move one obstacle or the goal alone, and leave the others the same objects.
@@ -123,7 +121,7 @@ class Scene:
     def _draw_walls(self, problem: AnyProblem) -> None:
         """Draw the edges of the room."""
         workspace = problem.workspace
-        if not isinstance(workspace, SpaceWorkspace):
+        if workspace.dimension == 2:
             ring = shapely.get_coordinates(workspace.boundary.exterior)
             for name, depth in (("near", -self.depth), ("far", self.depth)):
                 self._line(f"/room/{name}", self.world(ring, depth), colours.WALLS, 0.004)
@@ -133,7 +131,7 @@ class Scene:
             edges = np.array([corners[[a, a | bit]] for a in range(8) for bit in (1, 2, 4) if not a & bit])
             self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
 
-    def _draw_obstacle(self, obstacle: _Obstacle, most_triangles: int, cell: float) -> None:
+    def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
         """Draw one obstacle, in place of an earlier one of that name; those of space can be seen through.
 
         Args:
@@ -141,7 +139,7 @@ class Scene:
             most_triangles: of a body in space.
             cell: in which corners of a body of more are joined [m].
         """
-        if isinstance(obstacle, Obstacle):
+        if self.frames.problem.dimension == 2:
             outline = obstacle.outline(quad_segs=self.settings.curved)
             vertices, faces = extruded(
                 shapely.transform(outline, lambda places: places / self.unit), -self.depth, self.depth

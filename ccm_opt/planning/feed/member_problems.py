@@ -28,7 +28,7 @@ from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.workspace import Obstacle, Workspace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _WAY_SPACING = 0.5
 """Between the places of a way into a goal that is a set at which it may end, in link lengths. Taste."""
@@ -240,7 +240,7 @@ def _with_held_links(problem: Problem, start: JointPose, first: int) -> Workspac
     # Self-contact is measured between distant links only, so the last links in the guide tube are left out.
     ends = arm.base + np.outer([start.feed, start.feed + held * arm.link_length], arm.direction)
     rounding = max(arm.radius - problem.workspace.clearance, 0.0)
-    body = Obstacle("the arm in its guide tube", shapely.LineString(ends), rounding)
+    body = Obstacle("the arm in its guide tube", PlaneShape(shapely.LineString(ends), rounding))
     return replace(problem.workspace, obstacles=(*problem.workspace.obstacles, body))
 
 

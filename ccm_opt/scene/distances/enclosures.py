@@ -9,8 +9,8 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import place
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.insides import depth_inside, encloses
-from ccm_opt.scene.scene import SpaceWorkspace
 from ccm_opt.scene.surfaces import box_about
+from ccm_opt.scene.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Enclosure:
     depth: float
 
 
-def deepest_enclosure(workspace: SpaceWorkspace, places: FloatArray, *, closed_only: bool = False) -> Enclosure | None:
+def deepest_enclosure(workspace: Workspace, places: FloatArray, *, closed_only: bool = False) -> Enclosure | None:
     """Return the place that is deepest inside of a body, or farthest outside of the room; None where none is.
 
     An arm that touches no surface is inside of a body with all its places or with none, so that one of them tells.
@@ -43,7 +43,7 @@ def deepest_enclosure(workspace: SpaceWorkspace, places: FloatArray, *, closed_o
     return max(_enclosures(workspace, places, closed_only=closed_only), key=lambda found: found.depth, default=None)
 
 
-def ways_out(workspace: SpaceWorkspace, name: str, what: str) -> tuple[str, ...]:
+def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
     """Return what to do about something inside of a body.
 
     Args:
@@ -66,7 +66,7 @@ def open_words(body: MeshBody) -> str:
     return f"has {count} near {place(edges[0].mean(axis=0))}"
 
 
-def _enclosures(workspace: SpaceWorkspace, places: FloatArray, *, closed_only: bool = False) -> Iterator[Enclosure]:
+def _enclosures(workspace: Workspace, places: FloatArray, *, closed_only: bool = False) -> Iterator[Enclosure]:
     for obstacle in workspace.obstacles:
         body = obstacle.body
         if not body.solid:
@@ -82,7 +82,7 @@ def _enclosures(workspace: SpaceWorkspace, places: FloatArray, *, closed_only: b
     yield from _outside_room(workspace, places)
 
 
-def _outside_room(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enclosure]:
+def _outside_room(workspace: Workspace, places: FloatArray) -> Iterator[Enclosure]:
     if workspace.bounds is None:
         return
     beyond = np.maximum(np.maximum(workspace.bounds[0] - places, places - workspace.bounds[1]), 0.0)
@@ -90,7 +90,7 @@ def _outside_room(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enc
         yield Enclosure("", int(number), places[number], float(np.linalg.norm(beyond[number])))
 
 
-def enclosed(workspace: SpaceWorkspace, places: FloatArray) -> IntArray:
+def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
     """Numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, 3)."""
     return np.unique([found.number for found in _enclosures(workspace, places)]).astype(np.intp)
 
