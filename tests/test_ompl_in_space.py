@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.compare.ompl_in_space import FedJoints
+from ccm_opt.compare.ompl_peer import SampledJoints
 from ccm_opt.compare.space_clutter import space_clutter
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Feed
@@ -17,7 +17,7 @@ from tests.snakes_in_space import snake
 def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
     """Along a line between draws held joints are straight from keyframe to keyframe, and no joint turns far."""
     arm = snake(links=6, feed=Feed(0.0, 0.5, 0.5) if fed else None)
-    joints = FedJoints(arm, 0.2)
+    joints = SampledJoints(arm, arm.lower_limits, arm.upper_limits, 0.2)
     rng = np.random.default_rng(seed)
     before, after = rng.uniform(joints.low, joints.high, (2, len(joints.low)))
     keyframes = joints.keyframes(before, after)
@@ -37,10 +37,10 @@ def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
 def test_ompl_plans_in_space() -> None:
     """In open clutter OMPL finds a motion from the start to the goal that our certificate proves."""
     pytest.importorskip("ompl.geometric")
-    from ccm_opt.compare.ompl_in_space import SpaceOmplPlanner
+    from ccm_opt.compare.ompl_peer import OmplPlanner
 
     problem = space_clutter(0, 5, 12, "clutter")
-    path = SpaceOmplPlanner().plan(problem)
+    path = OmplPlanner().plan(problem)
     assert np.allclose(path.keyframes[0], problem.start.configuration(problem.arm))
     certificate = SpaceCertificate(problem.arm, SurfaceTree.of(problem.workspace.soup))
     assert len(certificate.failures(np.asarray(path.spline(np.linspace(0.0, 1.0, 2000))))) == 0

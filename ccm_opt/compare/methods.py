@@ -16,7 +16,6 @@ from ccm_opt.driver.legs import Planner
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import TIME_TO_LOAD, answer_of
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution import JointPath
 
 
 @dataclass(frozen=True)
@@ -58,27 +57,10 @@ class Method:
         return default_planner(prepared, Stages())
 
 
-class OmplOfEitherKind:
-    """OMPL's planner for problems in the plane and in space."""
+def _ompl() -> Planner:
+    from ccm_opt.compare.ompl_peer import OmplPlanner  # noqa: PLC0415 - nobody else needs it
 
-    def __init__(self) -> None:
-        """Refuse where OMPL is not installed."""
-        from ccm_opt.compare.ompl_peer import OmplPlanner  # noqa: PLC0415 - nobody else needs it
-
-        self._in_the_plane = OmplPlanner()
-
-    def plan(self, problem: AnyProblem) -> JointPath:
-        """Plan a certified motion.
-
-        Raises:
-            ProblemError: the problem has something that this planner does not know.
-            NoPlanFound: none was found in time.
-        """
-        if not isinstance(problem, SpaceProblem):
-            return self._in_the_plane.plan(problem)
-        from ccm_opt.compare.ompl_in_space import SpaceOmplPlanner  # noqa: PLC0415 - likewise
-
-        return SpaceOmplPlanner().plan(problem)
+    return OmplPlanner()
 
 
 METHODS: Mapping[str, Method] = {
@@ -88,7 +70,7 @@ METHODS: Mapping[str, Method] = {
         Method("nlp-as-found", "the curve planner, its motion as found", {"method": "nlp", "optimiser": "none"}),
         Method("nlp-paul", "the curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
         Method("hill-climbing", "the paper's planner", {"method": "hill-climbing"}),
-        Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=OmplOfEitherKind),
+        Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=_ompl),
         Method("hill-climbing-paul", "the paper's planner and timing", {"method": "hill-climbing", "retiming": "paul"}),
     )
 }
