@@ -399,7 +399,7 @@ def test_the_page_holds_every_run_and_every_pair() -> None:
 def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Tables by method and by pairs, every failure with its reason, CSV, JSON, pictures; exit code 0."""
     small_cases(tmp_path)
-    options = wanted(tmp_path, methods=(STRAIGHT, "nlp"), workers=2, pictures=True)
+    options = wanted(tmp_path, methods=(STRAIGHT, "nlp"), pictures=True)
     assert compare_methods(options) == 0
     out = capsys.readouterr().out
     assert "methods on 4 problems" in out

@@ -204,6 +204,26 @@ main()
 """
 
 
+SWALLOWED = """
+import signal, sys
+from ccm_opt.cli import commands, main
+
+def app():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        sys.exit(130)  # as Typer does, without a word
+
+commands.app = app
+main()
+"""
+
+
+def test_ctrl_c_that_the_library_of_commands_meets_is_told(tmp_path: Path) -> None:
+    """Where it comes out as an exit code before a command begins, the line is written all the same."""
+    assert ended([sys.executable, "-c", SWALLOWED], tmp_path) == (130, "error: cancelled\n")
+
+
 @pytest.mark.parametrize("most", [30, 300])
 def test_ctrl_c_while_the_command_line_is_loaded(tmp_path: Path, most: int) -> None:
     """Whichever module it strikes at, it ends the command with one line."""

@@ -52,7 +52,7 @@ def ends_at(task: SpaceTask, motion: SpaceMotion, goal: SpaceTipPose) -> None:
         assert along == pytest.approx(goal.direction, abs=1e-6)
 
 
-@pytest.mark.parametrize(("links", "directed"), [(8, True), (12, False), (25, True)])
+@pytest.mark.parametrize(("links", "directed"), [(8, False), (13, True)])
 def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     """Found, made shorter and laid as a smooth path, a motion stays clear and ends on the goal."""
     goal = SpaceTipPose(GOAL.position, GOAL.direction if directed else None)
@@ -281,10 +281,9 @@ def test_no_way_is_found_after_the_deadline() -> None:
     assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to(ends[1], in_time.prices(3.0)) is None
 
 
-@pytest.mark.parametrize("links", [40, 61])
-def test_an_arm_of_many_links_moves_as_one_of_few(links: int) -> None:
+def test_an_arm_of_many_links_moves_as_one_of_few() -> None:
     """A motion for nominal links is laid under all of them, and the arm's own certificate holds."""
-    task = task_of(snake(links), BALLS, GOAL)
+    task = task_of(snake(61), BALLS, GOAL)
     few = coarse_task(task)
     assert few is not None
     assert few.arm.links == 24

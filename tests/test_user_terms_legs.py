@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import MotionNotFound
+from ccm_opt.errors import NoPlanFound
 from ccm_opt.ik.quantities import Quantities
 from ccm_opt.ik.terms import Constraint
 from ccm_opt.io.reading import parse_problem
@@ -63,5 +63,5 @@ def test_a_constraint_on_the_feed_is_planned_for() -> None:
     assert solution.trajectory.base_positions[-1, 0] > 0.1
     assert solution.metrics["residual_short_feed"] == 0.0
     in_short = replace(problem, planner=replace(problem.planner, time_limit=3.0))
-    with pytest.raises(MotionNotFound, match="short feed"):
+    with pytest.raises(NoPlanFound, match="short feed"):
         solve(in_short, constraints=[feed_below(0.05)], explain=False)

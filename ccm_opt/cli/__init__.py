@@ -23,12 +23,14 @@ def main() -> None:
         report_cancelled()
         leave_at_once()
     except SystemExit as end:
-        from ccm_opt.cli.cancelling import CANCELLED, ignore_interrupts, leave_at_once  # noqa: PLC0415 - see above
+        from ccm_opt.cli import cancelling  # noqa: PLC0415 - see above
 
-        if end.code == CANCELLED:
-            leave_at_once()
+        if end.code == cancelling.CANCELLED:
+            if cancelling.interrupt_unmet():
+                cancelling.report_cancelled()  # Typer made an exit code of it, where no command had begun
+            cancelling.leave_at_once()
         # All is done, and only Python's own end is left, in which Ctrl-C would be met by nobody.
-        ignore_interrupts()
+        cancelling.ignore_interrupts()
         sys.exit(end.code)
     except (MemoryError, ImportError, OSError) as error:
         from ccm_opt.cli.surroundings import out_of_memory  # noqa: PLC0415 - see above

@@ -45,6 +45,8 @@ def arguments_of(command: str, bench: Bench) -> list[str]:
             str(bench.problem),
             "--method",
             "nlp",
+            "--workers",
+            "1",
             "--out",
             str(bench.root / "comparison"),
             "--no-pictures",
