@@ -16,15 +16,16 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
-from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.checks import REACH, failed
 from ccm_opt.diagnosis.explain import explained, refuse_impossible
-from ccm_opt.diagnosis.in_plane import IN_PLANE, tight_places
+from ccm_opt.diagnosis.likely import likely
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
-from ccm_opt.diagnosis.passages import PassageSearch
+from ccm_opt.diagnosis.passages import passages
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.reach import least_chord, out_of_reach
+from ccm_opt.diagnosis.reach import least_chord
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.driver.legs import recorded_path
 from ccm_opt.errors import (
@@ -38,7 +39,7 @@ from ccm_opt.errors import (
     sentences,
 )
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointPath
@@ -92,7 +93,7 @@ def test_without_diagnosis_the_reason_stands_alone(tmp_path: Path) -> None:
             [0.9, 0.1],
             "goal.position: out of reach, the arm is 0.505 m too short\n    the goal is 0.906 m from",
         ),
-        ([0.0, 0.3], "goal.position: the goal is in contact: the tip overlaps 'post' by 120.0 mm"),
+        ([0.0, 0.3], "goal.position: the goal is in contact: the tip is 100.0 mm deep inside 'post' at"),
         ([0.0, 0.19], "goal.position: the goal is in contact: the tip overlaps 'post' by 10.0 mm"),
         ([0.39, 0.0, 180.0], "cannot turn enough"),
     ],
@@ -171,7 +172,7 @@ def screened(radius: float = 0.02, gap: float | None = None) -> Problem:
 @pytest.mark.parametrize("radius", [0.01, 0.03])
 def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
     """Round one end of a wall the way is as long as two tangents and an arc, to a few thousandths, never longer."""
-    way = PassageSearch(screened(radius), np.array([0.7, 0.0]), 1e-3)
+    (way,) = passages(screened(radius), Deadline.never())
     exact = string_round(np.zeros(2), np.array([0.7, 0.0]), np.array([0.4, 0.3]), radius + 0.02)
     assert exact * 0.995 - 1e-3 <= way.space.shortest <= exact
 
@@ -179,8 +180,8 @@ def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
 def test_the_widest_way_is_half_the_gap() -> None:
     """Bisection finds the margin at which the gap closes, and both of its walls."""
     problem = screened(0.05, gap=0.07)
-    way = PassageSearch(problem, np.array([0.7, 0.0]), 1e-3)
-    assert way.widest == pytest.approx(0.035, rel=5e-3)
+    (way,) = passages(problem, Deadline.never())
+    assert way.widest(way.room).of_any_length == pytest.approx(0.035, rel=5e-3)
     (finding,) = failed(problem)
     assert (finding.kind, set(finding.obstacles)) == ("too thick", {"upper", "lower"})
     assert finding.place == pytest.approx((0.425, 0.0), abs=0.03)
@@ -227,7 +228,7 @@ def test_checks_leave_out_what_does_not_apply_to_a_feed_axis() -> None:
     fed, goal = replace(arm, feed=Feed(0.0, 0.5, 0.5)), TipGoal(np.array([1.4, 0.0]))
     problem = replace(problem, arm=fed, limits=limits, goal=goal)
     assert failed(problem) == ()
-    assert tight_places(problem) == ()
+    assert likely(problem, later(900.0)) == ()
     far = failed(replace(problem, goal=TipGoal(np.array([1.6, 0.0]))))
     assert [finding.kind for finding in far] == ["too short"]
 
@@ -309,7 +310,7 @@ def test_no_time_no_trial() -> None:
     """Nothing is tried when no time is left; the findings are told all the same."""
     problem = screened(0.05, gap=0.07)
     solver = Threshold(RADIUS, 1.0)
-    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)), IN_PLANE)
+    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)))
     assert solver.asked == []
     assert error.diagnosis.findings[0].kind == "too thick"
     assert error.diagnosis.relaxations == ()
@@ -360,7 +361,7 @@ def test_changes_are_told_of_before_they_are_tried_and_once_they_help() -> None:
     error = UnreachableGoal(Diagnosis("no way", "free space"))
     stages = Stages(heard.append)
     with stages("diagnosis"):
-        told = explained(screened(0.05, gap=0.07), error, Trials(solve, later(900.0)), IN_PLANE, stages)
+        told = explained(screened(0.05, gap=0.07), error, Trials(solve, later(900.0)), stages)
     news = [each for each in heard if isinstance(each, Progress)]
     known = [each.known for each in news if each.known is not None]
     assert "too thick" in known[0].reason
@@ -377,10 +378,10 @@ def test_figures_of_reasons_explain_those_of_changes() -> None:
     problem = screened(0.05, gap=0.07)
     assert RADIUS.relaxation(problem, 0.0254, 0.0327).words.endswith("; what stands in the way asks for ≤ 0.0327 m")
     assert RADIUS.relaxation(problem, 0.0254, 0.026).words == "arm.radius ≤ 0.0254 m"
-    finding = out_of_reach("goal", np.array([2.0, 0.0]), 2.0, 0.002, 1.5, {})
-    assert finding.reason.startswith(
-        "goal: out of reach, the arm is 0.498 m too short; the goal is 2.000 m from the base"
-    )
+    far = replace(problem, goal=TipGoal(np.array([2.0, 0.0])), tolerances=Tolerances(0.002))
+    (finding,) = failed(far, (REACH,))
+    short = 2.0 - 0.002 - problem.arm.length
+    assert f"out of reach, the arm is {short:.3f} m too short; the goal is 2.000 m from the base" in finding.reason
     assert "less 0.002 m of tolerance" in finding.reason
 
 
@@ -389,13 +390,13 @@ def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> 
     problem = screened(0.03, gap=0.066)
     error = MotionNotFound(Diagnosis("no motion found in 7 candidates", "motion", ("raise planner.routes",)))
     solver = Threshold(RADIUS, 0.028)
-    told = explained(problem, error, Trials(solver, later(900.0)), IN_PLANE)
+    told = explained(problem, error, Trials(solver, later(900.0)))
     assert isinstance(told, MotionNotFound)
     assert told.diagnosis.reason == "no motion found in 7 candidates"
     first = told.diagnosis.findings[0]
     assert (first.kind, first.proved, set(first.obstacles)) == ("too thick", False, {"upper", "lower"})
     assert told.diagnosis.relaxations[0].key == "arm.radius"
-    assert "perhaps: the narrowest gap" in str(told)
+    assert "perhaps: the widest way leads through a gap" in str(told)
 
 
 def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
@@ -403,7 +404,7 @@ def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
     problem = make_limited(open_scene(1).problem())
     evidence = {"revolute": 1, "torque": 4.5, "limit": 3.0, "path_position": 0.5}
     error = RetimingError(Diagnosis("too weak", "retiming", (), evidence))
-    told = explained(problem, error, Trials(lambda _: None, later(900.0)), IN_PLANE).diagnosis
+    told = explained(problem, error, Trials(lambda _: None, later(900.0))).diagnosis
     assert "joint 1 (ball01_bend) needs 4.5 N m" in told.reason
     words = {relaxed.key: relaxed for relaxed in told.relaxations}
     assert words["limits.torque"].words == "limits.torque ≥ 4.703 N m"
@@ -433,7 +434,7 @@ def test_a_sound_obstacle_is_not_removed_where_that_does_not_help() -> None:
         Finding("torque", "weak", bounds={"limits.torque": 2.0, "arm.link_mass": 0.5}),
     )
     tried: list[Problem] = []
-    assert tuple(relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0)), IN_PLANE)) == ()
+    assert tuple(relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0)))) == ()
     assert tried == []
 
 

@@ -13,7 +13,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained
-from ccm_opt.diagnosis.in_plane import IN_PLANE, unit_hints
+from ccm_opt.diagnosis.likely import unit_hints
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
@@ -81,7 +81,7 @@ def test_a_start_outside_is_told_with_the_bounds_that_would_do() -> None:
         resolve_ends(problem)
     assert not any("radius" in line for line in caught.value.diagnosis.advice)
     asked: list[Problem] = []
-    told = relaxations(problem, findings, Trials(asked.append, later(900.0)), IN_PLANE)
+    told = relaxations(problem, findings, Trials(asked.append, later(900.0)))
     assert [relaxed.key for relaxed in told] == ["workspace.bounds"]
     assert not any(finding.kind == "contact" for finding in failed(asked[0]))
     assert shapely.contains(asked[0].workspace.boundary, small.boundary)
@@ -117,11 +117,11 @@ def test_a_term_is_dropped_where_nothing_is_proved() -> None:
 
     terms = (("constraint", "low"), ("cost", "tall"))
     error = MotionNotFound(Diagnosis("no motion found", "motion"))
-    told = explained(problem, error, Trials(solve, later(900.0), terms, solve_without), IN_PLANE).diagnosis
+    told = explained(problem, error, Trials(solve, later(900.0), terms, solve_without)).diagnosis
     assert dropped == ["low", "tall"]
     assert [relaxed.words for relaxed in told.relaxations] == ["cost 'tall' dropped"]
     far = replace(problem, goal=TipGoal(np.array([1.25, 0.0])))
-    explained(far, error, Trials(solve, later(900.0), terms, solve_without), IN_PLANE)
+    explained(far, error, Trials(solve, later(900.0), terms, solve_without))
     assert dropped == ["low", "tall"]
 
 
@@ -137,9 +137,7 @@ def test_units_that_look_wrong_are_hinted_at() -> None:
     assert any("1.047 rad would be 60°" in hint for hint in unit_hints(stiff))
     huge = replace(sound, workspace=Workspace(shapely.box(-1300.0, -1300.0, 1300.0, 1300.0)))
     assert any("the room is" in hint for hint in unit_hints(huge))
-    told = explained(
-        far, UnreachableGoal(Diagnosis("no way", "free space")), Trials(lambda _: None, later(0.0)), IN_PLANE
-    )
+    told = explained(far, UnreachableGoal(Diagnosis("no way", "free space")), Trials(lambda _: None, later(0.0)))
     assert any(line.startswith("check the units") for line in told.diagnosis.advice)
 
 

@@ -14,7 +14,6 @@ from ccm_opt.compare.suites import Scene, clutter, random_polygon
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances
@@ -54,7 +53,7 @@ def test_a_post_before_the_base_is_named_with_what_helps() -> None:
     (found,) = failed(problem, AT_ONCE)
     assert (found.kind, found.obstacles, found.proved) == ("hemmed in", ("post",), True)
     assert "with joint 1 at 245.4°, a whole turn on, they lie the same way" in found.reason
-    assert not hemmed_in(replace(problem, workspace=without(problem.workspace, "post")))
+    assert not hemmed_in(replace(problem, workspace=problem.workspace.without("post")))
     # The bound is what the radius must fall below at least: an arm between it and the arm's own is shut off, too.
     thinner = replace(problem.arm, radius=0.5 * (found.bounds["arm.radius"] + problem.arm.radius))
     assert hemmed_in(replace(problem, arm=thinner))

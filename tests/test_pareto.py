@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
-from ccm_opt.diagnosis.axis_ways import possible_gap_in_space
+from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.kept_plan import room_in_space
 from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
 from ccm_opt.errors import ProblemError, UnreachableGoal
@@ -148,7 +148,7 @@ def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: f
     for plan in found.plans:
         assert plan.solution is not None
         room = room_in_space(with_gap(problem, top), plan.solution.trajectory)
-        bound = possible_gap_in_space(problem, room)
+        bound = possible_gap(problem, room)
         assert bound is not None
         assert min(room.nearest.gap, top) <= bound.value + problem.tolerances.position
         assert plan.wanted_gap <= bound.value + 1e-12

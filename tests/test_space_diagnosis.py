@@ -14,14 +14,16 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.diagnosis.axis_ways import AxisWays, way_length
+from ccm_opt.diagnosis.axis_ways import AxisWays, axis_ways
 from ccm_opt.diagnosis.cell_tree import CellTree
-from ccm_opt.diagnosis.contact_in_space import strong_enough_in_space
-from ccm_opt.diagnosis.explain import refuse_closed_in_space, refuse_impossible
-from ccm_opt.diagnosis.in_space import IN_SPACE, failed_in_space, moved_space_goals, tight_in_space
-from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, WholeSpacePose
-from ccm_opt.diagnosis.reach_in_space import TurnCaps, least_limit, most_turn
+from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.contact import strong_enough
+from ccm_opt.diagnosis.explain import refuse_hopeless, refuse_impossible
+from ccm_opt.diagnosis.keyed_poses import KeyedGoal, WholePose
+from ccm_opt.diagnosis.moved_goal import moved_goals
+from ccm_opt.diagnosis.reach import TurnCaps, least_limit, most_turn
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
+from ccm_opt.diagnosis.ways import tight_ways, way_length
 from ccm_opt.errors import UnreachableGoal, sentences
 from ccm_opt.problem import JointPose, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import SpaceProblem
@@ -76,8 +78,8 @@ def backwards(problem: SpaceProblem) -> SpaceProblem:
 
 def ways_of(problem: SpaceProblem) -> AxisWays:
     """The ways to the only goal of a problem, which is for the tip."""
-    assert isinstance(problem.goal, TipGoal)
-    return AxisWays(problem, SpaceTipPlace("goal", "goal.position", problem.goal, problem.tolerances))
+    (ways,) = axis_ways(problem, Deadline.never())
+    return ways
 
 
 BEYOND = TipGoal(np.array([0.7, 0.05, 0.0]))
@@ -141,22 +143,23 @@ def test_no_pose_among_bodies_is_closed_off(seed: int) -> None:
 @given(limit=st.floats(0.0, 3.1), seed=seeds)
 def test_the_most_turn_of_a_joint_is_that_of_its_bends(limit: float, seed: int) -> None:
     """No two bends within a limit turn a link by more, and some do; the limit of a turn is its inverse."""
+    arm = space_arm(8)
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-limit, limit, (2, 200))
     turns = np.arccos(np.clip(np.cos(a) * np.cos(b), -1.0, 1.0))
-    assert np.max(turns) <= most_turn(limit) + 1e-7
+    assert np.max(turns) <= most_turn(arm, limit) + 1e-7
     at_limit = [np.arccos(np.clip(np.cos(limit) ** 2, -1.0, 1.0)), limit]
-    assert any(turn == pytest.approx(most_turn(limit), abs=1e-7) for turn in at_limit)
-    assert least_limit(most_turn(limit)) == pytest.approx(limit, abs=1e-6)
+    assert any(turn == pytest.approx(most_turn(arm, limit), abs=1e-7) for turn in at_limit)
+    assert least_limit(arm, most_turn(arm, limit)) == pytest.approx(limit, abs=1e-6)
 
 
 def test_caps_are_as_far_as_the_arm_when_nothing_bends_it_back() -> None:
     """Straight ahead an arm reaches its length, against the direction asked for at its goal it falls short."""
     arm = space_arm(8, joint_limit=0.1, base_limit=0.1)
-    ahead = SpaceTipPlace("goal", "goal", TipGoal(np.array([0.8, 0.0, 0.0])), Tolerances())
+    ahead = KeyedGoal("goal", "goal", TipGoal(np.array([0.8, 0.0, 0.0])), Tolerances())
     assert TurnCaps(arm, ahead).farthest(np.eye(3)[:1])[0] == pytest.approx(0.8)
     back = replace(ahead, goal=TipGoal(np.array([0.7, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])))
-    found = failed_in_space(problem_of(arm, back.goal))
+    found = failed(problem_of(arm, back.goal))
     assert {finding.kind for finding in found} == {"too stiff"}
 
 
@@ -185,7 +188,7 @@ def test_the_widest_way_in_space_is_the_window() -> None:
     """The bottleneck is found: its place, how wide it is, and the walls beside it; a thinner arm passes."""
     arm = space_arm(12, radius=0.05)
     problem = backwards(problem_of(arm, BEYOND, *window(0.035)))
-    (finding,) = failed_in_space(problem)
+    (finding,) = failed(problem)
     assert (finding.kind, finding.proved) == ("too thick", True)
     assert 0.07 - 1e-9 <= (finding.measured or 0.0) <= 0.07 * 1.06
     place = np.array(finding.place)
@@ -195,7 +198,7 @@ def test_the_widest_way_in_space_is_the_window() -> None:
     assert finding.bounds["arm.radius"] >= 0.035 - 1e-9
     assert ways_of(replace(problem, arm=replace(arm, radius=0.03))).answer == "open"
     with pytest.raises(UnreachableGoal):
-        refuse_closed_in_space(problem)
+        refuse_hopeless(problem)
 
 
 @pytest.mark.planning
@@ -204,7 +207,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     arm = space_arm(12, 0.8 / 12, radius=0.015)
     screen = box("screen", [0.35, -1.5, -1.5], [0.4, 1.5, 0.35])
     problem = backwards(problem_of(arm, TipGoal(np.array([0.7, 0.0, 0.0])), screen))
-    (finding,) = failed_in_space(problem)
+    (finding,) = failed(problem)
     string = np.hypot(0.35, 0.35) + 0.05 + np.hypot(0.3, 0.35)
     assert (finding.kind, finding.obstacles[0]) == ("too short", "screen")
     assert string <= (finding.measured or 0.0) <= 1.1 * string
@@ -213,7 +216,7 @@ def test_a_way_round_that_is_too_long_is_one_of_length() -> None:
     shortest = ways_of(longer).shortest
     assert shortest is not None
     assert way_length(shortest) <= 1.1 * string
-    assert failed_in_space(longer) == ()
+    assert failed(longer) == ()
 
 
 @pytest.mark.planning
@@ -221,27 +224,29 @@ def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
     """Every way is closed however thin the arm is; the smallest body that opens one is named first, and where."""
     shutter = box("shutter", [0.41, -0.11, -0.11], [0.44, 0.11, 0.11])
     problem = backwards(problem_of(space_arm(12, radius=0.03), BEYOND, *window(0.1), shutter))
-    (finding,) = failed_in_space(problem)
+    (finding,) = failed(problem)
     assert (finding.kind, finding.obstacles[0]) == ("blocked", "shutter")
     assert finding.place == pytest.approx((0.425, 0.0, 0.0), abs=0.1)
-    assert failed_in_space(replace(problem, workspace=problem.workspace.without("shutter"))) == ()
+    assert failed(replace(problem, workspace=problem.workspace.without("shutter"))) == ()
 
 
 def test_what_is_tight_in_space_is_told() -> None:
     """A window hardly wider than the arm is likely to stand in the way, and is no proof; a wide one is not told."""
     arm = space_arm(12, radius=0.05)
-    tight = tight_in_space(problem_of(arm, BEYOND, *window(0.058)))
+    tight = tight_ways(problem_of(arm, BEYOND, *window(0.058)), Deadline.never())
     assert tight[0].kind == "too thick"
     assert not any(finding.proved for finding in tight)
     assert 0.116 <= (tight[0].measured or 0.0) <= 0.125
-    assert not any(finding.kind == "too thick" for finding in tight_in_space(problem_of(arm, BEYOND, *window(0.2))))
+    assert not any(
+        finding.kind == "too thick" for finding in tight_ways(problem_of(arm, BEYOND, *window(0.2)), Deadline.never())
+    )
 
 
 def test_a_turn_that_the_arm_cannot_make_is_told() -> None:
     """Round a low screen's edge, with a ceiling above it, a stiff arm has no room to turn: where, and by how much."""
     arm = space_arm(12, radius=0.02, joint_limit=0.06)
     walls = box("screen", [0.4, -1.5, -1.5], [0.45, 1.5, 0.2]), box("ceiling", [-1.5, -1.5, 0.3], [1.5, 1.5, 0.4])
-    found = {finding.kind: finding for finding in tight_in_space(problem_of(arm, BEYOND, *walls))}
+    found = {finding.kind: finding for finding in tight_ways(problem_of(arm, BEYOND, *walls), Deadline.never())}
     stiff = found["too stiff"]
     assert not stiff.proved
     assert stiff.obstacles == ("screen",)
@@ -254,23 +259,23 @@ def test_contacts_in_space_are_told_with_link_depth_and_place() -> None:
     arm = space_arm(6)
     ball = Obstacle("ball", SphereBody(np.array([0.25, 0.025, 0.0]), 0.01))
     problem = problem_of(arm, TipGoal(np.array([0.0, 0.4, 0.2])), ball)
-    (finding,) = failed_in_space(problem)
+    (finding,) = failed(problem)
     assert "start: the start is in contact: link 3 overlaps 'ball' by 5.0 mm" in finding.reason
     assert finding.bounds["arm.radius"] == pytest.approx(0.015)
     cover = box("cover", [-0.1, 0.3, 0.1], [0.1, 0.5, 0.3])
-    (finding,) = failed_in_space(problem_of(arm, problem.goal, cover))
+    (finding,) = failed(problem_of(arm, problem.goal, cover))
     assert "the tip is 100.0 mm deep inside 'cover'" in finding.reason
     touched = problem_of(arm, problem.goal, box("cover", [-0.1, 0.4 + arm.radius, 0.1], [0.1, 0.5, 0.3]))
     kept = replace(touched, workspace=replace(touched.workspace, clearance=0.005))
-    (finding,) = failed_in_space(kept)
+    (finding,) = failed(kept)
     assert "the tip comes within a hair of 'cover'" in finding.reason
     small = replace(problem, workspace=Workspace(bounds=np.array([[-0.2, -0.5, -0.5], [0.5, 0.5, 0.5]])))
-    findings = failed_in_space(small)
+    findings = failed(small)
     assert "link 6 is 100.0 mm outside the 'room'" in findings[0].reason
     asked: list[SpaceProblem] = []
-    told = relaxations(small, findings, Trials(asked.append, later(900.0)), IN_SPACE)
+    told = relaxations(small, findings, Trials(asked.append, later(900.0)))
     assert [relaxed.key for relaxed in told] == ["workspace.bounds"]
-    assert failed_in_space(asked[0]) == ()
+    assert failed(asked[0]) == ()
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.7])
@@ -283,7 +288,7 @@ def test_the_load_of_a_straight_arm_in_space_is_weight_times_lever(tilt: float) 
     ones = np.ones(18)
     for share, count in ((1.001, 0), (0.999, 1)):
         held = replace(problem, limits=Limits(ones, ones, torque=share * need * ones))
-        found = list(strong_enough_in_space(held))
+        found = list(strong_enough(held))
         assert len(found) == count
     assert found[0].bounds["limits.torque"] == pytest.approx(1.0 / 0.999)
 
@@ -295,7 +300,7 @@ def test_tolerances_move_no_link_farther_than_is_granted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     arm = space_arm(8)
     bends = rng.uniform(-0.5, 0.5, (8, 2))
-    pose = WholeSpacePose("goal", "goal", arm.configuration(bends, 0.0), 0.05)
+    pose = WholePose("goal", "goal", arm.configuration(bends, 0.0), 0.05)
     moved: FloatArray = arm.configuration(bends + rng.uniform(-0.05, 0.05, (8, 2)), 0.0)
     away = np.linalg.norm(arm.joint_positions_at(moved) - arm.joint_positions_at(pose.q), axis=1)
     assert np.all(away[1:] <= pose.link_play(arm) + 1e-12)
@@ -312,9 +317,9 @@ def test_a_goal_moved_in_space_is_free(seed: int) -> None:
         goal[0] *= -1.0  # away from the straight start
     ball = Obstacle("ball", SphereBody(goal + rng.uniform(-0.02, 0.02, 3), 0.06))
     problem = problem_of(space_arm(8), TipGoal(goal), ball)
-    (moved,) = moved_space_goals(problem, failed_in_space(problem), Deadline.never())
+    (moved,) = moved_goals(problem, failed(problem), Deadline.never())
     assert moved.bound is not None
     there = moved.write(problem, moved.bound)
-    assert failed_in_space(there) == ()
+    assert failed(there) == ()
     assert moved.bound <= 0.06 + 0.035 + 0.02 + 0.04
     assert f"goal.position moved by {moved.bound:.4g}" in moved.relaxation(problem, moved.bound, None).words

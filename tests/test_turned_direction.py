@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.diagnosis.in_space import IN_SPACE, turned_direction
+from ccm_opt.diagnosis.moved_goal import turned_direction
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.problem import JointPose, TipGoal
@@ -69,7 +69,7 @@ def test_the_least_turn_that_helps_is_told(seed: int) -> None:
         return "a plan"
 
     trials = Trials(solve, later(900.0), ended=lambda _: end)
-    told = {each.key: each for each in relaxations(problem, (), trials, IN_SPACE)}["goal.direction"]
+    told = {each.key: each for each in relaxations(problem, (), trials)}["goal.direction"]
     if whole <= problem.tolerances.heading:
         assert told.words == "goal.direction left out"
         return
@@ -104,7 +104,7 @@ def test_a_plan_without_a_direction_is_one_with_that_of_its_end() -> None:
         return "a plan"
 
     trials = Trials(solve, later(900.0), hold_again=hold_again, ended=lambda _: end)
-    told = {each.key: each for each in relaxations(problem, (), trials, IN_SPACE)}["goal.direction"]
+    told = {each.key: each for each in relaxations(problem, (), trials)}["goal.direction"]
     assert told.words.startswith("goal.direction turned by ")
     assert angle(named(told.words), taken) < 2e-3
 

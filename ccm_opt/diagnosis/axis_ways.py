@@ -1,10 +1,9 @@
-"""Ways along axes in space and the gaps that are possible."""
+"""Ways of an arm in space, as a flood of cubes shows them."""
 
-import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import sparse
@@ -12,21 +11,19 @@ from scipy.sparse import csgraph
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.diagnosis.cell_tree import CellTree
-from ccm_opt.diagnosis.contact_in_space import ObstacleGaps, stands_out
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
-from ccm_opt.diagnosis.keyed_poses import SpaceTipPlace, space_tip_places
-from ccm_opt.diagnosis.possible_gap import bound_at_ends
+from ccm_opt.diagnosis.gaps import SurfaceGaps, beside
+from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places
 from ccm_opt.diagnosis.way_search import Answer, WayEnds, WaySearch
+from ccm_opt.diagnosis.ways import WidestWay, way_length
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.space_task import reach_box
-from ccm_opt.problem import TipGoal
 from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.workspace import Obstacle, Workspace
-from ccm_opt.solution import PossibleGap, RoomRecord
+from ccm_opt.scene.workspace import Workspace
 
 _CELLS = 20_000
 """Cubes at first. Taste: a thirtieth of the room along a side."""
@@ -40,8 +37,6 @@ _HALVINGS = 3
 """Of what is not known of the length that would do. Taste."""
 _REACH = 8.0
 """Distances are looked at up to this multiple of the room that is needed. Taste."""
-_BESIDE = 1.3
-"""Obstacles up to this multiple of the distance of the nearest are beside a place. Taste."""
 _MOST_REMOVED = 8
 """Obstacles that are taken away one at a time, nearest to the straight way first. Taste."""
 _PULLS = 6
@@ -53,33 +48,18 @@ _FLOOR_CELLS = 150_000
 """That are added for whether there is any way that deserves the name. Taste."""
 _DETOUR_CELLS = 15_000
 """That are added for whether there is a way that is too long. Taste: wide ones are found at once."""
-_MOST_BESIDE = 3
-"""Of them at most. Taste."""
 _PULL_STEPS = 5
 """Halvings of how far one of its corners is moved then. Taste."""
 
 
-@dataclass(frozen=True, eq=False)
-class WidestWay:
-    """The widest way, as far as it is known.
-
-    Attributes:
-        least: distance from all surfaces that a way was found to keep [m]; 0 where none was found.
-        most: no way keeps more [m].
-        exact: whether these two are as near as is asked for.
-        closed: whether it is known that there is none that deserves the name.
-        way: corners of a short one of those that keep the least, shape (m, 3) [m]; None where none was found.
-        place: where it is narrowest, shape (3,) [m].
-        walls: names of the obstacles that are nearest there, the nearest first.
-    """
-
-    least: float
-    most: float
-    exact: bool
-    closed: bool
-    way: FloatArray | None
-    place: FloatArray
-    walls: tuple[str, ...]
+def axis_ways(
+    problem: SpaceProblem, until: Deadline, settings: WaySettings = DEFAULT_DIAGNOSIS.ways
+) -> Iterator["AxisWays"]:
+    """Yield the ways to every goal of the tip: from the base, or from the places to which it is fed."""
+    for place in tip_places(problem):
+        # What is proved does not depend on what else the machine does.
+        own = time.process_time() + settings.seconds
+        yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall, until.settings), settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,35 +69,40 @@ class AxisWays:
     Attributes:
         problem: what was asked.
         place: the goal of the tip.
-        settings: numbers.
-        gaps: distances from the obstacles.
         until: when nothing more is looked at.
+        settings: numbers.
     """
 
     problem: SpaceProblem
-    place: SpaceTipPlace
+    place: TipPlace
+    until: Deadline
     settings: WaySettings = DEFAULT_DIAGNOSIS.ways
-    gaps: ObstacleGaps = field(init=False)
-    until: Deadline = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "gaps", ObstacleGaps(self.problem.workspace))
-        # What is proved does not depend on what else the machine does.
-        object.__setattr__(self, "until", Deadline(time.process_time() + self.settings.seconds, math.inf))
+    @property
+    def arm(self) -> Arm:
+        """The arm, all of which may be beyond its tube."""
+        return self.problem.arm
+
+    @property
+    def begin(self) -> str:
+        """Where ways begin, in words, where that is not the base."""
+        return "" if self.arm.feed is None else " from the feed axis"
+
+    @cached_property
+    def gaps(self) -> SurfaceGaps:
+        """Distances from the obstacles."""
+        return SurfaceGaps(self.problem.workspace)
 
     @property
     def room(self) -> float:
         """Distance that the axis needs from the surfaces, as far as these do not stand out of the obstacles [m]."""
-        arm = self.problem.arm
-        workspace = self.problem.workspace
-        error = max((stands_out(obstacle) for obstacle in self._obstacles), default=0.0)
-        touching = DEFAULT_DIAGNOSIS.passages.touching * arm.length
-        return max(arm.radius + workspace.clearance - error, 0.0) - touching
+        touching = DEFAULT_DIAGNOSIS.passages.touching * self.arm.length
+        return max(self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out, 0.0) - touching
 
     @cached_property
     def ends(self) -> WayEnds:
         """Where ways begin and end: in the tube of a feed axis the arm may be anywhere."""
-        arm = self.problem.arm
+        arm = self.arm
         low, high = arm.base_range
         until = max(high, arm.hole) if arm.base_axes else high
         goal = self.place.goal.position
@@ -128,25 +113,63 @@ class AxisWays:
     @cached_property
     def search(self) -> WaySearch:
         """Among the places that the arm can reach, and a longer one."""
-        return self._search_in(self.problem.workspace, self.gaps.whole)
+        return self._search_in(self.problem.workspace, self.gaps.tree)
 
     def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> WaySearch:
-        arm = self.problem.arm
-        longer = replace(arm, link_length=_DETOUR * arm.link_length)
+        longer = replace(self.arm, link_length=_DETOUR * self.arm.link_length)
         box = reach_box(longer, workspace.bounds)
-        need = max(self.room, 1e-3 * arm.length)
+        need = max(self.room, 1e-3 * self.arm.length)
         cells = CellTree.over(tree, box, _CELLS, _REACH * need)
         return WaySearch(workspace, self.ends, box, cells, self.until, self.settings)
 
     @cached_property
     def answer(self) -> Answer:
-        """Whether there is a way that is wide and short enough."""
-        return self.search.answer(self.room, self.problem.arm.length)
+        """Whether there is a way that is wide and short enough; an arm without any width is asked about in vain."""
+        return self.search.answer(self.room, self.arm.length) if self.room > 0.0 else "not known"
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is proved that no way is wide and short enough."""
+        return self.answer == "closed"
+
+    @property
+    def closed_to_short_arms(self) -> bool:
+        """Whether that may be due to the arm's length alone."""
+        return True
 
     @cached_property
-    def widest(self) -> WidestWay:
-        """The widest way that is no longer than the arm, where the arm is too thick for every one."""
-        return self.widest_between(0.0, self.room, _LEAST * self.room)
+    def shortest(self) -> FloatArray | None:
+        """Corners of a short way that is wide enough, shape (m, 3) [m]; None where none was found."""
+        longest = _DETOUR * self.arm.length
+        if self.answer != "open" and self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
+            return None
+        return shortest_in(self.search, self.gaps.tree, self.room)
+
+    @property
+    def shortest_is_proved(self) -> bool:
+        """Whether no way that is wide enough is shorter."""
+        return False
+
+    @property
+    def least(self) -> float:
+        """Length of that way [m]; 0 where none was found."""
+        return 0.0 if self.shortest is None else way_length(self.shortest)
+
+    def bound(self, known: float) -> float:
+        """Distance from surfaces that no way keeps more than, at most the room; some way keeps a known one [m]."""
+        if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, self.settings.more_cells) != "closed":
+            return self.room
+        return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
+
+    def widest(self, most: float) -> WidestWay:
+        """The widest way that keeps at most so much distance from surfaces [m]."""
+        length = self.arm.length
+        if most > self.room and self.search.answer(most, length, self.settings.more_cells) != "closed":
+            place = self.search.narrowest(length)
+            return WidestWay(most, exact=False, closed=False, place=place, walls=())
+        low = self.room if self.answer == "open" else 0.0
+        trial = 0.5 * (low + most) if low else self.room if most > self.room else _LEAST * self.room
+        return self.widest_between(low, most, trial)
 
     def widest_between(self, low: float, high: float, trial: float) -> WidestWay:
         """The widest way that is no longer than the arm, by bisection.
@@ -156,7 +179,7 @@ class AxisWays:
             high: that none keeps [m].
             trial: what is asked about first [m].
         """
-        length = self.problem.arm.length
+        length = self.arm.length
         high = min(self.search.widest(high, length), high)
         while high - low > _FINENESS * self.room:
             more = self.settings.more_cells if low else _FLOOR_CELLS
@@ -170,82 +193,64 @@ class AxisWays:
         closed = low == 0.0 and high <= _LEAST * self.room
         narrow = self.search.narrowest(length)
         # What was found to be open still is: cubes are only ever split.
-        way = shortest_in(self.search, self.gaps.whole, low) if low else None
+        way = shortest_in(self.search, self.gaps.tree, low) if low else None
         exact = high - low <= _FINENESS * self.room
-        return WidestWay(low, high, exact, closed, way, narrow, self.walls_beside(narrow))
+        walls = beside(self.gaps, narrow, self.settings.finest * max(self.room, 0.0))
+        return WidestWay(high, exact, closed, narrow, walls, way=way)
 
-    def walls_beside(self, place: FloatArray) -> tuple[str, ...]:
-        """The obstacles that are nearest to a place, and the others that are hardly farther; the nearest first."""
-        point = np.stack((place, place))[None]
-        near = float(self.gaps.whole.distances(point, 10.0 * self.problem.arm.length)[0])
-        reach = _BESIDE * max(near, 0.0) + self.settings.finest * max(self.room, 0.0)
-        found = sorted(self.gaps.of(point, reach), key=lambda each: float(each.gaps[0]))
-        return tuple(each.name for each in found[:_MOST_BESIDE])
+    def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
+        """Obstacles beside a place (3,) without any one of which there is a way; else such near the straight way."""
+        if closed:
+            return self._closing
+        walls = beside(self.gaps, place, self.settings.finest * max(self.room, 0.0))
+        return self._opened(walls) or self._closing
 
-    def opened_without(self, near: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of some obstacles without which there is a way that is wide and short enough, or may be."""
-        return tuple(name for name in near if self._without(name) is not None)
+    def _opened(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(name for name in names if self._without(name) is not None)
 
+    @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
     def _without(self, name: str) -> WaySearch | None:
         """The search where one obstacle is left out; None where there still is no way, and for the room."""
         workspace = self.problem.workspace.without(name)
-        if len(workspace.obstacles) == len(self.problem.workspace.obstacles):
+        if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
         search = self._search_in(workspace, SurfaceTree.of(workspace.soup))
-        answer = search.answer(self.room, self.problem.arm.length)
+        answer = search.answer(self.room, self.arm.length)
         # Nothing is said of an obstacle that there was no time for.
         return None if answer == "closed" or self.until.passed() else search
 
     @cached_property
-    def closing(self) -> tuple[str, ...]:
+    def _closing(self) -> tuple[str, ...]:
         """Obstacles near the straight way without any one of which there is a way, the smallest first."""
-        ends = self.ends
-        straight = np.stack((ends.end, ends.goal))[None]
-        near = sorted(self.gaps.of(straight, self.problem.arm.length), key=lambda each: float(each.gaps[0]))
-        names = tuple(each.name for each in near[:_MOST_REMOVED])
-        sizes = {each.name: float(np.ptp(each.body.triangles, axis=(0, 1)).max()) for each in self._obstacles}
-        return tuple(sorted(self.opened_without(names), key=lambda name: sizes[name]))
+        straight = np.stack((self.ends.end, self.ends.goal))[None]
+        near = sorted(self.gaps.each(straight, self.arm.length), key=lambda each: float(each.gaps[0]))
+        opened = self._opened(tuple(each.name for each in near[:_MOST_REMOVED]))
+        obstacles = self.problem.workspace.obstacles
+        sizes = {each.name: float(np.ptp(each.body.triangles, axis=(0, 1)).max()) for each in obstacles}
+        return tuple(sorted(opened, key=lambda name: sizes[name]))
 
-    @property
-    def _obstacles(self) -> tuple[Obstacle, ...]:
-        return self.problem.workspace.obstacles
-
-    def place_in(self, name: str) -> FloatArray | None:
-        """Where a way that an obstacle closes leads through it, or nearest to it, shape (3,) [m]."""
+    def seen_in(self, name: str, place: FloatArray) -> FloatArray:
+        """Where a way that an obstacle closes leads through it, or nearest to it, (3,) [m]; else the place given."""
         search = self._without(name)
-        way = None if search is None else shortest_in(search, SurfaceTree.of(search.workspace.soup), self.room)
+        way = None if search is None else shortest_in(search, search.cells.tree, self.room)
         if way is None:
-            return None
-        body = next(each.body for each in self._obstacles if each.name == name)
+            return place
+        body = next(each.body for each in self.problem.workspace.obstacles if each.name == name)
         share = np.linspace(0.0, 1.0, _PLACES)[:, None, None]
         along = (way[:-1] + share * (way[1:] - way[:-1])).reshape(-1, 3)
-        return np.asarray(along[int(np.argmax([depth_inside(body, place) for place in along]))])
+        return np.asarray(along[int(np.argmax([depth_inside(body, each) for each in along]))])
 
-    @cached_property
-    def shortest(self) -> FloatArray | None:
-        """Corners of a short way that is wide enough, shape (m, 3) [m]; None where none was found."""
-        if self.answer == "open":
-            return shortest_in(self.search, self.gaps.whole, self.room)
-        longest = _DETOUR * self.problem.arm.length
-        if self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
-            return None
-        return shortest_in(self.search, self.gaps.whole, self.room)
-
-    def length_needed(self, found: float) -> float:
-        """Up to which length every way is closed, as far as is known [m].
-
-        Args:
-            found: length of a way that is wide enough [m].
-        """
-        low = self.problem.arm.length
-        high = found
+    def mends_of_length(self) -> dict[str, float]:
+        """Up to which length of a link every way is closed, as far as is known, by its key [m]."""
+        low = self.arm.length
+        high = self.least
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             if self.search.answer(self.room, middle, self.settings.more_cells) == "closed":
                 low = middle
             else:
                 high = middle
-        return low
+        return {"arm.link_length": low / self.arm.links}
 
 
 def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray | None:
@@ -301,88 +306,3 @@ def _pulled(tree: SurfaceTree, way: FloatArray, room: float, steps: int) -> Floa
                 fine[k] = here
                 break
     return shortened(tree, fine, room, 0.5 * room)
-
-
-def free_depth(tree: SurfaceTree, place: FloatArray, direction: FloatArray, room: float, most: float) -> float:
-    """How far from a place the axis may be moved in a direction [m].
-
-    Args:
-        tree: of the surfaces.
-        place: shape (3,) [m].
-        direction: unit vector, shape (3,).
-        room: distance that is kept from surfaces [m].
-        most: farther is not looked [m].
-    """
-    depth = 0.0
-    while depth < most:
-        here = place + depth * direction
-        spare = float(tree.distances(np.stack((here, here))[None], room + most)[0]) - room
-        # As far as there is room about a place one can go from it.
-        if spare <= 1e-3 * room:
-            break
-        depth += spare
-    return min(depth, most)
-
-
-def way_length(way: FloatArray) -> float:
-    """Length of a way [m]."""
-    return float(leg_lengths(way).sum())
-
-
-def possible_gap_in_space(
-    problem: SpaceProblem, room: RoomRecord, settings: WaySettings = DEFAULT_DIAGNOSIS.ways
-) -> PossibleGap | None:
-    """An upper bound on the least gap of every motion in space that ends exactly at its goals, as in the plane.
-
-    Args:
-        problem: what was asked.
-        room: of a plan for it, with the gaps of the poses at which the plan rests; more than its wanted gap is not
-            looked for.
-        settings: how exactly passages are measured.
-
-    Returns:
-        The bound, not above the wanted gap where one was wanted, and what decides it; None where all that is fixed is
-        farther from everything than the record looks.
-    """
-    least = bound_at_ends(room, _goal_gaps(problem, room))
-    if least is None or least.value <= 0.0:
-        return least
-    for place in space_tip_places(problem):
-        widest = _widest_passage(problem, place, least.value, settings)
-        if widest < least.value:
-            least = PossibleGap(widest, "passage")
-    return least
-
-
-def _goal_gaps(problem: SpaceProblem, room: RoomRecord) -> Iterator[float]:
-    """What every goal leaves: its whole pose, the last link of a tip with a direction, or the tip [m]."""
-    tree = SurfaceTree.of(problem.workspace.soup)
-    kept = problem.arm.radius + problem.workspace.clearance
-    for stop, end in zip(problem.goals, room.ends[1:], strict=True):
-        if isinstance(stop.goal, TipGoal):
-            fixed = _fixed_segment(stop.goal, problem.arm.link_length)
-            yield float(tree.distances(fixed[None], problem.arm.length)[0]) - kept
-        elif end.link:
-            yield end.gap
-
-
-def _fixed_segment(goal: TipGoal, link_length: float) -> FloatArray:
-    """Ends of what a goal for the tip fixes of the arm, shape (2, 3) [m]: the tip twice, or the last link."""
-    if goal.direction is None:
-        return np.stack((goal.position, goal.position))
-    return np.stack((goal.position - link_length * goal.direction, goal.position))
-
-
-def _widest_passage(problem: SpaceProblem, place: SpaceTipPlace, most: float, settings: WaySettings) -> float:
-    """The largest gap, at most ``most``, with which the axis of a thin arm could pass from base to goal [m]."""
-    workspace = problem.workspace
-    grown = replace(problem, workspace=replace(workspace, clearance=workspace.clearance + most))
-    ways = AxisWays(grown, place, settings)
-    wide = ways.room
-    length = problem.arm.length
-    if wide <= 0.0 or ways.search.answer(wide, length, settings.more_cells) != "closed":
-        return most
-    # There is a plan, whose own axis is a way for an arm that asks for no gap.
-    kept = max(wide - most, 0.0)
-    widest = ways.widest_between(kept, wide, 0.5 * (kept + wide))
-    return min(most, max(widest.most - kept, 0.0))

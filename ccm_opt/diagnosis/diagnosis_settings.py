@@ -48,8 +48,10 @@ class MovedGoalSettings:
             need not be so for those before it.
         cell: distance between places that are looked at where the nearest is hopeless, as a share of the arm's length.
             Taste.
+        near: half the side of the first grid in space, as a multiple of radius and clearance. Taste.
     """
 
+    near: float = 4.0
     stretch: float = 0.99
     turn_step: float = 0.03490658503988659
     steps: tuple[float, ...] = (0.045, 0.3, 1.0)
@@ -113,8 +115,8 @@ class TrialSettings:
 
 
 @dataclass(frozen=True)
-class SpaceReachSettings:
-    """How closely directions are looked at along which an arm in space may fall short of its goal.
+class ReachSettings:
+    """How closely directions are looked at along which an arm may fall short of its goal.
 
     Attributes:
         directions: over the whole sphere, at first. Taste: 6° between them.
@@ -144,22 +146,6 @@ class WaySettings:
     seconds: float = 8.0
 
 
-@dataclass(frozen=True)
-class MovedSpaceGoalSettings:
-    """How the nearest goal in space that can be taken is looked for.
-
-    Attributes:
-        near: half the side of the first, as a multiple of radius and clearance. Taste.
-        stretch: share of its length to which the arm can be expected to stretch. Taste.
-        steps: how far beyond the place the goal is moved, as shares of how far that is or of the arm's length,
-            whichever is less. Taste: what is free for the last link need not be so for those before it.
-    """
-
-    near: float = 4.0
-    stretch: float = 0.99
-    steps: tuple[float, ...] = (0.0, 0.1, 0.3)
-
-
 def _space_trials() -> TrialSettings:
     """In space a motion takes some times as long to find as in the plane."""
     return TrialSettings(longest_try=4.0, longest_further_try=2.0, patience=6.0)
@@ -175,9 +161,8 @@ class DiagnosisSettings:
         units: of numbers that look as if they were given in another unit.
         moved_goal: of the nearest goal that can be taken.
         first_links: of the proof that the first links cannot turn to the goal.
-        space_reach: of the proof that an arm in space cannot turn to its goal.
+        reach: of the proof that an arm cannot turn to its goal.
         ways: of the search for ways of an arm in space.
-        moved_space_goal: of the nearest goal in space that can be taken.
         trials: of the tries of changed problems.
         space_trials: the same in space, with more time.
         figures: figures that a reported value keeps, rounded to the easier side before it is solved. Taste.
@@ -188,9 +173,8 @@ class DiagnosisSettings:
     units: UnitHintSettings = field(default_factory=UnitHintSettings)
     moved_goal: MovedGoalSettings = field(default_factory=MovedGoalSettings)
     first_links: FirstLinksSettings = field(default_factory=FirstLinksSettings)
-    space_reach: SpaceReachSettings = field(default_factory=SpaceReachSettings)
+    reach: ReachSettings = field(default_factory=ReachSettings)
     ways: WaySettings = field(default_factory=WaySettings)
-    moved_space_goal: MovedSpaceGoalSettings = field(default_factory=MovedSpaceGoalSettings)
     trials: TrialSettings = field(default_factory=TrialSettings)
     space_trials: TrialSettings = field(default_factory=_space_trials)
     figures: int = 4

@@ -1,7 +1,9 @@
-"""Goals that are moved to where they can be reached."""
+"""Goals that are moved or turned to where they can be reached, or that ask for less."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
+from typing import Any
 
 import numpy as np
 import shapely
@@ -10,97 +12,36 @@ from shapely import affinity
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length
-from ccm_opt.core.polyline import unit_vector
+from ccm_opt.core.polyline import heading_of
 from ccm_opt.diagnosis.checks import hopeless
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
-from ccm_opt.diagnosis.keyed_poses import TipPlace
-from ccm_opt.diagnosis.parameters import Parameter
-from ccm_opt.diagnosis.reach import beyond_hole, least_chord, supple_enough
+from ccm_opt.diagnosis.gaps import SurfaceGaps
+from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_goal
+from ccm_opt.diagnosis.parameters import Parameter, WholeChange
+from ccm_opt.diagnosis.passages import beyond_hole
+from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, supple_enough
 from ccm_opt.errors import Finding
+from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 
+_MOST_LOOKED_AT = 200
+"""Places that are looked at. Taste: some 5 ms each."""
 _MOST_PLACES = 60
-"""Of them at most, spread over all. Taste: some 10 ms each."""
-
+"""Of a grid at most, spread over all of it. Taste: some 10 ms each."""
 _LINK_SAMPLES = 5
 """Places along the last link that have to be free. Taste."""
-
-Hopeless = Callable[[FloatArray], bool]
-"""Whether it is proved that the tip cannot be brought to a place."""
-
-
-def nearest_place(
-    problem: Problem, goal: TipGoal, hopeless: Hopeless, settings: MovedGoalSettings
-) -> tuple[FloatArray, bool] | None:
-    """The nearest place that the last link, with the goal's heading, can take.
-
-    Args:
-        problem: with an arm whose base stands still.
-        goal: that is to be moved.
-        hopeless: what is known of a place besides; above all that every way to it is too long.
-        settings: numbers.
-
-    Returns:
-        The place (2,) [m], and whether it is inside what can be taken rather than on the edge of that; None where there
-        is none.
-    """
-    places = _free_places(problem, goal, settings)
-    if shapely.is_empty(places):
-        return None
-    edge: FloatArray = shapely.get_coordinates(shapely.shortest_line(places, shapely.Point(goal.position)))[0]
-    offset = edge - goal.position
-    distance = float(np.hypot(*offset))
-    # On the very edge the arm may touch something by rounding.
-    beyond = settings.steps[0] * min(distance, problem.arm.length)
-    if distance >= ROUNDING and not hopeless(edge + beyond / distance * offset):
-        return edge, False
-    within = next((place for place in _by_distance(places, goal, problem, settings) if not hopeless(place)), None)
-    if within is not None:
-        return within, True
-    return (edge, False) if distance >= ROUNDING else None
-
-
-def _by_distance(
-    places: shapely.Geometry, goal: TipGoal, problem: Problem, settings: MovedGoalSettings
-) -> Iterator[FloatArray]:
-    """Places of a grid, those nearest to the goal first; each at least a cell from all before it, so far as they go."""
-    xmin, ymin, xmax, ymax = shapely.bounds(places)
-    cell = settings.cell * problem.arm.length
-    x, y = np.meshgrid(np.arange(xmin + 0.5 * cell, xmax, cell), np.arange(ymin + 0.5 * cell, ymax, cell))
-    grid = np.column_stack((x.ravel(), y.ravel()))
-    free = grid[shapely.contains_xy(places, grid)]
-    ordered = free[np.argsort(np.hypot(*(free - goal.position).T), kind="stable")]
-    # Neighbours are mostly hopeless for one reason: a few places, spread over all, find the first part that is not.
-    chosen = np.unique(np.linspace(0, len(ordered) - 1, _MOST_PLACES).astype(int)) if len(ordered) else ()
-    yield from (ordered[k] for k in chosen)
-
-
-def _free_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> shapely.Geometry:
-    """Where the tip can be as far as walls at the last link and the length of the arm tell."""
-    arm = problem.arm
-    need = arm.radius + problem.workspace.clearance
-    room = problem.workspace.boundary.buffer(-need)
-    grown = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
-    base = shapely.Point(arm.base)
-    mount = base.buffer(max(arm.mount_length, ROUNDING))
-    free = shapely.union(shapely.difference(room, shapely.union_all(grown)), mount)
-    parts = shapely.get_parts(free)
-    if len(parts) == 0:
-        return shapely.Polygon()
-    # Only what is connected with the base can be reached.
-    places = parts[int(np.argmin(shapely.distance(parts, base)))]
-    reached = places
-    if goal.heading is not None:
-        for share in np.linspace(0.0, 1.0, _LINK_SAMPLES)[1:]:
-            back = share * arm.link_length * unit_vector(goal.heading)
-            places = shapely.intersection(places, affinity.translate(reached, *back))
-    places = shapely.intersection(places, base.buffer(settings.stretch * arm.length))
-    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
-    too_near = base.buffer(max(nearest, 0.0))
-    left: shapely.Geometry = shapely.difference(places, too_near)
-    return left
+_CELLS = 20_000
+"""Of each of two grids in space, one about the goal, one where the arm can be. Taste."""
+_APART = 0.2
+"""Places are told when they are this share of their distance from the goal off the ones before. Taste."""
+_AROUND = 6
+"""Ways in space in which a direction is turned by an angle. Taste."""
+_LONGEST_LOOK = 3.0
+"""CPU time for a place and for a direction each [s]. Taste."""
+_DECIMALS = 4
+"""Of a direction's components as they are told; a direction is off by a hundredth of a degree at most."""
 
 
 def about_the_goal(findings: tuple[Finding, ...]) -> bool:
@@ -108,23 +49,176 @@ def about_the_goal(findings: tuple[Finding, ...]) -> bool:
     return bool(findings) and all(finding.key.startswith("goal") for finding in findings)
 
 
-def moved_position(
-    problem: AnyProblem, goal: TipGoal, place: FloatArray, bound: float, tried: Sequence[float]
-) -> Parameter:
-    """The position of the goal of a problem, moved by a distance towards a place, or beyond it.
+def moved_goals(
+    problem: AnyProblem,
+    findings: tuple[Finding, ...],
+    until: Deadline,
+    settings: MovedGoalSettings = DEFAULT_DIAGNOSIS.moved_goal,
+) -> Iterator[Parameter]:
+    """By how far, and which way, the goal's direction or its position may have to be moved; at most one of each.
 
     Args:
-        problem: whose arm it is for.
-        goal: its last, for the tip.
-        place: towards which it is moved, shape (d,) [m].
-        bound: the least distance that may do [m].
-        tried: distances that are tried beyond it, in order [m].
+        problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
+        findings: what is proved.
+        until: when directions and places are looked at no longer.
+        settings: numbers.
     """
+    goal = tip_goal(problem)
+    if not about_the_goal(findings) or goal is None or problem.stops:
+        return
+    towards = _least_turned(problem, goal, until.within(_LONGEST_LOOK), settings)
+    if towards is not None and goal.direction is not None:
+        turn = angle_between(goal.direction, towards)
+        yield _turned(goal, towards, turn, tuple(turn * (1.0 + step) for step in settings.steps))
+    hurried = until.within(_LONGEST_LOOK)
+    for place, inside in islice(_near_places(problem, goal, settings), _MOST_LOOKED_AT):
+        # On the very edge of what is free the arm may touch something by rounding.
+        offset = place - goal.position
+        beyond = 0.0 if inside else settings.steps[0] * min(1.0, problem.arm.length / float(np.linalg.norm(offset)))
+        refused = hopeless(replace(problem, goal=replace(goal, position=place + beyond * offset)), hurried)
+        if hurried.passed():
+            return
+        if not refused:
+            yield _position(problem, goal, place, settings, inside=inside)
+            return
+
+
+# ------------------------------------------------------------ directions
+def _least_turned(
+    problem: AnyProblem, goal: TipGoal, until: Deadline, settings: MovedGoalSettings
+) -> FloatArray | None:
+    """The nearest direction (d,) that neither contact nor bends refuse; None for none, or for the goal's own."""
+    wanted = goal.direction
+    if wanted is None:
+        return None
+
+    def refused(direction: FloatArray) -> bool:
+        turned = replace(problem, goal=_turned_to(goal, direction))
+        return any(True for check in (contact_at_tips, supple_enough) for _ in check(turned))
+
+    if not refused(wanted):
+        return None
+    for size in np.arange(settings.turn_step, np.pi, settings.turn_step):
+        for across in _all_across(wanted):
+            if until.passed():
+                return None
+            direction = np.cos(size) * wanted + np.sin(size) * across
+            if not refused(direction):
+                return np.asarray(direction)
+    return None
+
+
+def _all_across(wanted: FloatArray) -> FloatArray:
+    """Unit vectors across a direction, all round it, shape (k, d)."""
+    if len(wanted) == 2:
+        left = np.array([-wanted[1], wanted[0]])
+        return np.stack((left, -left))
+    first = _across(wanted, -wanted)
+    turns = 2.0 * np.pi * np.arange(_AROUND)[:, None] / _AROUND
+    return np.asarray(np.cos(turns) * first + np.sin(turns) * np.cross(wanted, first))
+
+
+def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
+    """The unit vector across one direction that lies on the way to another; any where they are opposite."""
+    across = taken - (taken @ wanted) * wanted
+    length = float(np.linalg.norm(across))
+    if length > ROUNDING:
+        return np.asarray(across / length)
+    axis = np.eye(len(wanted))[int(np.argmin(np.abs(wanted)))]
+    side = axis - (axis @ wanted) * wanted
+    return np.asarray(side / np.linalg.norm(side))
+
+
+def turned_direction(problem: AnyProblem, end: FloatArray) -> Parameter | None:
+    """The direction of a problem's goal, turned by an angle towards that in which the last link points in a pose.
+
+    Args:
+        problem: what was asked; nothing where its goal asks for no direction.
+        end: a configuration with the tip at the goal, shape (c,) [rad, m].
+    """
+    goal = tip_goal(problem)
+    if goal is None or goal.direction is None:
+        return None
+    taken = problem.arm.link_rotations(end)[-1, :, 0]
+    whole = angle_between(goal.direction, taken)
+    return None if whole <= problem.tolerances.heading else _turned(goal, taken, None, (whole,))
+
+
+def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tuple[float, ...]) -> Parameter:
+    """The direction of a goal that has one, turned by an angle towards another (d,)."""
+    assert goal.direction is not None  # noqa: S101 - said by who asks
+    wanted = goal.direction / np.linalg.norm(goal.direction)
+    across = _across(wanted, towards / np.linalg.norm(towards))
+    planar = len(wanted) == 2
+
+    def told(by: float) -> FloatArray:
+        turned = np.cos(by) * wanted + np.sin(by) * across
+        # As it is read from the file: what is told is what was solved.
+        rounded = turned if planar else np.round(turned, _DECIMALS)
+        return np.asarray(rounded)
+
+    def words(by: float) -> str:
+        if planar:
+            sign = float(np.sign(wanted[0] * across[1] - wanted[1] * across[0]))
+            heading = np.rad2deg(heading_of(wanted) + sign * by)
+            return f"goal.heading_deg turned by {np.rad2deg(by):.4g}°, to {heading:.2f}°"
+        components = ", ".join(f"{float(component):.{_DECIMALS}f}" for component in told(by))
+        return f"goal.direction turned by {np.rad2deg(by):.4g}°, to ({components})"
+
+    return Parameter(
+        "goal.heading_deg" if planar else "goal.direction",
+        +1,
+        lambda _: 0.0,
+        lambda p, by: replace(p, goal=_turned_to(goal, told(by) / np.linalg.norm(told(by)))),
+        lambda _, by: words(by),
+        lambda _: float(np.rad2deg(1.0)),
+        whole=np.pi,
+        bound=bound,
+        tried=tried,
+        paths_stay=False,
+    )
+
+
+def _turned_to(goal: TipGoal, direction: FloatArray | None) -> TipGoal:
+    """The goal with another direction of the last link (d,), or with any."""
+    return TipGoal(goal.position, direction, goal.via)
+
+
+def left_out(problem: AnyProblem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
+    """The goal's direction, where all that is known to stand in the way may be due to it, and places on the way."""
+    goal = tip_goal(problem)
+    if goal is None:
+        return
+    # Where nothing is known to stand in the way, few links may not be able to turn where there is little room.
+    if goal.direction is not None and all(_may_be_due_to_direction(finding) for finding in findings):
+        key = "goal.heading_deg" if problem.dimension == 2 else "goal.direction"
+        without = _turned_to(goal, None)
+        yield WholeChange(f"{key} left out", key, None, lambda p: replace(p, goal=without), part=turned_direction)
+    if goal.via and not any(finding.proved for finding in findings):
+        yield WholeChange("goal.via left out", "goal.via", None, lambda p: replace(p, goal=replace(p.goal, via=())))
+
+
+def _may_be_due_to_direction(finding: Finding) -> bool:
+    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
+
+
+# ------------------------------------------------------------ places
+def _position(
+    problem: AnyProblem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
+) -> Parameter:
+    """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
     offset = place - goal.position
-    direction = offset / float(np.linalg.norm(offset))
+    distance = float(np.linalg.norm(offset))
+    # The edge of the tolerance may be there already.
+    bound = max(distance - problem.tolerances.position, 0.1 * distance)
+    # What lies far beyond a goal far away is no better for that.
+    spread = min(distance, problem.arm.length)
+    beyond = [distance, *(distance + step * spread for step in settings.steps)]
+    if not inside:
+        beyond = [bound + step * spread for step in settings.steps]
 
     def moved(by: float) -> FloatArray:
-        return np.asarray(goal.position + by * direction)
+        return np.asarray(goal.position + by / distance * offset)
 
     return Parameter(
         "goal.position",
@@ -135,7 +229,7 @@ def moved_position(
         lambda p: 1.0 / METRES[_unit(p)],
         whole=problem.arm.length,
         bound=bound,
-        tried=tuple(tried),
+        tried=tuple(beyond),
         paths_stay=False,
     )
 
@@ -150,87 +244,97 @@ def _in_file(place: FloatArray, unit: LengthUnit) -> str:
     return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 
 
-def moved_goals(
-    problem: Problem,
-    findings: tuple[Finding, ...],
-    until: Deadline,
-    settings: MovedGoalSettings = DEFAULT_DIAGNOSIS.moved_goal,
-) -> Iterator[Parameter]:
-    """By how far, and which way, the goal's position or its heading may have to be moved; at most one of each.
-
-    Args:
-        problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
-        findings: what is proved.
-        until: when places are looked at no longer.
-        settings: numbers.
-    """
-    goal = problem.goal
-    if not about_the_goal(findings) or not isinstance(goal, TipGoal) or problem.stops:
+def _near_places(problem: Any, goal: Any, settings: MovedGoalSettings) -> Iterator[tuple[FloatArray, bool]]:
+    """Places (d,) for the tip as near to the goal as can be, and whether each is well inside of where it can be."""
+    if problem.dimension == 3:
+        yield from ((place, True) for place in _roomy_places(problem, goal, settings))
         return
-    turn = _least_turn(problem, goal, settings)
-    if turn is not None:
-        yield _heading(goal, turn, settings)
     asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
-
-    def refused(place: FloatArray) -> bool:
-        return until.passed() or hopeless(replace(problem, goal=TipGoal(place, heading=goal.heading)))
-
-    found = None if fixed is None else nearest_place(fixed, goal, refused, settings)
-    if found is not None:
-        place, inside = found
-        yield _position(problem, goal, place, settings, inside=inside)
+    if fixed is not None:
+        yield from _free_places(fixed, goal, settings)
 
 
-def _position(
-    problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
-) -> Parameter:
-    """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
-    distance = float(np.hypot(*(place - goal.position)))
-    # The edge of the tolerance may be there already.
-    bound = max(distance - problem.tolerances.position, 0.1 * distance)
-    # What lies far beyond a goal far away is no better for that.
-    spread = min(distance, problem.arm.length)
-    beyond = [distance, *(distance + step * spread for step in settings.steps)]
-    if not inside:
-        beyond = [bound + step * spread for step in settings.steps]
-    return moved_position(problem, goal, place, bound, beyond)
+def _free_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> Iterator[tuple[FloatArray, bool]]:
+    """The nearest place of a polygon that the last link, with the goal's direction, can take; then such of a grid."""
+    places = _free_polygon(problem, goal, settings)
+    if shapely.is_empty(places):
+        return
+    edge: FloatArray = shapely.get_coordinates(shapely.shortest_line(places, shapely.Point(goal.position)))[0]
+    if float(np.linalg.norm(edge - goal.position)) >= ROUNDING:
+        yield edge, False
+    xmin, ymin, xmax, ymax = shapely.bounds(places)
+    cell = settings.cell * problem.arm.length
+    x, y = np.meshgrid(np.arange(xmin + 0.5 * cell, xmax, cell), np.arange(ymin + 0.5 * cell, ymax, cell))
+    grid = np.column_stack((x.ravel(), y.ravel()))
+    free = grid[shapely.contains_xy(places, grid)]
+    ordered = free[np.argsort(np.linalg.norm(free - goal.position, axis=1), kind="stable")]
+    # Neighbours are mostly hopeless for one reason: a few places, spread over all, find the first part that is not.
+    chosen = np.unique(np.linspace(0, len(ordered) - 1, _MOST_PLACES).astype(int)) if len(ordered) else ()
+    yield from ((ordered[k], True) for k in chosen)
 
 
-def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Parameter:
-    """The goal's heading turned one way, by an angle."""
-    given = goal.heading or 0.0
-    sign = float(np.sign(turn))
-    return Parameter(
-        "goal.heading_deg",
-        +1,
-        lambda _: 0.0,
-        lambda p, by: replace(p, goal=TipGoal(goal.position, heading=given + sign * by)),
-        lambda _, by: f"goal.heading_deg turned by {np.rad2deg(by):.4g}°, to {np.rad2deg(given + sign * by):.2f}°",
-        lambda _: float(np.rad2deg(1.0)),
-        whole=np.pi,
-        bound=abs(turn),
-        tried=tuple(abs(turn) * (1.0 + step) for step in settings.steps),
-        paths_stay=False,
-    )
+def _free_polygon(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> shapely.Geometry:
+    """Where the tip can be as far as walls at the last link and the length of the arm tell."""
+    arm = problem.arm
+    need = arm.radius + problem.workspace.clearance
+    room = problem.workspace.boundary.buffer(-need)
+    grown = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
+    base = shapely.Point(arm.base)
+    mount = base.buffer(max(arm.mount_length, ROUNDING))
+    free = shapely.union(shapely.difference(room, shapely.union_all(grown)), mount)
+    parts = shapely.get_parts(free)
+    if len(parts) == 0:
+        return shapely.Polygon()
+    # Only what is connected with the base can be reached.
+    places = parts[int(np.argmin(shapely.distance(parts, base)))]
+    reached = places
+    if goal.direction is not None:
+        for share in np.linspace(0.0, 1.0, _LINK_SAMPLES)[1:]:
+            back = share * arm.link_length * goal.direction
+            places = shapely.intersection(places, affinity.translate(reached, *back))
+    places = shapely.intersection(places, base.buffer(settings.stretch * arm.length))
+    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
+    too_near = base.buffer(max(nearest, 0.0))
+    left: shapely.Geometry = shapely.difference(places, too_near)
+    return left
 
 
-def _least_turn(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> float | None:
-    """The least turn of the goal's heading with which neither contact nor bends refuse it [rad]; None for none."""
-    if goal.heading is None:
-        return None
-    given = goal.heading
+def _roomy_places(problem: SpaceProblem, goal: TipGoal, settings: MovedGoalSettings) -> Iterator[FloatArray]:
+    """Places of grids with room for the tip, those nearest to the goal first, each well off the ones before it."""
+    arm = problem.arm
+    need = arm.radius + problem.workspace.clearance
+    gaps = SurfaceGaps(problem.workspace)
+    far = reach_box(arm, problem.workspace.bounds)
+    near = goal.position + settings.near * max(need, 0.01 * arm.length) * np.array([[-1.0], [1.0]])
+    near = np.clip(near, far[0], far[1])
+    # About a goal out of reach there is nothing that is within it.
+    boxes = (near, far) if np.all(near[1] > near[0]) else (far,)
+    places = np.concatenate([_roomy(gaps, box, need) for box in boxes])
+    # Where the arm is stretched out is the nearest place to a goal out of reach.
+    base = nearest_base(arm, goal.position)
+    away = goal.position - base
+    distance = float(np.linalg.norm(away))
+    if distance > settings.stretch * arm.length:
+        places = np.concatenate(((base + settings.stretch * arm.length / distance * away)[None], places))
+    places = places[np.linalg.norm(places - base, axis=1) <= settings.stretch * arm.length]
+    ordered = places[np.argsort(np.linalg.norm(places - goal.position, axis=1), kind="stable")]
+    told: list[FloatArray] = []
+    for place in ordered:
+        apart = _APART * float(np.linalg.norm(place - goal.position))
+        # Neighbours are mostly refused for one reason.
+        if all(float(np.linalg.norm(place - other)) >= apart for other in told):
+            told.append(place)
+            yield place
 
-    def refused(turn: float) -> bool:
-        turned = replace(problem, goal=TipGoal(goal.position, heading=given + turn))
-        # How far a fed arm can turn depends on how far it is fed.
-        checks = (contact_at_tips,) if problem.arm.base_axes else (contact_at_tips, supple_enough)
-        return any(True for check in checks for _ in check(turned))
 
-    if not refused(0.0):
-        return None
-    for size in np.arange(settings.turn_step, np.pi, settings.turn_step):
-        for turn in (float(size), -float(size)):
-            if not refused(turn):
-                return turn
-    return None
+def _roomy(gaps: SurfaceGaps, box: FloatArray, need: float) -> FloatArray:
+    """Middles of the cells of a grid over a box that keep a distance from all surfaces, shape (k, 3) [m]."""
+    sides = box[1] - box[0]
+    # A flat box has few cells rather than tiny ones.
+    sides = np.maximum(sides, float(np.max(sides)) / _CELLS ** (1.0 / 3.0))
+    cell = float((np.prod(sides) / _CELLS) ** (1.0 / 3.0))
+    counts = np.maximum(np.ceil(sides / cell).astype(int), 1)
+    first = box[0] + 0.5 * cell
+    free = gaps.tree.grid(first, cell, (int(counts[0]), int(counts[1]), int(counts[2])), 2.0 * need + cell)
+    return np.asarray(first + cell * np.argwhere(free > need))

@@ -7,16 +7,16 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import METRES, file_length
+from ccm_opt.core.length_words import METRES, file_length, in_unit
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
-from ccm_opt.diagnosis.passages import without
-from ccm_opt.errors import Relaxation
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.diagnosis.gaps import ROOM_NAMES
+from ccm_opt.diagnosis.keyed_poses import tip_places, whole_poses
+from ccm_opt.errors import Finding, Relaxation
+from ccm_opt.problem import Problem
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 
 _Problem = TypeVar("_Problem", Problem, SpaceProblem)
-_Arm = TypeVar("_Arm", Arm, Arm)
 Read = Callable[[Any], float]
 """A number of a problem, in the plane or in space."""
 Write = Callable[[Any, float], Any]
@@ -95,7 +95,7 @@ def _with_link_length(problem: _Problem, length: float) -> _Problem:
     return replace(problem, arm=_as_cylinders(problem.arm, replace(problem.arm, link_length=length)))
 
 
-def _as_cylinders(old: _Arm, new: _Arm) -> _Arm:
+def _as_cylinders(old: Arm, new: Arm) -> Arm:
     """The new arm with the inertia of solid cylinders where the old arm's is that."""
     cylinders = np.allclose(old.inertia_axial, _axial(old)) and np.allclose(old.inertia_transverse, _transverse(old))
     if not cylinders or new.radius <= 0.0:
@@ -103,12 +103,12 @@ def _as_cylinders(old: _Arm, new: _Arm) -> _Arm:
     return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new))
 
 
-def _axial(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return arm.masses * arm.radius**2 / 2.0
+def _axial(arm: Arm) -> FloatArray:
+    return np.asarray(arm.masses * arm.radius**2 / 2.0)
 
 
-def _transverse(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
+def _transverse(arm: Arm) -> FloatArray:
+    return np.asarray(arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0)
 
 
 def _with_clearance(problem: _Problem, clearance: float) -> _Problem:
@@ -283,7 +283,7 @@ def without_obstacle(name: str) -> WholeChange:
         f"obstacle '{name}' removed",
         "workspace.obstacles",
         name,
-        lambda problem: replace(problem, workspace=without(problem.workspace, name)),
+        lambda problem: replace(problem, workspace=problem.workspace.without(name)),
     )
 
 
@@ -292,11 +292,34 @@ def without_term(name: str, kind: str) -> WholeChange:
     return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
 
 
-def without_heading(problem: Problem) -> WholeChange | None:
-    """The problem with any heading of the tip at the goal; None when it asks for none."""
-    goal = problem.goal
-    if not isinstance(goal, TipGoal) or goal.heading is None:
+def wider_room(
+    problem: AnyProblem, findings: tuple[Finding, ...], spare: float = DEFAULT_DIAGNOSIS.trials.room_spare
+) -> WholeChange | None:
+    """The problem in bounds that hold its start and its goals; None where other things than a room's sides matter.
+
+    Args:
+        problem: what was asked.
+        findings: what is proved.
+        spare: room beyond radius and clearance, as a share of the arm's length.
+    """
+    bounds = problem.workspace.box
+    of_room = all(finding.kind == "contact" and ROOM_NAMES.intersection(finding.obstacles) for finding in findings)
+    if not findings or not of_room or bounds is None or not problem.workspace.is_box:
         return None
+    arm = problem.arm
+    need = arm.radius + problem.workspace.clearance + spare * arm.length
+    places = [arm.joint_positions_at(pose.q) for pose in whole_poses(problem)]
+    points = np.concatenate([*places, *(place.goal.position[None] for place in tip_places(problem))])
+    step = 10.0 ** np.floor(np.log10(arm.length) - 3.0)
+    low = np.floor(np.minimum(points.min(axis=0) - need, bounds[0]) / step) * step
+    high = np.ceil(np.maximum(points.max(axis=0) + need, bounds[1]) / step) * step
+    # In the unit of the file, into which people copy them.
+    unit = problem.length_unit
+    corners = [", ".join(f"{in_unit(value, unit):.6g}" for value in corner.tolist()) for corner in (low, high)]
+    numbers = ", ".join(corners if arm.dimension == 2 else (f"[{corner}]" for corner in corners))
     return WholeChange(
-        "goal.heading_deg left out", "goal.heading_deg", None, lambda p: replace(p, goal=TipGoal(goal.position))
+        f"workspace.bounds = [{numbers}] {unit}",
+        "workspace.bounds",
+        numbers,
+        lambda p: replace(p, workspace=p.workspace.within(np.stack((low, high)))),
     )

@@ -1,4 +1,4 @@
-"""Whether there is a way to the goal that is wide enough and short enough; if not, what is in the way."""
+"""Ways of an arm in the plane, proved by the pieces of wide free space and by taut strings."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -7,26 +7,20 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.core.arrays import SHORTEST, FloatArray
-from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.length_words import place as at
-from ccm_opt.diagnosis.contact import tip_has_room
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
-from ccm_opt.diagnosis.keyed_poses import tip_places
-from ccm_opt.diagnosis.ranking import diameter_words, listed, point
-from ccm_opt.diagnosis.reach import beyond_hole, within_reach
+from ccm_opt.diagnosis.gaps import Gaps, WallGaps
+from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places
+from ccm_opt.diagnosis.ways import WidestWay
 from ccm_opt.diagnosis.wide_space import WideSpace, wide_space
-from ccm_opt.errors import Finding
-from ccm_opt.problem import Problem
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.narrow_gates import nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 
 _MOST_REMOVED = 16
 """Obstacles that are taken away one at a time, nearest to the narrow place first. Taste."""
-_DETOUR = 1e-3
-"""A way longer than the straight line by less than this share of it is reported by the check of reach alone. Taste."""
-
 _BEYOND = 1.01
 """Inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that just passes.
 Taste; ten times the fineness."""
@@ -34,225 +28,200 @@ _MOST_CORNERS = 2000
 """Corners of free space between which the shortest way is proved; where there are more it is not. Taste."""
 
 
-def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
-    """Goals of the tip without a way that is wide and short enough: from the base, or from the hole of a feed axis."""
-    for key, search in _searches_in_vain(problem):
-        yield _too_long(search, key, problem.arm) if search.space.connected else _closed(search, key)
-
-
-def closed_in_plane(problem: Problem) -> bool:
-    """Return whether to some goal of the tip there is no such way, which takes far less than to say what closes it."""
-    return next(_searches_in_vain(problem), None) is not None
-
-
-def _searches_in_vain(problem: Problem) -> Iterator[tuple[str, "PassageSearch"]]:
-    """Yield key and search of every goal of the tip to which no way is wide and short enough."""
+def passages(
+    problem: Problem, until: Deadline, settings: PassageProofSettings = DEFAULT_DIAGNOSIS.passages
+) -> Iterator["PassageWays"]:
+    """Yield the ways to every goal of the tip: from the base, or from the hole of a feed axis."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
-        if fixed is None:
-            continue
-        search = PassageSearch(fixed, place.goal.position, place.tolerances.position)
-        straight = float(np.hypot(*(search.goal - fixed.arm.base)))
-        if search.space.connected:
-            # A straight way that is too long is a matter of reach, and is reported there; from a hole not always.
-            straight_way = (straight - search.tolerance) * (1.0 + _DETOUR)
-            if problem.arm.base_axes and not any(finding.key == place.key for finding in within_reach(problem)):
-                straight_way = 0.0
-            if search.shortest > max(fixed.arm.length * (1.0 + search.settings.touching), straight_way):
-                yield place.key, search
-        elif tip_has_room(problem, search.goal, search.tolerance):
-            yield place.key, search
+        if fixed is not None:
+            yield PassageWays(problem, place, fixed, until, settings)
+
+
+def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
+    """The problem of an arm that begins at the hole, fed in as far as can be, with one goal for the tip.
+
+    The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is elsewhere passes through
+    it, and the arm reaches no farther beyond it than the range of its feed lets it.
+
+    Args:
+        problem: of an arm with a feed axis.
+        place: of its goals.
+
+    Returns:
+        None where the tip may be in the tube, or the base beyond it.
+    """
+    arm = problem.arm
+    feed = arm.feed
+    if feed is None or feed.high > feed.hole:
+        return None
+    hole = arm.base + feed.hole * arm.direction
+    towards = place.goal.position - hole
+    along = float(towards @ arm.direction)
+    aside = float(np.linalg.norm(towards - along * arm.direction))
+    reach = arm.length + feed.high - feed.hole
+    in_tube = along <= place.tolerances.position and aside <= place.tolerances.position + ROUNDING
+    if in_tube or reach <= 0.0:
+        return None
+    fixed = replace(arm, feed=None, base=hole, link_length=reach / arm.links)
+    limits = replace(problem.limits, feed_velocity=None, feed_acceleration=None)
+    straight = JointPose(np.zeros(arm.links))
+    return replace(
+        problem, arm=fixed, limits=limits, start=straight, goal=place.goal, tolerances=place.tolerances, stops=()
+    )
 
 
 @dataclass(frozen=True)
-class PassageSearch:
+class PassageWays:
     """Looks for a way for the arm's axis from the base to a goal, as the arm is or thinner.
 
     Attributes:
         problem: what was asked.
-        goal: of the tip, shape (2,) [m].
-        tolerance: of the goal's position [m].
+        place: the goal of the tip.
+        fixed: the same with the arm that begins at the hole where it is fed.
+        until: when nothing more is looked at.
         settings: accuracy, and how many obstacles are taken away.
     """
 
     problem: Problem
-    goal: FloatArray
-    tolerance: float
+    place: TipPlace
+    fixed: Problem
+    until: Deadline
     settings: PassageProofSettings = DEFAULT_DIAGNOSIS.passages
+
+    @property
+    def arm(self) -> Arm:
+        """The arm, or what of it reaches beyond its hole."""
+        return self.fixed.arm
+
+    @property
+    def begin(self) -> str:
+        """Where ways begin, in words, where that is not the base."""
+        return "" if self.problem.arm.feed is None else " from the hole"
+
+    @cached_property
+    def gaps(self) -> Gaps:
+        """Distances from all walls."""
+        return WallGaps(self.problem.workspace)
+
+    @property
+    def room(self) -> float:
+        """Distance of the axis from walls [m]."""
+        return self.problem.arm.radius + self.problem.workspace.clearance
 
     @cached_property
     def space(self) -> WideSpace:
         """Free space for the arm as it is."""
-        return self.at(self.inflation)
-
-    @cached_property
-    def shortest(self) -> float:
-        """Length of the shortest way to the goal's tolerance [m]; 0 where none that is too long is proved to be it."""
-        found = self.space.shortest
-        if not self.problem.arm.length < found < np.inf:
-            return 0.0
-        return self.space.shortest_proved(found, _MOST_CORNERS) or 0.0
-
-    @property
-    def inflation(self) -> float:
-        """Distance of the axis from walls [m]."""
-        return self.problem.arm.radius + self.problem.workspace.clearance
+        return self.at(self.room)
 
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
         """Free space with another inflation, or in another workspace."""
-        return wide_space(self.problem, self.goal, self.tolerance, inflation, workspace, self.settings.arc_sides)
+        goal = self.place.goal.position
+        tolerance = self.place.tolerances.position
+        return wide_space(self.fixed, goal, tolerance, inflation, workspace, self.settings.arc_sides)
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is proved that no way is wide and short enough."""
+        return not self.space.connected or self.least > self.arm.length * (1.0 + self.settings.touching)
+
+    @property
+    def closed_to_short_arms(self) -> bool:
+        """Whether that may be due to the arm's length alone."""
+        return self.space.connected
 
     @cached_property
-    def widest(self) -> float:
-        """The largest inflation with any way [m]; 0 when there is none for an arm of no width."""
-        return _largest(self.inflation, lambda inflation: self.at(inflation).connected, self.settings.fineness)
+    def shortest(self) -> FloatArray | None:
+        """Corners of a taut way that is wide enough, shape (m, 2) [m]; None where there is none."""
+        found = self.space.routes(self.arm.base, self.place.goal.position, 1) if self.space.connected else ()
+        return found[0].taut if found else None
+
+    @property
+    def shortest_is_proved(self) -> bool:
+        """Whether no way that is wide enough is shorter."""
+        return True
 
     @cached_property
-    def widest_within_length(self) -> float:
-        """The largest inflation with a way no longer than the arm [m]; 0 when there is none."""
-        return _largest(min(self.inflation, self.widest or self.inflation), self._short_enough, self.settings.fineness)
+    def least(self) -> float:
+        """Length of the shortest way to the goal's tolerance [m]; 0 where none that is too long is proved to be it."""
+        found = self.space.shortest
+        if not self.arm.length < found < np.inf:
+            return 0.0
+        return self.space.shortest_proved(found, _MOST_CORNERS) or 0.0
+
+    def bound(self, known: float) -> float:
+        """Distance from walls that no way keeps more than, at most the room, where some way keeps a known one [m]."""
+        # About the hole of a tube an arm may be nearer.
+        if self.problem.arm.base_axes or self.space.connected:
+            return self.room
+        return max(self._largest(self.room, lambda inflation: self.at(inflation).connected), known)
+
+    def widest(self, most: float) -> WidestWay:
+        """The widest way that keeps at most so much distance from walls [m]."""
+        of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
+        within = self._largest(of_any, self._short_enough) if of_any else 0.0
+        place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
+        return WidestWay(
+            within, exact=True, closed=not of_any, place=place, walls=self._beside(place), of_any_length=of_any
+        )
 
     def _short_enough(self, inflation: float) -> bool:
-        return self.at(inflation).shortest <= self.problem.arm.length
+        return self.at(inflation).shortest <= self.arm.length
 
-    def opened_without(self, near: FloatArray) -> tuple[str, ...]:
-        """Obstacles without which there is a way wide and short enough, nearest to a place (2,) first."""
-        obstacles = self.problem.workspace.obstacles
-        gaps = [shapely.distance(o.core, shapely.Point(near)) - o.rounding for o in obstacles]
-        order = np.argsort(gaps, kind="stable")[:_MOST_REMOVED]
-        length = self.problem.arm.length
-        return tuple(
-            obstacles[k].name
-            for k in order
-            if self.at(self.inflation, without(self.problem.workspace, obstacles[k].name)).shortest <= length
-        )
+    def _largest(self, high: float, holds: Callable[[float], bool]) -> float:
+        """The largest inflation up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
+        if holds(high):
+            return high
+        if not holds(SHORTEST):
+            return 0.0
+        # What is open to an arm is open to every thinner one, so that bisection finds the largest.
+        low = SHORTEST
+        while high - low > self.settings.fineness * high:
+            middle = 0.5 * (low + high)
+            if holds(middle):
+                low = middle
+            else:
+                high = middle
+        return low
 
+    def _missing_link(self, space: WideSpace) -> FloatArray:
+        """Where the pieces of free space that hold base and goal come nearest to each other, shape (2,) [m]."""
+        if space.polygons.is_empty:
+            return np.asarray(0.5 * (self.arm.base + self.place.goal.position))
+        return np.asarray(shapely.get_coordinates(shapely.shortest_line(*space.components_of_ends)).mean(axis=0))
 
-def without(workspace: Workspace, name: str) -> Workspace:
-    """The workspace less one obstacle."""
-    return replace(workspace, obstacles=tuple(o for o in workspace.obstacles if o.name != name))
+    def _beside(self, place: FloatArray) -> tuple[str, ...]:
+        """The two walls nearest to a place; one alone when the place is inside it."""
+        first, *others = nearest_walls(self.problem.workspace, place, 2)
+        core = next(wall.core for wall in self.problem.workspace.walls if wall.name == first)
+        inside = first != BOUNDARY_NAME and shapely.distance(core, shapely.Point(place)) == 0.0
+        return (first,) if inside else (first, *others)
 
+    def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
+        """Obstacles without any one of which there is a way wide and short enough, nearest to a place (2,) first."""
+        del closed
+        workspace = self.problem.workspace
+        gaps = [shapely.distance(each.core, shapely.Point(place)) - each.rounding for each in workspace.obstacles]
+        near = [workspace.obstacles[k].name for k in np.argsort(gaps, kind="stable")[:_MOST_REMOVED]]
+        # Nothing is said of an obstacle that there was no time for.
+        return tuple(name for name in near if not self.until.passed() and self._opened_without(name))
 
-def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> float:
-    """The largest inflation up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
-    if holds(high):
-        return high
-    if not holds(SHORTEST):
-        return 0.0
-    # What is open to an arm is open to every thinner one, so that bisection finds the largest.
-    low = SHORTEST
-    while high - low > fineness * high:
-        middle = 0.5 * (low + high)
-        if holds(middle):
-            low = middle
-        else:
-            high = middle
-    return low
+    def _opened_without(self, name: str) -> bool:
+        return self.at(self.room, self.problem.workspace.without(name)).shortest <= self.arm.length
 
+    def seen_in(self, name: str, place: FloatArray) -> FloatArray:
+        """The place itself, which lies where an obstacle parts the pieces of free space, shape (2,) [m]."""
+        del name
+        return place
 
-def _too_long(search: PassageSearch, key: str, asked: Arm) -> Finding:
-    """All ways are longer than the arm, or than what it has beyond its hole.
-
-    Args:
-        search: that found the shortest.
-        key: of the goal.
-        asked: the arm itself, which may be fed.
-    """
-    arm = search.problem.arm
-    need = search.shortest
-    taut = search.space.routes(arm.base, search.goal, 1)[0].taut
-    # The corner half-way stands for the detour; a straight way has none but its middle.
-    corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)
-    round_what = _walls_round(search, taut[1:-1])
-    before = asked.length - arm.length
-    bounds = {"arm.link_length": (need + before) / arm.links}
-    if asked.feed is not None:
-        bounds["arm.feed.range"] = asked.feed.high + need - arm.length
-    inflation = search.widest_within_length - search.problem.workspace.clearance
-    if inflation > 0.0:
-        bounds["arm.radius"] = inflation
-    detour = f" round {listed(round_what)}" if round_what else ""
-    from_hole = "" if asked.feed is None else " from the hole"
-    only = "the arm is only" if asked.feed is None else "beyond the hole the arm reaches only"
-    long = " long" if asked.feed is None else ""
-    return Finding(
-        "too short",
-        f"{key}: the arm is {long_length(need - arm.length)} too short; the shortest way{from_hole} to the "
-        f"goal{detour} is {long_length(need)} long; {only} {long_length(arm.length)}{long}",
-        key=key,
-        place=point(corner),
-        measured=need,
-        allowed=arm.length,
-        obstacles=tuple(dict.fromkeys((*search.opened_without(corner), *round_what))),
-        way=tuple(point(place) for place in taut),
-        bounds=bounds,
-    )
-
-
-def _walls_round(search: PassageSearch, corners: FloatArray) -> tuple[str, ...]:
-    """Names of the walls that the shortest way bends round, in order."""
-    return tuple(dict.fromkeys(nearest_walls(search.problem.workspace, corner, 1)[0] for corner in corners))
-
-
-def _closed(search: PassageSearch, key: str) -> Finding:
-    """No way is wide enough: the widest there is, or none for an arm of any width."""
-    problem = search.problem
-    if search.widest > 0.0:
-        place, walls = _narrowest(search, search.at(_BEYOND * search.widest))
-        gap = 2.0 * search.widest
-        reason = (
-            f"{key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of "
-            f"{short_length(gap)} between {listed(walls)} at {at(place)}; the arm has {diameter_words(problem)}"
-        )
-        within = 2.0 * search.widest_within_length
-        if 0.0 < within < 0.99 * gap:
-            reason += f"; of the ways that are no longer than the arm the widest leads through {short_length(within)}"
-        return _blocking("too thick", reason, search, key, place, walls, gap)
-    place, walls = _narrowest(search, search.at(SHORTEST))
-    opened = search.opened_without(place)
-    who = listed(opened[:3]) if opened else listed(walls)
-    reason = f"{key}: no way leads to the goal, not for an arm of any width: {who} closes it off at {at(place)}"
-    if len(opened) > 1:
-        reason = f"{key}: no way leads to the goal, not for an arm of any width; any of {who} closes it off"
-    return _blocking("blocked", reason, search, key, place, walls, 0.0)
-
-
-def _narrowest(search: PassageSearch, space: WideSpace) -> tuple[FloatArray, tuple[str, ...]]:
-    """The missing link between the pieces of free space that hold base and goal, and the walls beside it."""
-    if space.polygons.is_empty:
-        place = 0.5 * (search.problem.arm.base + search.goal)
-    else:
-        start, end = space.components_of_ends
-        place = shapely.get_coordinates(shapely.shortest_line(start, end)).mean(axis=0)
-    return place, _walls_beside(search.problem.workspace, place)
-
-
-def _walls_beside(workspace: Workspace, place: FloatArray) -> tuple[str, ...]:
-    """The two walls nearest to a place; one alone when the place is inside it."""
-    first, *others = nearest_walls(workspace, place, 2)
-    core = next(wall.core for wall in workspace.walls if wall.name == first)
-    inside = first != BOUNDARY_NAME and shapely.distance(core, shapely.Point(place)) == 0.0
-    return (first,) if inside else (first, *others)
-
-
-def _blocking(
-    kind: str, reason: str, search: PassageSearch, key: str, place: FloatArray, walls: tuple[str, ...], gap: float
-) -> Finding:
-    """The finding of a closed way, with the radius and the clearance that would open it where they can."""
-    clearance = search.problem.workspace.clearance
-    bounds = {}
-    inflation = search.widest_within_length if search.widest else 0.0
-    if inflation > clearance:
-        bounds["arm.radius"] = inflation - clearance
-    if inflation > search.problem.arm.radius and clearance > 0.0:
-        bounds["workspace.clearance"] = inflation - search.problem.arm.radius
-    return Finding(
-        kind,
-        reason,
-        key=key,
-        place=point(place),
-        measured=gap,
-        allowed=2.0 * search.inflation,
-        obstacles=tuple(dict.fromkeys((*search.opened_without(place), *walls))),
-        bounds=bounds,
-    )
+    def mends_of_length(self) -> dict[str, float]:
+        """What would do, by keys, where all ways are too long [m]."""
+        asked = self.problem.arm
+        lacking = self.least - self.arm.length
+        bounds = {"arm.link_length": (asked.length + lacking) / asked.links}
+        if asked.feed is not None:
+            bounds["arm.feed.range"] = asked.feed.high + lacking
+        thinner = self._largest(self.room, self._short_enough) - self.problem.workspace.clearance
+        if thinner > 0.0:
+            bounds["arm.radius"] = thinner
+        return bounds

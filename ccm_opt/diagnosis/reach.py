@@ -1,64 +1,58 @@
-"""Whether the goal is within reach.
+"""Whether the goal is near enough, far enough and in a direction that the joints can turn to, whatever stands there."""
 
-The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is elsewhere passes through it,
-and the arm reaches no farther beyond it than the range of its feed lets it.
-"""
-
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from scipy.optimize import brentq
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
-from ccm_opt.core.length_words import in_metres, long_length, short_length
-from ccm_opt.core.length_words import place as at
-from ccm_opt.core.polyline import heading_of, wrap
+from ccm_opt.core.length_words import in_metres, long_length
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, ReachSettings
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
-from ccm_opt.diagnosis.ranking import degrees, listed, point
+from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.errors import Finding
-from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 
+_DIRECTIONS_NEAR = 50
+"""About the best so far. Taste."""
 
-def within_reach(problem: Problem) -> Iterator[Finding]:
+
+def within_reach(problem: AnyProblem) -> Iterator[Finding]:
     """Goals of the tip that are farther from every place of the base than the arm is long."""
     arm = problem.arm
     for place in tip_places(problem):
-        distance = float(shapely.distance(_base_places(arm), shapely.Point(place.goal.position)))
+        goal = place.goal.position
+        distance = _from_base(arm, goal)
         least = distance - place.tolerances.position
-        if least > arm.length + ROUNDING:
-            bounds = {"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)}
-            yield out_of_reach(place.key, place.goal.position, distance, place.tolerances.position, arm.length, bounds)
+        if least <= arm.length + ROUNDING:
+            continue
+        # Distances are told to a millimetre: a tolerance that shows there belongs to the sum.
+        shown = in_metres(place.tolerances.position) >= 5e-4
+        tolerated = f" less {long_length(place.tolerances.position)} of tolerance" if shown else ""
+        yield Finding(
+            "too short",
+            f"{place.key}: out of reach, the arm is {long_length(least - arm.length)} too short; the goal is "
+            f"{long_length(distance)} from the base{tolerated}; the arm is only {long_length(arm.length)} long",
+            key=place.key,
+            place=point(goal),
+            measured=least,
+            allowed=arm.length,
+            bounds={"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)},
+        )
 
 
-def out_of_reach(
-    key: str, goal: FloatArray, distance: float, tolerance: float, length: float, bounds: Mapping[str, float]
-) -> Finding:
-    """Return the finding of a goal that is farther from every place of the base than the arm is long.
+def nearest_base(arm: Arm, place: FloatArray) -> FloatArray:
+    """The place of the base that is nearest to a place (d,), shape (d,) [m]."""
+    low, high = arm.base_range
+    along = float(np.clip((place - arm.base) @ arm.direction, low, high))
+    return np.asarray(arm.base + along * arm.direction)
 
-    Args:
-        key: of the goal in the problem file.
-        goal: its place, shape (2,) or (3,) [m].
-        distance: from the base [m].
-        tolerance: of the goal's position [m].
-        length: of the arm [m].
-        bounds: values that would do, by their keys [m].
-    """
-    least = distance - tolerance
-    # Distances are told to a millimetre: a tolerance that shows there belongs to the sum.
-    tolerated = f" less {long_length(tolerance)} of tolerance" if in_metres(tolerance) >= 5e-4 else ""
-    return Finding(
-        "too short",
-        f"{key}: out of reach, the arm is {long_length(least - length)} too short; the goal is "
-        f"{long_length(distance)} from the base{tolerated}; the arm is only {long_length(length)} long",
-        key=key,
-        place=point(goal),
-        measured=least,
-        allowed=length,
-        bounds=bounds,
-    )
+
+def _from_base(arm: Arm, place: FloatArray) -> float:
+    """Distance of a place from the nearest place of the base [m]."""
+    return float(np.linalg.norm(place - nearest_base(arm, place)))
 
 
 def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
@@ -67,113 +61,115 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
         return {}
     towards = place.goal.position - arm.base
     along = float(towards @ arm.direction)
-    aside = float(np.hypot(*(towards - along * arm.direction)))
+    aside = float(np.linalg.norm(towards - along * arm.direction))
     reach = arm.length + place.tolerances.position
     if aside > reach or along < arm.feed.high:
         return {}
     return {"arm.feed.range": along - float(np.sqrt(reach**2 - aside**2))}
 
 
-def within_joint_limits(problem: Problem) -> Iterator[Finding]:
-    """Poses at which a joint is beyond its limit."""
+def within_joint_limits(problem: AnyProblem) -> Iterator[Finding]:
+    """Poses at which a bend is beyond its limit."""
     arm = problem.arm
+    limits = arm.bend_limits
+    a_joint = arm.coordinates.bends_a_joint
     for pose in whole_poses(problem):
-        bends = np.abs(arm.bends(pose.headings))
-        joint = int(np.argmax(bends - arm.bend_limits))
-        if bends[joint] - arm.bend_limits[joint] <= ROUNDING:
+        bends = np.abs(pose.q[arm.coordinates.bends])
+        worst = int(np.argmax(bends - limits))
+        if bends[worst] - limits[worst] <= ROUNDING:
             continue
+        joint = worst // a_joint
         key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
         yield Finding(
             "joint limit",
-            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.2f}°, its limit is "
-            f"{np.rad2deg(arm.bend_limits[joint]):.2f}°",
+            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, its limit is "
+            f"{np.rad2deg(limits[worst]):.2f}°",
             key=pose.key,
-            proved=bool(np.max(bends - arm.bend_limits) > pose.bend_play + ROUNDING),
-            measured=float(bends[joint]),
-            allowed=float(arm.bend_limits[joint]),
+            proved=bool(np.max(bends - limits) > pose.bend_play + ROUNDING),
+            measured=float(bends[worst]),
+            allowed=float(limits[worst]),
             unit="rad",
-            bounds={key: float(np.max(bends[1:]) if joint else bends[0])},
+            bounds={key: float(np.max(bends[a_joint:] if joint else bends[:a_joint]))},
         )
 
 
-def supple_enough(problem: Problem) -> Iterator[Finding]:
-    """Goals of the tip that the joints cannot turn to; only for a base that stands still."""
+def supple_enough(problem: AnyProblem) -> Iterator[Finding]:
+    """Goals of the tip that the joints cannot turn to."""
+    arm = problem.arm
     for place in tip_places(problem):
-        yield from _turned_far_enough(problem.arm, place)
-        yield from _curled_enough(problem.arm, place)
+        turned = list(_turned_far_enough(arm, place))
+        yield from turned
+        curled = [] if arm.base_axes else list(_curled_enough(arm, place))
+        yield from curled
+        near = _from_base(arm, place.goal.position) - place.tolerances.position <= arm.length
+        if near and not turned and not curled:
+            yield from _both_at_once(arm, place)
+
+
+def most_turn(arm: Arm, limit: float) -> float:
+    """Most angle between a link and the next where each bend of a joint has a limit [rad].
+
+    With two bends the next link points in (cos a cos b, sin a cos b, −sin b) as seen from the one before, so that the
+    angle is arccos (cos a cos b): largest with both at the limit up to a right angle, beyond with one of them zero.
+    """
+    if arm.coordinates.bends_a_joint > 1 and limit <= 0.5 * np.pi:
+        return float(np.arccos(np.cos(limit) ** 2))
+    return float(min(limit, np.pi))
+
+
+def least_limit(arm: Arm, turn: float) -> float:
+    """The limit of every bend with which a joint turns by an angle [rad]."""
+    if arm.coordinates.bends_a_joint > 1 and turn <= 0.5 * np.pi:
+        return float(np.arccos(np.sqrt(np.cos(turn))))
+    return turn
 
 
 def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """The tip's heading, and the direction of the goal, lie within the sum of all bends.
+    """The tip's direction, and that of the goal, lie within the sum of all turns.
 
-    The mean of the links' headings, weighted by length, points from base to tip only if some link heads to either
-    side of that direction; so from some joint on the bends add up to the turn from there to the tip's heading.
+    Directions of links are a chain on the unit sphere whose steps are the turns. The direction from base to tip is a
+    positive combination of them. A chain shorter than π lies within half its length of its middle, a convex cap; so
+    that direction is no farther than the chain's length from either end.
     """
     towards = place.goal.position - arm.base
-    distance = float(np.hypot(*towards))
-    bends = (arm.links - 1) * arm.joint_limit
-    direction = heading_of(towards) if distance > place.tolerances.position else None
+    distance = float(np.linalg.norm(towards))
+    base = most_turn(arm, arm.base_limit)
+    tip = place.goal.direction
+    if tip is not None:
+        turn = angle_between(tip, arm.direction) - place.tolerances.heading
+        yield from _short_of_turn(arm, place, "from the base's direction to the goal's", turn, base)
+    # A base that is fed sees the goal in many directions.
+    if arm.base_axes or distance <= place.tolerances.position:
+        return
     # The tip may be anywhere in the tolerance, so the goal may be seen in another direction by that.
-    aside = float(np.arcsin(min(place.tolerances.position / max(distance, 1e-300), 1.0)))
-    heading = place.goal.heading
-    if heading is not None:
-        turn = _turn(heading - arm.base_heading) - place.tolerances.heading
-        yield from _short_of_turn(arm, place, "from the base's heading to the goal's", turn, bends + arm.base_limit)
-    if direction is not None:
-        turn = _turn(direction - arm.base_heading) - aside
-        yield from _short_of_turn(arm, place, "from the base's heading towards the goal", turn, bends + arm.base_limit)
-    if heading is not None and direction is not None:
-        turn = _turn(heading - direction) - aside - place.tolerances.heading
-        yield from _short_of_turn(arm, place, "from the way to the goal to its heading", turn, bends)
+    aside = float(np.arcsin(min(place.tolerances.position / distance, 1.0)))
+    turn = angle_between(towards, arm.direction) - aside
+    yield from _short_of_turn(arm, place, "from the base's direction towards the goal", turn, base)
+    if tip is not None:
+        turn = angle_between(towards, tip) - aside - place.tolerances.heading
+        yield from _short_of_turn(arm, place, "from the way to the goal to its direction", turn, 0.0)
 
 
-def _turn(angle: float) -> float:
-    """The angle the short way round, without its sign [rad]."""
-    return abs(wrap(angle))
+def angle_between(one: FloatArray, other: FloatArray) -> float:
+    """Angle between two directions of any length [rad]."""
+    one = one / np.linalg.norm(one)
+    other = other / np.linalg.norm(other)
+    return 2.0 * float(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
 
 
-def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, most: float) -> Iterator[Finding]:
-    """A turn that is more than all joints together can make, with the limits that would do [rad]."""
+def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: float) -> Iterator[Finding]:
+    """A turn that is more than all joints, and the first by its own, can make, with the limits that would do [rad]."""
+    most = (arm.links - 1) * most_turn(arm, arm.joint_limit) + base
     if turn <= most + ROUNDING:
         return
-    base = most - (arm.links - 1) * arm.joint_limit
-    bounds = {"arm.joint_limit_deg": (turn - base) / (arm.links - 1)}
+    bounds = {"arm.joint_limit_deg": least_limit(arm, (turn - base) / (arm.links - 1))}
     if base:
-        bounds["arm.base_limit_deg"] = arm.base_limit + turn - most
-    yield cannot_turn_enough(place.key, place.goal.position, what, turn, most, bounds)
-
-
-def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """The goal is not nearer to the base than the tightest arc brings the tip (Cauchy's arm lemma, Schur's theorem)."""
-    distance = float(np.hypot(*(place.goal.position - arm.base))) + place.tolerances.position
-    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
-    if distance >= nearest - ROUNDING:
-        return
-    limit = brentq(
-        lambda bend: least_chord(arm.links, arm.link_length, bend) - distance, arm.joint_limit, 2.0 * np.pi / arm.links
-    )
-    needed = {"arm.joint_limit_deg": float(limit)}
-    yield cannot_curl_up(place.key, place.goal.position, distance, arm.joint_limit, nearest, needed)
-
-
-def cannot_turn_enough(
-    key: str, goal: FloatArray, what: str, turn: float, most: float, bounds: Mapping[str, float]
-) -> Finding:
-    """A turn that is more than all joints together can make.
-
-    Args:
-        key: of the goal in the problem file.
-        goal: its place, shape (2,) or (3,) [m].
-        what: from where to where the arm would have to turn.
-        turn: by how much [rad].
-        most: that the joints can make together [rad].
-        bounds: limits that would do, by their keys [rad].
-    """
-    return Finding(
+        bounds["arm.base_limit_deg"] = least_limit(arm, min(base + turn - most, np.pi))
+    yield Finding(
         "too stiff",
-        f"{key}: the arm cannot turn enough: {degrees(turn)} {what}, all joints together turn by {degrees(most)}",
-        key=key,
-        place=point(goal),
+        f"{place.key}: the arm cannot turn enough: {degrees(turn)} {what}, all joints together turn by {degrees(most)}",
+        key=place.key,
+        place=point(place.goal.position),
         measured=turn,
         allowed=most,
         unit="rad",
@@ -181,57 +177,23 @@ def cannot_turn_enough(
     )
 
 
-def cannot_curl_up(
-    key: str, goal: FloatArray, distance: float, limit: float, nearest: float, bounds: Mapping[str, float]
-) -> Finding:
-    """A goal nearer to the base than the tip can come.
-
-    Args:
-        key: of the goal in the problem file.
-        goal: its place, shape (2,) or (3,) [m].
-        distance: from the base, with what is tolerated [m].
-        limit: of the joints [rad].
-        nearest: that the tip comes with every joint at its limit [m].
-        bounds: limits that would do, by their keys [rad].
-    """
-    return Finding(
+def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
+    """The goal is not nearer to the base than the tightest plane arc brings the tip (Schur's theorem for polygons)."""
+    distance = _from_base(arm, place.goal.position) + place.tolerances.position
+    most = most_turn(arm, arm.joint_limit)
+    nearest = least_chord(arm.links, arm.link_length, most)
+    if distance >= nearest - ROUNDING:
+        return
+    turn = brentq(lambda bend: least_chord(arm.links, arm.link_length, bend) - distance, most, 2.0 * np.pi / arm.links)
+    yield Finding(
         "too stiff",
-        f"{key}: the arm cannot curl up enough; the goal is {long_length(distance)} from the base; with "
-        f"every joint at its limit of {degrees(limit)} the tip comes no nearer than {long_length(nearest)}",
-        key=key,
-        place=point(goal),
+        f"{place.key}: the arm cannot curl up enough; the goal is {long_length(distance)} from the base; with every "
+        f"joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {long_length(nearest)}",
+        key=place.key,
+        place=point(place.goal.position),
         measured=distance,
         allowed=nearest,
-        bounds=bounds,
-    )
-
-
-def tight_turn(
-    way: str, turn: float, walls: tuple[str, ...], corner: FloatArray, room: float, tightest: float, limit: float
-) -> Finding:
-    """Return the finding of a turn with hardly the room for the arm's tightest bend, or with less.
-
-    Args:
-        way: on which it is, in words.
-        turn: by how much [rad].
-        walls: round which.
-        corner: where, shape (2,) or (3,) [m].
-        room: radius for which there is room [m].
-        tightest: radius to which the arm bends with every joint at its limit [m].
-        limit: of the joints [rad].
-    """
-    compared = "less than" if room < tightest else "hardly more than"
-    return Finding(
-        "too stiff",
-        f"{way} turns by {degrees(turn)} round {listed(walls)} at {at(corner)}, where there is room for a radius of "
-        f"{short_length(room)}, {compared} the {short_length(tightest)} of the arm with every joint at its limit of "
-        f"{degrees(limit)}",
-        proved=False,
-        place=point(corner),
-        measured=room,
-        allowed=tightest,
-        obstacles=walls,
-        bounds={"arm.joint_limit_deg": limit},
+        bounds={"arm.joint_limit_deg": least_limit(arm, float(turn))},
     )
 
 
@@ -252,36 +214,112 @@ def least_chord(links: int, length: float, bend: float) -> float:
     return length * links if bend <= 0.0 else length * float(np.sin(0.5 * links * bend) / np.sin(0.5 * bend))
 
 
-def _base_places(arm: Arm) -> shapely.Geometry:
-    """All places of the base: the stretch over which it is carried, of no length when it is fixed."""
-    return shapely.LineString([arm.base + where * arm.direction for where in arm.base_range])
+@dataclass(frozen=True)
+class TurnCaps:
+    """Where links may point at all: within caps about the base's direction and about that asked for at the goal.
 
-
-def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
-    """The problem of an arm that begins at the hole, fed in as far as can be, with one goal for the tip.
-
-    Args:
-        problem: of an arm with a feed axis.
-        place: of its goals.
-
-    Returns:
-        None where the tip may be in the tube, or the base beyond it.
+    Attributes:
+        arm: whose joints turn.
+        place: of the tip, with or without a direction.
     """
-    arm = problem.arm
-    feed = arm.feed
-    if feed is None or feed.high > feed.hole:
-        return None
-    hole = arm.base + feed.hole * arm.direction
-    towards = place.goal.position - hole
-    along = float(towards @ arm.direction)
-    aside = float(np.hypot(*(towards - along * arm.direction)))
-    reach = arm.length + feed.high - feed.hole
-    in_tube = along <= place.tolerances.position and aside <= place.tolerances.position + ROUNDING
-    if in_tube or reach <= 0.0:
-        return None
-    fixed = replace(arm, feed=None, base=hole, link_length=reach / arm.links)
-    limits = replace(problem.limits, feed_velocity=None, feed_acceleration=None)
-    straight = JointPose(np.zeros(arm.links))
-    return replace(
-        problem, arm=fixed, limits=limits, start=straight, goal=place.goal, tolerances=place.tolerances, stops=()
+
+    arm: Arm
+    place: TipPlace
+
+    def farthest(self, ways: FloatArray) -> FloatArray:
+        """How far the tip can be from the base along directions at most, shape (k, d) to (k,) [m].
+
+        Link i points within its i − 1 turns and the base's of the base's direction, and within what turns are left of
+        the tip's; so along w it reaches no farther than l cos of how much w is outside of either cap.
+        """
+        arm = self.arm
+        turn = most_turn(arm, arm.joint_limit)
+        before = most_turn(arm, arm.base_limit) + turn * np.arange(arm.links)
+        outside = _angles(ways, arm.direction)[:, None] - before
+        if self.place.goal.direction is not None:
+            after = self.place.tolerances.heading + turn * np.arange(arm.links)[::-1]
+            outside = np.maximum(outside, _angles(ways, self.place.goal.direction)[:, None] - after)
+        return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
+
+    def missing(self, ways: FloatArray) -> FloatArray:
+        """By how much the arm falls short of the goal along directions, wherever its base is, shape (k,) [m]."""
+        arm = self.arm
+        ends = arm.base + np.outer(arm.base_range, arm.direction)
+        needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
+        return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
+
+    def worst(self, settings: ReachSettings) -> tuple[float, FloatArray]:
+        """The most by which the arm falls short along any direction that is looked at, and that direction (d,)."""
+        dimension = self.arm.dimension
+        ways = spread_directions(settings.directions, dimension)
+        best = ways[int(np.argmax(self.missing(ways)))]
+        # Closer and closer about the best: any direction proves what it proves.
+        spread = 4.0 / np.sqrt(settings.directions)
+        for _ in range(settings.refinements):
+            near = best + spread * spread_directions(_DIRECTIONS_NEAR, dimension)
+            near = np.concatenate((best[None], near / np.linalg.norm(near, axis=1, keepdims=True)))
+            best = near[int(np.argmax(self.missing(near)))]
+            spread *= 0.5
+        return float(self.missing(best[None])[0]), best
+
+
+def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
+    unit = direction / np.linalg.norm(direction)
+    return np.asarray(np.arccos(np.clip(ways @ unit, -1.0, 1.0)))
+
+
+def spread_directions(count: int, dimension: int) -> FloatArray:
+    """Directions as near to each other as so many spread evenly over a sphere, (k, d); in the plane on a circle.
+
+    Over the sphere they lie on a spiral by the golden ratio.
+    """
+    if dimension == 2:
+        turn = 2.0 * np.pi * np.arange(np.ceil(np.sqrt(np.pi * count))) / np.ceil(np.sqrt(np.pi * count))
+        return np.column_stack((np.cos(turn), np.sin(turn)))
+    number = np.arange(count) + 0.5
+    height = 1.0 - 2.0 * number / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * number
+    aside = np.sqrt(1.0 - height**2)
+    return np.column_stack((aside * np.cos(turn), aside * np.sin(turn), height))
+
+
+def _both_at_once(arm: Arm, place: TipPlace, settings: ReachSettings = DEFAULT_DIAGNOSIS.reach) -> Iterator[Finding]:
+    """The goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
+    missing, way = TurnCaps(arm, place).worst(settings)
+    if missing <= DEFAULT_DIAGNOSIS.passages.touching * arm.length:
+        return
+    reached = "with its direction " if place.goal.direction is not None else ""
+    sharpest = degrees(most_turn(arm, arm.joint_limit))
+    yield Finding(
+        "too stiff",
+        f"{place.key}: the arm cannot turn to the goal {reached}within its length; it falls short by "
+        f"{long_length(missing)}; a joint turns by {sharpest} at most",
+        key=place.key,
+        place=point(place.goal.position),
+        measured=missing,
+        allowed=0.0,
+        bounds=_limits_that_reach(arm, place, way),
     )
+
+
+def _limits_that_reach(arm: Arm, place: TipPlace, way: FloatArray) -> dict[str, float]:
+    """For each number of the arm that may mend it the least at which it no longer falls short along one direction."""
+
+    def missing(changed: Arm) -> float:
+        return float(TurnCaps(changed, place).missing(way[None])[0])
+
+    def least(changed: Callable[[float], Arm], low: float, high: float) -> float | None:
+        if missing(changed(high)) > 0.0:
+            return None
+        return float(brentq(lambda value: missing(changed(value)), low, high, rtol=1e-6))
+
+    found = {
+        "arm.joint_limit_deg": least(lambda value: replace(arm, joint_limit=value), arm.joint_limit, np.pi),
+        "arm.base_limit_deg": least(
+            lambda value: replace(arm, base_limit=value), arm.base_limit, max(np.pi, arm.base_limit)
+        ),
+        "arm.link_length": least(
+            lambda value: replace(arm, link_length=value), arm.link_length, 10.0 * arm.link_length
+        ),
+    }
+    return {key: value for key, value in found.items() if value is not None}

@@ -11,7 +11,16 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
-from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, without_obstacle, without_term
+from ccm_opt.diagnosis.gaps import ROOM_NAMES
+from ccm_opt.diagnosis.moved_goal import left_out, moved_goals
+from ccm_opt.diagnosis.parameters import (
+    PARAMETERS,
+    Parameter,
+    WholeChange,
+    wider_room,
+    without_obstacle,
+    without_term,
+)
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.problem.space_problem import AnyProblem
 
@@ -33,39 +42,6 @@ _MOST_DROPPED = 3
 """Constraints and costs of the user's that are dropped in a try of their own. Taste."""
 _MOST_OMITTED = 2
 """Obstacles that are left out in a try of their own. Taste."""
-
-Findings: TypeAlias = tuple[Finding, ...]
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    """What is asked of a problem, as functions of it; all problems that are passed are of the same kind.
-
-    Attributes:
-        proved: findings of the necessary checks.
-        hopeless: whether anything is proved, which takes less than to say what.
-        likely: what is tight though nothing is proved, the tightest first.
-        wider_room: the room made wide enough, by what is proved; None where that would not help.
-        moved_goals: the goal moved or turned, by what is proved; until when it is looked for.
-        left_out: what the goal asks for besides a place, left out, by what stands in the way.
-        hints: advice where numbers look as if they were in another unit.
-        room_name: what the walls of the room are called; they cannot be removed.
-    """
-
-    proved: Callable[[Any], Findings]
-    hopeless: Callable[[Any], bool]
-    likely: Callable[[Any], Findings]
-    wider_room: Callable[[Any, Findings], WholeChange | None]
-    moved_goals: Callable[[Any, Findings, Deadline], Iterator[Parameter]]
-    left_out: Callable[[Any, Findings], Iterator[WholeChange]]
-    hints: Callable[[Any], tuple[str, ...]]
-    room_name: str
-
-
-def heading_may_mend(finding: Finding) -> bool:
-    """Whether a finding may be due to the heading, or the direction, asked for at the goal."""
-    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
-
 
 Solve: TypeAlias = Callable[[Any], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""
@@ -163,23 +139,20 @@ def _in_haste(problem: AnyProblem, limit: float) -> AnyProblem:
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
-def relaxations(
-    problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials, knowledge: Knowledge
-) -> Iterator[Relaxation]:
+def relaxations(problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
     """Find changes of one thing with which the problem is solved, the most promising first.
 
     Args:
         problem: what was asked.
         findings: what stands in its way; what is proved, or an overload on the path that was found, binds.
         trials: solves.
-        knowledge: of problems of its kind.
     """
     certain = binding(findings)
     settings = trials.settings
     found = 0
     # Nothing of the user's own mends what is known of the arm and the room.
     dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[:_MOST_DROPPED]]
-    for candidate in chain(dropped, candidates(problem, findings, knowledge, trials.until, _MOST_OMITTED)):
+    for candidate in chain(dropped, candidates(problem, findings, trials.until, _MOST_OMITTED)):
         if found >= _ENOUGH or trials.left < _LEAST_TIME:
             break
         if found and trials.spent > settings.patience:
@@ -216,7 +189,6 @@ def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
 def candidates(
     problem: AnyProblem,
     findings: tuple[Finding, ...],
-    knowledge: Knowledge,
     until: Deadline,
     most_omitted: int = _MOST_OMITTED,
 ) -> Iterator[Parameter | WholeChange]:
@@ -225,7 +197,6 @@ def candidates(
     Args:
         problem: what was asked.
         findings: what stands in its way.
-        knowledge: of problems of its kind.
         until: when nothing more is looked for.
         most_omitted: obstacles that are left out, each alone.
     """
@@ -236,23 +207,23 @@ def candidates(
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
-    room = knowledge.wider_room(problem, proved)
+    room = wider_room(problem, proved)
     if room is not None:
         yield room
-    removable = _removable(proved, findings, knowledge.room_name)
+    removable = _removable(proved, findings)
     in_the_way = [without_obstacle(name) for name in removable[:most_omitted]]
     # Where no number of the arm helps, what closes the way is more to the point than a goal on this side of it.
     if not fitting:
         yield from in_the_way
-    yield from knowledge.moved_goals(problem, proved, until)
-    yield from knowledge.left_out(problem, relevant)
+    yield from moved_goals(problem, proved, until)
+    yield from left_out(problem, relevant)
     if fitting:
         yield from in_the_way
 
 
-def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...], room_name: str) -> list[str]:
+def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
     """Obstacles whose removal may mend all that is proved, or else all that is likely; the room stays."""
-    names = [name for finding in proved or findings for name in finding.obstacles if name != room_name]
+    names = [name for finding in proved or findings for name in finding.obstacles if name not in ROOM_NAMES]
     mending = [name for name in names if all(name in finding.obstacles for finding in proved)]
     return list(dict.fromkeys(mending))
 

@@ -151,7 +151,7 @@ def room_of(
         # What the motion keeps is possible, and more was not wanted.
         return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
     bounds = list(_bounds_of_passages(problem, trajectory, room))
-    general = possible_gap(problem, room, settings.diagnosis.passages)
+    general = possible_gap(problem, room, settings.diagnosis)
     if general is not None:
         bounds.append(general)
     return replace(room, possible=min(bounds, key=lambda bound: bound.value, default=None))

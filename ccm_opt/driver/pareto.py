@@ -7,7 +7,6 @@ from typing import overload
 from ccm_opt.core.expected import expect
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
-from ccm_opt.diagnosis.axis_ways import possible_gap_in_space
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.calls import expect_arguments, expect_problem
 from ccm_opt.driver.kept_plan import room_in_space
@@ -241,9 +240,9 @@ def _bound_below(most: float, plan: AnySolution, settings: Settings) -> Possible
     if isinstance(plan, SpaceSolution):
         options = replace(plan.problem.planner, wanted_gap=most)
         of_most = room_in_space(replace(plan.problem, planner=options, source=""), plan.trajectory, settings.looks)
-        return possible_gap_in_space(plan.problem, of_most, settings.diagnosis.ways)
+        return possible_gap(plan.problem, of_most, settings.diagnosis)
     room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
-    return possible_gap(plan.problem, room, settings.diagnosis.passages)
+    return possible_gap(plan.problem, room, settings.diagnosis)
 
 
 def _planning_time(solution: AnySolution) -> float:

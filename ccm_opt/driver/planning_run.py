@@ -10,15 +10,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
-from ccm_opt.diagnosis.explain import (
-    explained,
-    refuse_closed_in_space,
-    refuse_hopeless,
-    refuse_impossible,
-    with_proof,
-)
-from ccm_opt.diagnosis.relaxation import Knowledge, Trials
+from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
+from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.legs import Leg, PlannerOf, RetimerOf, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import VerifiedPlan, timed_and_verified
@@ -47,7 +40,7 @@ def default_planner(
                 f'planner.method = "{problem.planner.method}" works in the plane alone, and '
                 f"'{problem.name}' is in space"
             )
-        return SpacePlanner(stages, settings.space, terms, refuse_closed_in_space)
+        return SpacePlanner(stages, settings.space, terms, refuse_hopeless)
     if problem.planner.method == "hill-climbing":
         if terms is not None:
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
@@ -127,9 +120,10 @@ class PlanningRun:
         """
         begun = time.process_time()
         self.stages.tell_known(failure.diagnosis)
-        knowledge, settings = self._knowledge()
         if not changes:
-            return with_proof(self.problem, failure, knowledge)
+            return with_proof(self.problem, failure)
+        asked = self.settings.diagnosis
+        settings = asked.space_trials if self.problem.dimension == 3 else asked.trials
         if not isinstance(self.problem, SpaceProblem):
             from ccm_opt.driver.pose_failure import with_constraint_first  # noqa: PLC0415 - likewise
 
@@ -144,17 +138,7 @@ class PlanningRun:
             begun=begun,
             settings=settings,
         )
-        return explained(self.problem, failure, trials, knowledge, self.stages)
-
-    def _knowledge(self) -> tuple[Knowledge, TrialSettings]:
-        """What explains failures of this kind of problem, and how long is spent on it."""
-        if isinstance(self.problem, SpaceProblem):
-            from ccm_opt.diagnosis.in_space import IN_SPACE  # noqa: PLC0415 - most problems have a plan
-
-            return IN_SPACE, self.settings.diagnosis.space_trials
-        from ccm_opt.diagnosis.in_plane import IN_PLANE  # noqa: PLC0415 - likewise
-
-        return IN_PLANE, self.settings.diagnosis.trials
+        return explained(self.problem, failure, trials, self.stages)
 
     def _solve_changed(self, changed: AnyProblem, dropped: str = "") -> VerifiedPlan:
         """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""

@@ -13,10 +13,7 @@ from ccm_opt.core.executors import Workers
 from ccm_opt.core.expected import expect_that
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.contact import contact_at_tips
-from ccm_opt.diagnosis.passages import wide_and_short_enough
-from ccm_opt.diagnosis.reach import supple_enough, within_reach
+from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
 from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -27,7 +24,7 @@ from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import ReachMap
 from ccm_opt.solution.space_solution import SpaceReachMap
 
-PLACE_CHECKS = (contact_at_tips, within_reach, supple_enough)
+PLACE_CHECKS = (TIPS, REACH, SUPPLE)
 """Checks of a place that cost next to nothing; each is a proof."""
 EXACTLY = Tolerances(0.0, 0.0)
 
@@ -189,7 +186,7 @@ def _behind_walls(problem: Problem, x: FloatArray, y: FloatArray, flood: ReachFl
     """Cells without a pose to which every way through free space is too narrow or too long."""
     for cell in np.ndindex(len(y), len(x)):
         known = cell in flood.poses or cell in flood.closed
-        if not known and failed(_at(problem, (float(x[cell[1]]), float(y[cell[0]]))), (wide_and_short_enough,)):
+        if not known and failed(_at(problem, (float(x[cell[1]]), float(y[cell[0]]))), (WAYS,)):
             yield cell
 
 

@@ -134,6 +134,23 @@ class Workspace:
         """Number of coordinates of a point: 2 in the plane, 3 in space."""
         return 3 if self.boundary.is_empty else 2
 
+    @property
+    def box(self) -> FloatArray | None:
+        """Lower and upper corner of the box about the room, shape (2, d) [m]; None where there is no room."""
+        return self.bounds if self.dimension == 3 else np.reshape(self.boundary.bounds, (2, 2))
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the room is that box."""
+        box = self.box
+        return box is not None and (
+            self.dimension == 3 or bool(shapely.equals(self.boundary, shapely.box(*box.ravel())))
+        )
+
+    def within(self, box: FloatArray) -> "Workspace":
+        """The same in a room that is a box between two corners, shape (2, d) [m]."""
+        return replace(self, bounds=box) if self.dimension == 3 else replace(self, boundary=shapely.box(*np.ravel(box)))
+
     def middle_of(self, name: str) -> FloatArray:
         """Middle of an obstacle of a name, shape (d,) [m]."""
         return next(obstacle.middle for obstacle in self.obstacles if obstacle.name == name)
