@@ -1,30 +1,40 @@
-"""Finds the best pose at a goal, in the plane."""
+"""Finds the best pose at a goal, whatever motion would lead to it."""
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import overload
 
+import numpy as np
+
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import words_for_unit, words_in
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import short_length, words_for_unit, words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.calls import expect_arguments, expect_problem
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
-from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.pose_solver import ArmPose, JointRegions
+from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.ik.space_pose_solver import SpaceArmPose
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.goal_members import pose_record
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.joint_regions import joint_regions
 from ccm_opt.planning.own_units import OwnUnits
+from ccm_opt.planning.pose_beginnings import PoseBeginning, PoseBeginnings, PoseSearchSettings
 from ccm_opt.planning.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
+from ccm_opt.planning.space_ending import pose_record as pose_record_in_space
+from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
+from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
 from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
 
@@ -138,31 +148,37 @@ def find_pose(
         ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
         NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
     """
+    expect_problem(problem)
     expect_arguments(progress=progress, settings=settings)
-    if isinstance(problem, SpaceProblem):
-        from ccm_opt.driver.finding_pose_in_space import find_pose_in_space  # noqa: PLC0415 - most are in the plane
-
-        with on_one_thread(), words_in(problem.length_unit):
-            return find_pose_in_space(problem, constraints=constraints, costs=costs, progress=progress)
-    Problem.expected(problem)
+    numbers = settings or DEFAULT_SETTINGS
     with on_one_thread(), words_in(problem.length_unit):
-        return _find_pose_in_plane(problem, constraints, costs, progress, settings or DEFAULT_SETTINGS)
+        stages = Stages(progress, problem.planner.time_limit)
+        _refuse_other_questions(problem)
+        terms = compiled_terms(problem.arm, constraints, costs)
+        with stages("necessary checks"):
+            refuse_contradictions(problem, terms, numbers.user_terms)
+            refuse_impossible(problem)
+        if isinstance(problem, SpaceProblem):
+            return _found_in_space(problem, terms, stages, numbers)
+        return _found_in_plane(problem, terms, stages, numbers)
 
 
-def _find_pose_in_plane(
-    problem: Problem,
-    constraints: Sequence[Constraint],
-    costs: Sequence[Cost],
-    progress: Callable[[Progress], None] | None,
-    numbers: Settings,
-) -> StaticPose:
-    """The same of a problem in the plane."""
-    stages = Stages(progress, problem.planner.time_limit)
-    refuse_other_questions(problem)
-    terms = compiled_terms(problem.arm, constraints, costs)
-    with stages("necessary checks"):
-        refuse_contradictions(problem, terms, numbers.user_terms)
-        refuse_impossible(problem)
+def _refuse_other_questions(problem: AnyProblem) -> None:
+    """Refuse problems that leave no pose at the goal to be found.
+
+    Raises:
+        ProblemError: saying why.
+    """
+    if not isinstance(problem.goal, TipGoal):
+        raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
+    if problem.arm.base_axes and problem.dimension == 2:
+        raise ProblemError(
+            "the base is on a feed axis; in the plane the question is answered for a base that stands still"
+        )
+
+
+def _found_in_plane(problem: Problem, terms: UserTerms | None, stages: Stages, numbers: Settings) -> StaticPose:
+    """The best pose in the plane, asked from every route to the goal."""
     units = OwnUnits(problem.arm.length)
     try:
         with words_for_unit(units.metres):
@@ -203,18 +219,6 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
     return _answer(problem, tries, terms, stages)
 
 
-def refuse_other_questions(problem: Problem) -> None:
-    """Refuse problems that leave no pose at the goal to be found.
-
-    Raises:
-        ProblemError: saying why.
-    """
-    if not isinstance(problem.goal, TipGoal):
-        raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
-    if problem.arm.base_axes:
-        raise ProblemError("the base is on a feed axis; the static question is answered for a base that stands still")
-
-
 def _answer(problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None, stages: Stages) -> StaticPose:
     """The pose of the first try, with all that is known of it."""
     first = tries[0]
@@ -236,3 +240,117 @@ def _outcome(each: PoseTry) -> PoseOutcome:
         return PoseOutcome(each.start, reason=failure_words(each))
     pose = each.poses[each.best]
     return PoseOutcome(each.start, pose.answer.cost, pose.gap)
+
+
+@dataclass(frozen=True, eq=False)
+class _SpaceTry:
+    """What came of one beginning.
+
+    Attributes:
+        beginning: where it began.
+        pose: the best feasible one, or else the last.
+        feasible: whether it is one.
+    """
+
+    beginning: PoseBeginning
+    pose: SpaceArmPose
+    feasible: bool
+
+    @property
+    def reason(self) -> str:
+        """Why there is no pose; empty where there is one."""
+        if self.feasible:
+            return ""
+        worst = [_space_row_words(name, by) for name, by in list(self.pose.answer.broken.items())[:3]]
+        if not worst:
+            return f"the program ends with {self.pose.answer.status}, and the pose touches something"
+        return f"it does not keep {', '.join(worst)}"
+
+    @property
+    def outcome(self) -> PoseOutcome:
+        """The same as a record."""
+        if not self.feasible:
+            return PoseOutcome(self.beginning.name, reason=self.reason)
+        return PoseOutcome(self.beginning.name, self.pose.answer.cost, self.pose.gap)
+
+
+def _found_in_space(
+    problem: SpaceProblem, terms: UserTerms | None, stages: Stages, numbers: Settings
+) -> SpaceStaticPose:
+    """The best pose in space, asked from the end of a motion to the goal and from drawn poses."""
+    deadline = Deadline.after(problem.planner.time_limit)
+    with stages("necessary checks"):
+        tree = SurfaceTree.of(problem.workspace.soup)
+        task = space_task(problem, tree, deadline, numbers.space)
+        if task.goal is not None:
+            refuse_goal(problem, task, task.goal)
+    # Of all poses that which is nearest to the start is the best, all else being equal.
+    asked = SpaceGoalPoses(problem, tree, near=task.start, terms=terms)
+    with stages("configuration"):
+        tries = _tries(asked, task, numbers.poses)
+    best = tries[0]
+    return SpaceStaticPose(
+        problem=problem,
+        pose=pose_record_in_space(asked.wanted_gap, best.pose, len(tries)),
+        curve=best.pose.curve,
+        nearest=_nearest_in_space(problem, best.pose),
+        residuals={} if terms is None else terms.residuals_at_goal(best.pose.q),
+        outcomes=tuple(each.outcome for each in tries),
+        timings=dict(stages.timings),
+    )
+
+
+def _tries(asked: SpaceGoalPoses, task: SpaceTask, search: PoseSearchSettings) -> list[_SpaceTry]:
+    """What comes of every beginning, the best first.
+
+    Raises:
+        ConfigurationNotFound: no beginning leads to a feasible pose.
+    """
+    beginnings = PoseBeginnings(task, search)
+    tries: list[_SpaceTry] = []
+    for beginning in beginnings:
+        poses = asked.improved(beginning.q, task.deadline)
+        feasible = [pose for pose in poses if asked.feasible(pose)]
+        best = min(feasible, key=lambda pose: pose.answer.cost, default=poses[-1])
+        tries.append(_SpaceTry(beginning, best, bool(feasible)))
+        if task.deadline.passed() and any(each.feasible for each in tries):
+            break
+    tries.sort(key=lambda each: each.pose.answer.cost if each.feasible else np.inf)
+    if not tries or not tries[0].feasible:
+        raise _no_pose_in_space(tries, beginnings)
+    return tries
+
+
+def _no_pose_in_space(tries: Sequence[_SpaceTry], beginnings: PoseBeginnings) -> ConfigurationNotFound:
+    """Why no pose was found; that there is none is not proved."""
+    failure = beginnings.failure
+    advice: tuple[str, ...] = ("raise planner.time_limit", "raise arm.joint_limit_deg", "leave goal.direction out")
+    evidence: dict[str, object] = {"tried": [f"{each.beginning.name}: {each.reason}" for each in tries]}
+    if tries:
+        first = tries[0]
+        reason = f"no pose was found at the goal from {len(tries)} beginnings; {first.beginning.name}: {first.reason}"
+        return ConfigurationNotFound(Diagnosis(reason, "configuration", advice, evidence))
+    reason = "no pose was found at the goal that touches nothing: none of those that were drawn is free"
+    if failure is not None:
+        reason += f", and no motion leads there: {failure.diagnosis.reason}"
+        evidence |= failure.diagnosis.evidence
+        advice = (*failure.diagnosis.advice, *(each for each in advice if each not in failure.diagnosis.advice))
+    return ConfigurationNotFound(Diagnosis(reason, "configuration", advice, evidence))
+
+
+def _space_row_words(name: str, by: float) -> str:
+    """A row that is broken, in the user's terms where it is the user's."""
+    what, _, rest = name.partition(": ")
+    return f"constraint '{rest}' by {by:.4g}" if what == "user" else f"{name} ({by:.2g})"
+
+
+def _nearest_in_space(problem: SpaceProblem, pose: SpaceArmPose) -> str:
+    """What is nearest to what in a pose, in words; empty where nothing is near."""
+    gaps = GapsAtSamples.of(problem, problem.arm.joint_positions_at(pose.q)[None])
+    clearance = problem.workspace.clearance
+    to_walls = float(gaps.walls.gap[0]) - clearance
+    to_itself = float(gaps.itself.gap[0])
+    near = gaps.walls if to_walls <= to_itself else gaps.itself
+    if not near.link[0]:
+        return ""
+    return f"link {near.link[0]} and {gaps.other(near, 0)}, {short_length(min(to_walls, to_itself))}"

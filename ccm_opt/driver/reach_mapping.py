@@ -1,6 +1,6 @@
 """Where the tip can be and with which headings: a map over a grid of the room, on as many processes as wanted."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import overload
@@ -8,21 +8,32 @@ from typing import overload
 import numpy as np
 
 from ccm_opt.core.arguments import is_number, is_whole
-from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
+from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
 from ccm_opt.core.executors import Workers
 from ccm_opt.core.expected import expect_that
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
+from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.calls import expect_arguments, expect_problem
 from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import ProblemError
+from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.pose_beginnings import any_motion
+from ccm_opt.planning.space_ends import contact_words
+from ccm_opt.planning.space_task import SpaceTask, reach_box
+from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, TipLooker, look_at_cell
 from ccm_opt.planning.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.scene.distances.enclosures import enclosed
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import ReachMap
-from ccm_opt.solution.space_solution import SpaceReachMap
+from ccm_opt.solution.space_solution import SpaceReachMap, SpaceReachSettings, even_directions
+
+_MOTION_TIME = 5.0
+"""CPU time in which a motion to the goal is sought, whose poses are beginnings in space [s]. Taste."""
 
 PLACE_CHECKS = (TIPS, REACH, SUPPLE)
 """Checks of a place that cost next to nothing; each is a proof."""
@@ -90,19 +101,17 @@ def reach_map(
         ProblemError: the base moves, or the grid makes no sense.
         UnreachableGoal: the start touches something or breaks a joint limit.
     """
+    expect_problem(problem)
     expect_arguments(progress=progress, settings=settings)
     _expect_grid(step, headings, workers)
-    if isinstance(problem, SpaceProblem):
-        from ccm_opt.driver.reach_mapping_in_space import reach_map_in_space  # noqa: PLC0415 - most are in the plane
-
-        with words_in(problem.length_unit):
-            return reach_map_in_space(problem, step=step, directions=headings, workers=workers, progress=progress)
-    Problem.expected(problem)
+    numbers = settings or DEFAULT_SETTINGS
     with words_in(problem.length_unit):
-        return _reach_map_in_plane(problem, step, headings, workers, progress, settings or DEFAULT_SETTINGS)
+        if isinstance(problem, SpaceProblem):
+            return _mapped_in_space(problem, step, headings, workers, progress, numbers.space_reach)
+        return _mapped_in_plane(problem, step, headings, workers, progress, numbers)
 
 
-def _reach_map_in_plane(
+def _mapped_in_plane(
     problem: Problem,
     step: float | None,
     headings: int | None,
@@ -110,7 +119,7 @@ def _reach_map_in_plane(
     progress: Callable[[int, int], None] | None,
     numbers: Settings,
 ) -> ReachMap:
-    """The same of a problem in the plane."""
+    """The map of a problem in the plane, by poses led on from cell to cell."""
     stages = Stages()
     grid = _grid(problem, step, headings, numbers)
     x = grid.x
@@ -151,23 +160,36 @@ def _grid(problem: Problem, step: float | None, headings: int | None, settings: 
     arm = problem.arm
     if arm.base_axes:
         raise ProblemError("the base is on a feed axis; where the tip can be is mapped for a base that stands still")
-    width = settings.reach.step * arm.length if step is None else step
+    width = _width(problem, settings.reach.step, step)
     count = settings.reach.headings if headings is None else headings
-    if not 0.0 < width <= 2.0 * arm.length:
-        raise ProblemError(f"--step must be above 0 and at most twice the arm's length, got {file_length(width)}")
     if count < 1:
         raise ProblemError(f"--headings must be at least 1, got {count}")
     xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
-    axes: list[FloatArray] = []
-    for low, high, base in ((xmin, xmax, arm.base[0]), (ymin, ymax, arm.base[1])):
-        first = max(low, float(base) - arm.length)
-        last = min(high, float(base) + arm.length)
-        # As many whole cells as cover all of it, half of what is left over at either side.
-        cells = max(1, int(np.ceil((last - first) / width - ROUNDING)))
-        middle = 0.5 * (first + last)
-        axes.append(np.asarray(middle + width * (np.arange(cells) - 0.5 * (cells - 1)), dtype=np.float64))
+    low = np.maximum((xmin, ymin), arm.base - arm.length)
+    high = np.minimum((xmax, ymax), arm.base + arm.length)
+    x, y = _middles(low, high, width)
     turns: FloatArray = arm.base_heading + 2.0 * np.pi * np.arange(count) / count
-    return _Grid(width, axes[0], axes[1], turns)
+    return _Grid(width, x, y, turns)
+
+
+def _width(problem: AnyProblem, usual: float, step: float | None) -> float:
+    """The width of a cell [m]: the one that is asked for, or the usual share of the arm's length.
+
+    Raises:
+        ProblemError: it makes no sense.
+    """
+    length = problem.arm.length
+    width = usual * length if step is None else step
+    if not 0.0 < width <= 2.0 * length:
+        raise ProblemError(f"--step must be above 0 and at most twice the arm's length, got {file_length(width)}")
+    return width
+
+
+def _middles(low: FloatArray, high: FloatArray, width: float) -> list[FloatArray]:
+    """Middles of cells along every axis, as many as cover all of a box, half of what is left over at either side."""
+    counts = np.maximum(1, np.ceil((high - low) / width - ROUNDING).astype(int))
+    middle = 0.5 * (low + high)
+    return [m + width * (np.arange(n) - 0.5 * (n - 1)) for m, n in zip(middle, counts, strict=True)]
 
 
 def _at(problem: Problem, place: tuple[float, float]) -> Problem:
@@ -231,3 +253,111 @@ def _map(
         out[cell] = True
     seen = settings.reach.seen * problem.arm.length
     return ReachMap(problem, grid.step, x, y, angles, reachable, taken, gap, out, seen, timings)
+
+
+def _mapped_in_space(
+    problem: SpaceProblem,
+    step: float | None,
+    directions: int | None,
+    workers: Workers | int,
+    progress: Callable[[int, int], None] | None,
+    settings: SpaceReachSettings,
+) -> SpaceReachMap:
+    """The map of a problem in space, wherever the base is on its feed axis.
+
+    Poses begin at the problem's start, at those of a motion to its last goal where one is soon found, and at drawn
+    ones.
+
+    Raises:
+        ProblemError: the grid makes no sense, or the start touches something.
+    """
+    stages = Stages()
+    width = _width(problem, settings.step, step)
+    tried = even_directions(settings.directions if directions is None else directions)
+    x, y, z = axes = _axes(problem, width, settings)
+    question = SpaceReachQuestion.about(problem, width, tried, settings)
+    with stages("proofs"):
+        looker, closed = _proved(problem, question, axes)
+    flood = TipFlood((x, y, z), width, closed, len(tried), settings)
+    with stages("motion"):
+        _begin(flood, problem, looker)
+    flooded(flood, partial(look_at_cell, question), workers, int(np.sum(~closed)), progress)
+    reachable = np.zeros(closed.shape, dtype=bool)
+    for cell in flood.poses:
+        reachable[cell] = True
+    timings = {**stages.timings, "cells": flood.cpu}
+    seen = settings.seen * problem.arm.length
+    return SpaceReachMap(problem, width, x, y, z, tried, reachable, flood.taken, flood.gap, closed, seen, timings)
+
+
+@on_one_thread()
+def _proved(
+    problem: SpaceProblem, question: SpaceReachQuestion, axes: Sequence[FloatArray]
+) -> tuple[TipLooker, BoolArray]:
+    """Who looks at cells, and which of them are out of reach.
+
+    Raises:
+        ProblemError: the start touches something.
+    """
+    looker = question.looker
+    contact = contact_words(problem, looker.task, looker.task.start)
+    if contact:
+        raise ProblemError(f"the start is in contact: {contact}")
+    return looker, _out_of_reach_in_space(problem, looker.task.tree, axes)
+
+
+@on_one_thread()
+def _begin(flood: TipFlood, problem: SpaceProblem, looker: TipLooker) -> None:
+    """Begin where the arm is, and where it can be."""
+    flood.begin(looker, _unknowns_of_motion(problem, looker.task))
+
+
+def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask) -> FloatArray:
+    """Keyframes of a motion to the problem's goal, whose tip shows the way through ducts and holes; none without."""
+    none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
+    if not isinstance(problem.goal, TipGoal):
+        return none
+    try:
+        return any_motion(task.deadline_within(_MOTION_TIME)).unknowns
+    except NoPlanFound:
+        return none
+
+
+def _axes(problem: SpaceProblem, width: float, settings: SpaceReachSettings) -> list[FloatArray]:
+    """Middles of the cells over the part of the room that the arm's length spans.
+
+    Raises:
+        ProblemError: the grid makes no sense.
+    """
+    low, high = reach_box(problem.arm, problem.workspace.bounds)
+    if np.any(high <= low):
+        raise ProblemError("no place of the room is within the arm's length of its base")
+    axes = _middles(low, high, width)
+    cells = int(np.prod([len(each) for each in axes]))
+    if cells > settings.most_cells:
+        raise ProblemError(f"--step {file_length(width)} makes {cells} cells; at most {settings.most_cells} are mapped")
+    return axes
+
+
+def _out_of_reach_in_space(problem: SpaceProblem, tree: SurfaceTree, axes: Sequence[FloatArray]) -> BoolArray:
+    """Cells to whose middles the tip cannot come: too far away, in a body, outside of the room, or too near to one."""
+    arm = problem.arm
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    flat = places.reshape(-1, 3)
+    low, high = arm.base_range
+    along = np.clip((flat - arm.base) @ arm.direction, low, high) if arm.base_axes else np.zeros(len(flat))
+    away = np.linalg.norm(flat - arm.base - along[:, None] * arm.direction, axis=1)
+    closed = away > arm.length
+    kept = arm.radius + problem.workspace.clearance
+    if kept > 0.0 and len(problem.workspace.soup):
+        # Where the mount reaches to the tip, the tip may touch what it stands on.
+        points = np.repeat(flat[:, None], 2, axis=1)
+        closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
+    for some in _parts(np.flatnonzero(~closed)):
+        closed[some[enclosed(problem.workspace, flat[some])]] = True
+    return np.asarray(closed.reshape(places.shape[:-1]))
+
+
+def _parts(numbers: IntArray) -> Iterator[IntArray]:
+    """Numbers a thousand at a time, so that intermediate arrays stay small."""
+    yield from np.array_split(numbers, max(len(numbers) // 1000, 1))
