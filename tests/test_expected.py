@@ -179,7 +179,7 @@ def test_every_public_callable_is_asked() -> None:
     assert set(ccm_opt.__all__) == asked | results | data | elsewhere | modules
 
 
-@pytest.mark.parametrize("move", [{"position": "here"}, {"position": [1]}, {"heading": "up"}, {"heading": True}])
+@pytest.mark.parametrize("move", [{"position": "here"}, {"position": [1]}, {"direction": "up"}, {"direction": True}])
 def test_a_live_plan_refuses_what_is_no_place(move: dict[str, Any], solution: ccm_opt.Solution) -> None:
     """Neither a text nor a boolean moves a goal, and the plan stays."""
     live = ccm_opt.LivePlan(solution.problem)

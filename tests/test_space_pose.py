@@ -148,13 +148,15 @@ def test_questions_without_an_answer_are_refused() -> None:
         ccm_opt.find_pose(replace(problem, goal=TipGoal(np.array([3.0, 0.0, 0.0]))))
 
 
-def test_a_direction_that_no_pose_takes_is_not_found() -> None:
-    """A stretched arm cannot look back: nothing is found, and the reason tells what was tried."""
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.999, "cannot turn to the goal"), (0.5, "no pose was found at the goal")], ids=["far", "near"]
+)
+def test_a_direction_that_no_pose_takes_is_not_found(share: float, said: str) -> None:
+    """A stretched arm cannot look back, which is proved; where it has some length to spare, no pose is found."""
     problem = clutter(3, links=8, bodies=1).problem
     arm = problem.arm
-    end = arm.base + 0.999 * arm.length * arm.direction
-    back = TipGoal(end, -arm.direction)
+    back = TipGoal(arm.base + share * arm.length * arm.direction, -arm.direction)
     hurried = replace(problem.planner, time_limit=2.0)
     with pytest.raises(NoPlanFound) as caught:
         ccm_opt.find_pose(replace(problem, goal=back, planner=hurried))
-    assert "no pose was found at the goal" in caught.value.diagnosis.reason
+    assert said in caught.value.diagnosis.reason

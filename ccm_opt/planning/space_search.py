@@ -409,7 +409,7 @@ class _Search:
         near = task.tree.nearest(pose.segments_beyond(task.arm.mount_end), stepper.kept + 0.5 * task.arm.length)
         k = int(np.argmin(near.gap))
         owner = int(near.owner[k])
-        name = f"'{task.names[owner]}'" if owner < len(task.names) else "a wall"
+        name = f"'{task.names[owner]}'" if 0 <= owner < len(task.names) else "a wall"
         gap = float(near.gap[k]) - task.arm.radius
         remaining = 0.0 if target is None else float(np.linalg.norm(pose.tip - target))
         limit = "" if task.user is None else task.user.placed_at_goal().describe(pose.q)
