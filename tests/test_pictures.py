@@ -23,7 +23,7 @@ from ccm_opt.solution import Solution
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import DrawnPlan
-from ccm_opt.viz.films import motion_gif, motion_mp4, plane_film
+from ccm_opt.viz.films import film_of, motion_gif, motion_mp4
 from ccm_opt.viz.plan import LabelPlaces, action_window, even_steps, plan_figure, plan_picture
 from ccm_opt.viz.settings import FILM
 
@@ -152,7 +152,7 @@ def test_the_film_lasts_as_long_as_the_motion(plan: DrawnPlan) -> None:
 def test_long_films_are_faster_than_the_motion(plan: DrawnPlan) -> None:
     """A motion of a minute has no more frames than a film may have, and its samples are evenly spread in time."""
     slow = replace(plan, trajectory=replace(plan.trajectory, time=60.0 * plan.trajectory.time))
-    film = plane_film(slow)
+    film = film_of(slow)
     assert len(film.shown) == FILM.most_frames
     assert film.seconds == pytest.approx((FILM.most_frames - 1) / FILM.frames_a_second)
     spread = np.diff(slow.trajectory.time[film.shown])

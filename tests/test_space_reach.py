@@ -14,7 +14,8 @@ import ccm_opt
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, look_at_cell
 from ccm_opt.problem import TipGoal
 from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, even_directions
-from ccm_opt.viz.space_views import SIDES, SeenScene
+from ccm_opt.viz.arm_drawing import SIDES
+from ccm_opt.viz.views import SeenScene
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS

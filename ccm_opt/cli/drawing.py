@@ -12,9 +12,10 @@ from ccm_opt.cli.surroundings import no_search_for_cycles
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.result_folders import folder_of
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import ParetoPlans
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
-from ccm_opt.viz.saved_plans import SavedSpacePlan, drawn, load
+from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.viz.saved_plans import drawn, load
 
 if TYPE_CHECKING:
     from ccm_opt.viz.arm_drawing import DrawnPlan
@@ -50,30 +51,26 @@ def plan_pictures(
         plans: of which it is one, where there are several.
     """
     with no_search_for_cycles():
-        from ccm_opt.viz.films import motion_gif, space_film  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.viz.films import motion_gif  # noqa: PLC0415
         from ccm_opt.viz.page import report_html  # noqa: PLC0415
+        from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
+        from ccm_opt.viz.views import SeenScene  # noqa: PLC0415
 
     still = f"plan.{kind}"
     report = report_html(solution, pictures=(still, "motion.gif"), plans=plans).encode()
-    if isinstance(solution, SpaceSolution):
-        from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415
-        from ccm_opt.viz.space_views import SeenScene  # noqa: PLC0415
-
-        scene = SeenScene(solution.problem)
-        picture, film = space_plan_picture(solution, kind, scene=scene), space_film(solution, scene=scene).gif()
-    else:
-        from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415
-        from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
-
-        plan = DrawnPlan.from_solution(solution)
-        picture, film = plan_picture(plan, kind), motion_gif(plan)
-    return {still: picture, "motion.gif": film, "report.html": report}
+    plan = DrawnPlan.from_solution(solution)
+    # Both show the same bodies, which are made ready once.
+    scene = SeenScene(plan.problem) if isinstance(plan.problem, SpaceProblem) else None
+    return {still: plan_picture(plan, kind, scene), "motion.gif": motion_gif(plan, scene), "report.html": report}
 
 
 def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
+    from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
-    from ccm_opt.viz.paper_figures import pareto_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.paper_figures import pareto_png  # noqa: PLC0415
+    from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
     from ccm_opt.viz.problem_section import PlanPages  # noqa: PLC0415
 
     page = "report.html"
@@ -87,20 +84,9 @@ def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -
         still = f"plan.{kind}"
         beside = tuple(f"../{other}/{page}" if other != number else "" for other in numbers)
         report = report_html(plan.solution, pictures=(still,), plans=PlanPages(found, beside))
-        pictures[f"{folder_of(number)}/{still}"] = _still_picture(plan.solution, kind)
+        pictures[f"{folder_of(number)}/{still}"] = plan_picture(DrawnPlan.from_solution(plan.solution), kind)
         pictures[f"{folder_of(number)}/{page}"] = report.encode()
     return pictures
-
-
-def _still_picture(solution: AnySolution, kind: FigureKind) -> bytes:
-    if isinstance(solution, SpaceSolution):
-        from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415 - loads matplotlib
-
-        return space_plan_picture(solution, kind)
-    from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
-
-    return plan_picture(DrawnPlan.from_solution(solution), kind)
 
 
 def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:
@@ -127,28 +113,6 @@ def _draw(folder: Path, options: DrawOptions) -> int:
     return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})
 
 
-def _drawn_in_space(plan: SavedSpacePlan, figures: Sequence[FigureName], kind: FigureKind) -> dict[str, bytes]:
-    """The pictures of a written plan in space: those of the plane's that there are.
-
-    Raises:
-        ProblemError: naming what is asked for and drawn in the plane alone.
-    """
-    from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.viz.space_plan import space_plan_picture  # noqa: PLC0415
-
-    drawers: Mapping[FigureName, Callable[[], tuple[str, bytes]]] = {
-        FigureName.PLAN: lambda: (f"plan.{kind}", space_plan_picture(plan, kind)),
-        FigureName.SPACE: lambda: (f"space.{kind}", space_plan_picture(plan, kind)),
-        FigureName.GIF: lambda: ("motion.gif", motion_gif(plan)),
-        FigureName.MP4: lambda: ("motion.mp4", motion_mp4(plan)),
-    }
-    # Where nothing is asked for, the plan is drawn, which is a picture in space itself.
-    asked = (FigureName.PLAN,) if tuple(figures) == STILL_FIGURES else figures
-    if unknown := [str(name) for name in asked if name not in drawers]:
-        raise ProblemError(f"{', '.join(unknown)}: drawn in the plane alone, and '{plan.problem.name}' is in space")
-    return dict(drawers[name]() for name in asked)
-
-
 def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
     """The pictures of a written plan by file name.
 
@@ -161,24 +125,27 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         ProblemError: for an unreadable folder, or a video without ffmpeg.
         VerificationError: the folder holds no plan.
     """
-    loaded = load(folder)
-    if isinstance(loaded, SavedSpacePlan):
-        return _drawn_in_space(loaded, figures, kind)
-    plan = drawn(loaded)
+    plan = drawn(load(folder))
     from ccm_opt.viz import paper_figures  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415
     from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
-    drawers: Mapping[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
+    stills: dict[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
         FigureName.PLAN: plan_picture,
-        FigureName.CURVES: paper_figures.curves_picture,
-        FigureName.STEPS: paper_figures.steps_picture,
-        FigureName.LINKS: paper_figures.links_picture,
-        FigureName.SPACE: paper_figures.space_picture,
+        FigureName.SPACE: plan_picture,
     }
-    files = {f"{name}.{kind}": drawers[name](plan, kind) for name in figures if name in drawers}
-    if FigureName.GIF in figures:
-        files["motion.gif"] = motion_gif(plan)
-    if FigureName.MP4 in figures:
-        files["motion.mp4"] = motion_mp4(plan)
-    return files
+    if isinstance(plan.problem, SpaceProblem):
+        # Where nothing is asked for, the plan is drawn, which is a picture in space itself.
+        figures = (FigureName.PLAN,) if tuple(figures) == STILL_FIGURES else figures
+    else:
+        stills |= {
+            FigureName.CURVES: paper_figures.curves_picture,
+            FigureName.STEPS: paper_figures.steps_picture,
+            FigureName.LINKS: paper_figures.links_picture,
+            FigureName.SPACE: paper_figures.space_picture,
+        }
+    films: dict[FigureName, Callable[[DrawnPlan], bytes]] = {FigureName.GIF: motion_gif, FigureName.MP4: motion_mp4}
+    if unknown := [str(name) for name in figures if name not in stills and name not in films]:
+        raise ProblemError(f"{', '.join(unknown)}: drawn in the plane alone, and '{plan.problem.name}' is in space")
+    files = {f"{name}.{kind}": stills[name](plan, kind) for name in figures if name in stills}
+    return files | {f"motion.{name}": films[name](plan) for name in figures if name in films}

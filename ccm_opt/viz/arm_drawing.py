@@ -16,10 +16,12 @@ from matplotlib.path import Path
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, Workspace
-from ccm_opt.solution import JointTrajectory, NearPlace, Solution
+from ccm_opt.solution import JointTrajectory, NearPlace
+from ccm_opt.solution.space_solution import AnySolution
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import PICTURES, PictureSettings
 
@@ -180,19 +182,59 @@ def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
 
 
 @dataclass(frozen=True)
+class Side:
+    """A direction in which a scene is looked at; that of the plane takes and gives places of shape (..., 2).
+
+    Attributes:
+        name: of the view.
+        across: number of the coordinate that grows to the right, or weights of the three, shape (3,).
+        up: likewise of the one that grows upwards.
+        labels: of both axes.
+    """
+
+    name: str
+    across: FloatArray
+    up: FloatArray
+    labels: tuple[str, str]
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Places in the picture, shape (..., 3) to (..., 2) [m]."""
+        return np.stack((points @ self.across, points @ self.up), axis=-1)
+
+
+PLANE = Side("the plane", np.array([1.0, 0.0]), np.array([0.0, 1.0]), ("x", "y"))
+"""The only one of the plane."""
+_X, _Y, _Z = np.eye(3)
+SIDES = (
+    Side("from above", _X, _Y, ("x", "y")),
+    Side("from the front", _X, _Z, ("x", "z")),
+    Side("from the left", _Y, _Z, ("y", "z")),
+)
+"""The three sides of a plan's picture."""
+SLANTED = Side(
+    "slanted",
+    np.array([np.cos(0.6), -np.sin(0.6), 0.0]),
+    np.array([0.42 * np.sin(0.6), 0.42 * np.cos(0.6), np.sqrt(1.0 - 0.42**2)]),
+    ("", ""),
+)
+"""From before and above, as a film shows it."""
+
+
+@dataclass(frozen=True)
 class DrawnPlan:
     """What pictures show of a plan.
 
     Attributes:
         problem: what was asked.
         trajectory: the motion.
-        points: joints and tip at every sample, shape (T, links + 1, 2) [m].
+        points: joints and tip at every sample, shape (T, links + 1, d) [m].
         curves: behind the planner's keyframes, in order; may be none.
         nearest: where the least gap is; None where nobody measured it or nothing is near.
-        simulated: joints and tip of the simulated arm in space, shape (T, links + 1, 3) [m]; None where it was not.
+        simulated: joints and tip of the simulated arm of the plane in space, shape (T, links + 1, 3) [m]; None where it
+            was not.
     """
 
-    problem: Problem
+    problem: AnyProblem
     trajectory: JointTrajectory
     points: FloatArray
     curves: tuple[Configuration, ...] = ()
@@ -200,16 +242,27 @@ class DrawnPlan:
     simulated: FloatArray | None = None
 
     @classmethod
-    def from_solution(cls, solution: Solution) -> "DrawnPlan":
+    def from_solution(cls, solution: AnySolution) -> "DrawnPlan":
         """What a solution shows."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
         return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
 
     @property
+    def planar_problem(self) -> Problem:
+        """What was asked, in the plane.
+
+        Raises:
+            TypeError: it is in space.
+        """
+        if not isinstance(self.problem, Problem):
+            raise TypeError(f"'{self.problem.name}' is in space, and this is drawn in the plane alone")
+        return self.problem
+
+    @property
     def nearest_point(self) -> FloatArray | None:
-        """Half-way between the two bodies at the time of their least gap, shape (2,) [m]."""
+        """Half-way between the two bodies at the time of their least gap, shape (2,) [m]; None in space."""
         near = self.nearest
-        if near is None:
+        if near is None or not isinstance(self.problem, Problem):
             return None
         at = [np.interp(near.time, self.trajectory.time, column) for column in self.trajectory.positions.T]
         pose = self.problem.arm.joint_positions_at(np.array(at))

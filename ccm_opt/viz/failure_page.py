@@ -23,9 +23,8 @@ from ccm_opt.viz.document import (
     table,
 )
 from ccm_opt.viz.problem_section import problem_section, timings_table
-from ccm_opt.viz.scene_data import goals_data, scene_data
+from ccm_opt.viz.scene_data import goals_data, scene_data, space_scene_data
 from ccm_opt.viz.settings import REPORT, ReportSettings
-from ccm_opt.viz.space_scene_data import space_scene_data
 from ccm_opt.viz.stage_section import stage_section
 
 Mark = dict[str, object]

@@ -19,13 +19,12 @@ from PIL import Image
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.solution.space_solution import SpacePlan
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import DrawnPlan, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path, draw_workspace
 from ccm_opt.viz.plan import action_window, draw_goals
-from ccm_opt.viz.settings import FILM, SPACE_FILM, SPACE_PICTURES, FilmSettings
-from ccm_opt.viz.space_plan import draw_goals_in_space
-from ccm_opt.viz.space_views import SLANTED, SeenScene, seen_window, window_of
+from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
+from ccm_opt.viz.views import SeenScene, seen_window, window_of
 
 _TOLD_FACTOR = 1.05
 """Films that are faster than the motion by more than this factor say so."""
@@ -150,36 +149,39 @@ def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str]
     return [body, axis]
 
 
-def plane_film(plan: DrawnPlan, settings: FilmSettings = FILM) -> Film:
-    """The motion of a plan as a film, in real time unless it is too long for that."""
-    window = action_window(plan.problem, plan.points)
-    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
-        figure, axes = film_figure(np.array(window[:2]), np.array(window[2:]), settings)
-        draw_workspace(axes, plan.problem.workspace, window=window)
-        draw_tip_path(axes, plan.points[:, -1])
-        draw_goals(axes, plan, poses=False)
-        axes.plot(*plan.points[0, 0], marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
-    return Film.of_motion((figure, axes), plan.points, plan.trajectory.time, plan.problem.arm.radius, settings)
-
-
-def space_film(plan: SpacePlan, settings: FilmSettings = SPACE_FILM, scene: SeenScene | None = None) -> Film:
-    """The motion of a plan in space as a film, in real time unless it is too long for that.
+def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenScene | None = None) -> Film:
+    """The motion of a plan as a film, in real time unless it is too long for that.
 
     Args:
         plan: the plan.
-        settings: sizes.
-        scene: the bodies as another picture of the problem shows them; None: they are made ready.
+        settings: size and number of the frames; None stands for those of the plane, or of space.
+        scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
     """
-    points = plan.joint_positions
-    bodies = scene or SeenScene(plan.problem, SPACE_PICTURES)
-    low, high = seen_window(SLANTED, window_of(plan.problem, points))
+    problem, points = plan.problem, plan.points
+    in_space = isinstance(problem, SpaceProblem)
+    settings = settings or _usual_settings(plan)
+    side = SLANTED if in_space else PLANE
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
-        figure, axes = film_figure(low, high, settings)
-        bodies.draw_room(axes, SLANTED)
-        bodies.draw(axes, SLANTED)
-        axes.plot(*SLANTED(points[:, -1]).T, color=style.TIP_PATH, linewidth=1.0, linestyle=(0, (4, 2)), zorder=7)
-        draw_goals_in_space(axes, plan, SLANTED, points)
-    return Film.of_motion((figure, axes), SLANTED(points), plan.trajectory.time, plan.problem.arm.radius, settings)
+        if isinstance(problem, SpaceProblem):
+            low, high = seen_window(side, window_of(problem, points))
+            figure, axes = film_figure(low, high, settings)
+            bodies = scene or SeenScene(problem)
+            bodies.draw_room(axes, side)
+            bodies.draw(axes, side)
+        else:
+            window = action_window(problem, points)
+            figure, axes = film_figure(np.array(window[:2]), np.array(window[2:]), settings)
+            draw_workspace(axes, problem.workspace, window=window)
+        draw_tip_path(axes, side(points[:, -1]))
+        draw_goals(axes, plan, side, poses=False)
+        if not in_space:
+            axes.plot(*points[0, 0], marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
+    return Film.of_motion((figure, axes), side(points), plan.trajectory.time, problem.arm.radius, settings)
+
+
+def _usual_settings(plan: DrawnPlan) -> FilmSettings:
+    """Size and number of the frames of a film in the plane, or in space."""
+    return SPACE_FILM if isinstance(plan.problem, SpaceProblem) else FILM
 
 
 _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
@@ -232,38 +234,19 @@ def film_mp4(film: Film) -> bytes:
         return out.read_bytes()
 
 
-def motion_gif(plan: DrawnPlan | SpacePlan, settings: FilmSettings | None = None) -> bytes:
-    """The motion of a plan as an animated GIF, in real time unless it is too long for that.
+def motion_gif(plan: DrawnPlan, scene: SeenScene | None = None) -> bytes:
+    """The motion of a plan as an animated GIF, in real time unless it is too long for that: the content of a file."""
+    return film_of(plan, scene=scene).gif()
+
+
+def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
+    """The motion of a plan as a video, in real time unless it is too long for that: the content of an MP4 file.
 
     Args:
         plan: the plan.
         settings: size and number of the frames; None stands for those of the plane, or of space.
-
-    Returns:
-        The content of a GIF file.
-    """
-    return _film(plan, settings or _usual(plan)).gif()
-
-
-def motion_mp4(plan: DrawnPlan | SpacePlan, settings: FilmSettings | None = None) -> bytes:
-    """The motion of a plan as a video, in real time unless it is too long for that.
-
-    Args:
-        plan: the plan.
-        settings: size and number of the frames; None stands for those of the plane, or of space.
-
-    Returns:
-        The content of an MP4 file.
 
     Raises:
         ProblemError: there is no ffmpeg, or it cannot encode.
     """
-    return film_mp4(_film(plan, video_settings(settings or _usual(plan))))
-
-
-def _usual(plan: DrawnPlan | SpacePlan) -> FilmSettings:
-    return FILM if isinstance(plan, DrawnPlan) else SPACE_FILM
-
-
-def _film(plan: DrawnPlan | SpacePlan, settings: FilmSettings) -> Film:
-    return plane_film(plan, settings) if isinstance(plan, DrawnPlan) else space_film(plan, settings)
+    return film_mp4(film_of(plan, video_settings(settings or _usual_settings(plan))))

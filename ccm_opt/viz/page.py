@@ -420,7 +420,7 @@ def plan_data(solution: AnySolution, units: PageUnits, settings: ReportSettings 
     points = solution.joint_positions
     ends = points[[*solution.trajectory.stops, len(points) - 1]]
     if isinstance(solution, SpaceSolution):
-        from ccm_opt.viz.space_scene_data import space_scene_data  # noqa: PLC0415 - of one kind of problems alone
+        from ccm_opt.viz.scene_data import space_scene_data  # noqa: PLC0415 - likewise
 
         scene: dict[str, object] = {
             "scene": space_scene_data(solution.problem, points.reshape(-1, 3), ends[:, -1], settings)

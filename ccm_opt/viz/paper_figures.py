@@ -27,7 +27,7 @@ from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_obstacle, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_drawing import SLANTED, DrawnPlan, draw_body, draw_obstacle, draw_tip_path, draw_workspace
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
 from ccm_opt.viz.plan import action_window, draw_goal, draw_goals, even_steps
 from ccm_opt.viz.settings import (
@@ -38,8 +38,7 @@ from ccm_opt.viz.settings import (
     ParetoPictureSettings,
     PictureSettings,
 )
-from ccm_opt.viz.space_plan import draw_arm, draw_goals_in_space
-from ccm_opt.viz.space_views import SLANTED, SeenScene, seen_window, window_of
+from ccm_opt.viz.views import SeenScene, draw_arm, seen_window, window_of
 
 _CURVES_SIDE = 3.6
 """Width and height of the drawing of curves and of that of curvatures [inch]."""
@@ -185,9 +184,9 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperF
     """
     if not plan.curves:
         raise ProblemError("the plan has no curves behind its keyframes; draw other figures")
-    goal = plan.problem.goal if isinstance(plan.problem.goal, TipGoal) else None
-    title = f"{plan.problem.name}: {len(plan.curves)} keyframes"
-    panel = SchemaPanel(title, plan.curves, goal, plan.problem.workspace, unit=plan.problem.length_unit)
+    goal = plan.planar_problem.goal if isinstance(plan.planar_problem.goal, TipGoal) else None
+    title = f"{plan.planar_problem.name}: {len(plan.curves)} keyframes"
+    panel = SchemaPanel(title, plan.curves, goal, plan.planar_problem.workspace, unit=plan.planar_problem.length_unit)
     return figure_file(lambda: schemas_figure([panel], shown=settings.curves, side=_CURVES_SIDE), kind)
 
 
@@ -206,12 +205,12 @@ def _steps_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
     ends = _ends_of_steps(plan, settings.steps)
     columns = min(3, len(ends) + 1)
     rows = -(-(len(ends) + 1) // columns)
-    window = action_window(plan.problem, plan.points)
+    window = action_window(plan.planar_problem, plan.points)
     height = _STEP_WIDTH * (window[3] - window[1]) / (window[2] - window[0])
     size = (_STEP_WIDTH * columns, (height + 0.45) * rows)
     figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    _draw_step(grid[0], plan, np.zeros(1, dtype=np.intp), f"(1) {plan.problem.name}: start and goal")
+    _draw_step(grid[0], plan, np.zeros(1, dtype=np.intp), f"(1) {plan.planar_problem.name}: start and goal")
     time = plan.trajectory.time
     for number, (begin, end) in enumerate(pairwise(ends), start=2):
         samples = begin + even_steps(plan.points[begin : end + 1], _POSES_A_STEP, ends=True)
@@ -234,7 +233,7 @@ def _ends_of_steps(plan: DrawnPlan, count: int) -> IntArray:
 
 def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> None:
     """Poses of one step, the first grey, the last in colour."""
-    problem = plan.problem
+    problem = plan.planar_problem
     draw_workspace(axes, problem.workspace, window=action_window(problem, plan.points))
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
     first = plan.points[samples[0]]
@@ -261,7 +260,7 @@ def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
 
 
 def _links_figure(plan: DrawnPlan) -> Figure:
-    problem = plan.problem
+    problem = plan.planar_problem
     window = action_window(problem, plan.points)
     across = window[2] - window[0]
     up = window[3] - window[1]
@@ -308,15 +307,15 @@ def _space_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
         _draw_in_space(axes, plan, points[np.minimum(shown, len(time) - 1)])
         axes.set_title(f"({k + 1}) {begin:.2f} to {end:.2f} s", fontsize=9, y=1.0)
     words = "simulated" if plan.simulated is not None else "as planned"
-    figure.suptitle(f"{plan.problem.name}: {words}", fontsize=10, x=0.01, ha="left")
+    figure.suptitle(f"{plan.planar_problem.name}: {words}", fontsize=10, x=0.01, ha="left")
     return figure
 
 
 def _draw_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
     """Poses early to late, the last at its full width, with the outlines of what is near in the arm's plane."""
-    window = action_window(plan.problem, plan.points)
+    window = action_window(plan.planar_problem, plan.points)
     seen = shapely.box(*window)
-    for obstacle in plan.problem.workspace.obstacles:
+    for obstacle in plan.planar_problem.workspace.obstacles:
         outline = shapely.intersection(shapely.boundary(obstacle.outline()), seen)
         for line in shapely.get_parts(outline):
             x, z = shapely.get_coordinates(line).T
@@ -324,7 +323,7 @@ def _draw_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
     middle = np.array([0.5 * (window[0] + window[2]), 0.0, 0.5 * (window[1] + window[3])])
     reach = 0.5 * max(window[2] - window[0], window[3] - window[1])
     # Points of a line's width to a metre, near enough in the middle of the picture.
-    width = 0.55 * 72.0 * _SPACE_SIDE / (2.0 * reach) * 2.0 * plan.problem.arm.radius
+    width = 0.55 * 72.0 * _SPACE_SIDE / (2.0 * reach) * 2.0 * plan.planar_problem.arm.radius
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, len(poses)))
     for pose, shade in zip(poses[:-1], shades[:-1], strict=True):
         axes.plot(*pose.T, color=shade, linewidth=0.9)
@@ -465,7 +464,7 @@ def _draw_in_plane(problem: Problem, axes: Axes, solution: AnySolution | None) -
     draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="", zorder=3)
     draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
     draw_tip_path(axes, points[:, -1])
-    draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1], "")
+    draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1, -1], "")
 
 
 def _pareto_picture_draw_in_space(
@@ -484,4 +483,4 @@ def _pareto_picture_draw_in_space(
     draw_arm(axes, SLANTED(points[0]), radius, style.START_EDGE, 0.45, "")
     draw_arm(axes, SLANTED(points[-1]), radius, style.GOAL_ARM, 0.85, "")
     draw_tip_path(axes, SLANTED(points[:, -1]))
-    draw_goals_in_space(axes, solution, SLANTED, points)
+    draw_goals(axes, DrawnPlan.from_solution(solution), SLANTED, poses=False)

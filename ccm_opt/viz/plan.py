@@ -1,4 +1,4 @@
-"""The picture of a plan."""
+"""The picture of a plan, in the plane or in three views of space."""
 
 from dataclasses import dataclass, field
 
@@ -12,11 +12,14 @@ from matplotlib.patheffects import withStroke
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Goal, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_poses, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes
 from ccm_opt.viz.settings import PICTURES, PictureSettings
+from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, legend_below_views, sheet_of_sides, window_of
 
 _LEAST_WIDTH = 2.6
 """Of that drawing [inch], so that the legend finds its place."""
@@ -28,12 +31,16 @@ _MOST_OF_ROOM = 0.85
 """Share of both sides of the room from which on all of it is shown."""
 _ARROW_SHARE = 0.09
 """Length of a goal's arrow, as a share of what is shown."""
+ARROW_IN_LINKS = 3.0
+"""The same in space, where views differ in size, in links."""
 _LABEL_SIZE = 7.5
 """Of labels in the drawing [points]."""
 _POSES_ON_THE_WAY = 7
 """Poses drawn between start and goal."""
 _LEAST_DISC = 0.012
 """Tolerances of a goal's place are drawn when wider than this share of the picture."""
+_LEAST_SEEN = 0.1
+"""Directions that are seen shorter than this share of their length have no arrow to speak of."""
 _LEAST_WEDGE = 0.05
 """Tolerances of a goal's heading are drawn when wider than this [rad]."""
 
@@ -180,24 +187,30 @@ def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: in
     )  # fmt: skip
 
 
-def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PictureSettings = PICTURES) -> bytes:
+def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene | None = None) -> bytes:
     """The picture of a plan: room, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
         plan: the plan.
         kind: format of the file.
-        settings: sizes.
+        scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
 
     Returns:
         The content of a file of that format.
     """
-    return figure_file(lambda: plan_figure(plan, settings), kind)
+    return figure_file(lambda: plan_figure(plan, scene), kind)
 
 
-def plan_figure(plan: DrawnPlan, settings: PictureSettings = PICTURES) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot."""
-    problem = plan.problem
-    points = plan.points
+def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot.
+
+    Args:
+        plan: the plan.
+        scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
+    """
+    if isinstance(plan.problem, SpaceProblem):
+        return _figure_in_space(plan, plan.problem, scene or SeenScene(plan.problem))
+    problem, points, settings = plan.problem, plan.points, PICTURES
     window = action_window(problem, points, settings)
     layout = layout_of(window, settings)
     figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
@@ -205,30 +218,63 @@ def plan_figure(plan: DrawnPlan, settings: PictureSettings = PICTURES) -> Figure
     draw_workspace(axes, problem.workspace, settings, window)
     _draw_motion(axes, points, problem.arm.radius, _POSES_ON_THE_WAY)
     draw_goals(axes, plan)
-    _mark_least_gap(axes, plan, settings)
+    _mark_least_gap(axes, plan, problem, settings)
     dress(figure, axes, f"{problem.name}: {plan.trajectory.duration:.2f} s", problem)
     return figure
 
 
-def draw_goals(axes: Axes, plan: DrawnPlan, *, poses: bool = True) -> None:
-    """All goals, with their numbers where there are several, and perhaps the arm at those on the way."""
+def _figure_in_space(plan: DrawnPlan, problem: SpaceProblem, scene: SeenScene) -> Figure:
+    """Three views, and the section along the arm at its goal."""
+    points = plan.points
+    window = window_of(problem, points)
+    sheet = sheet_of_sides(window, scene.settings)
+    for side, axes in zip(SIDES, sheet.views, strict=True):
+        scene.begin_view(axes, side, window)
+        draw_arm(axes, side(points[0]), problem.arm.radius, style.START_EDGE, 0.45, "start")
+        draw_poses(axes, side(points[even_steps(points, scene.settings.poses)]))
+        draw_arm(axes, side(points[-1]), problem.arm.radius, style.GOAL_ARM, 0.85, "end")
+        draw_tip_path(axes, side(points[:, -1]))
+        draw_goals(axes, plan, side, poses=False)
+        dress_view(axes, side, problem)
+    draw_section(sheet.section, problem, points[-1], scene.settings)
+    figure = sheet.figure
+    with words_in(problem.length_unit):
+        gap = "" if plan.nearest is None else f", least gap {short_length(plan.nearest.gap)}"
+    figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
+    legend_below_views(figure)
+    return figure
+
+
+def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool = True) -> None:
+    """All goals, with their numbers where there are several, and perhaps the arm at those on the way.
+
+    Args:
+        axes: whose limits are set.
+        plan: whose goals they are.
+        side: from which they are seen.
+        poses: whether to draw the arm.
+    """
     problem = plan.problem
+    reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
+    stops = [*problem.stops, Stop(problem.goal, problem.tolerances)]
     samples = [*plan.trajectory.stops, len(plan.points) - 1]
-    asked: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
-    asked.append((problem.goal, problem.tolerances))
-    for number, ((goal, tolerances), k) in enumerate(zip(asked, samples, strict=True), start=1):
-        last = number == len(asked)
-        label = ("goals" if len(asked) > 1 else "goal") if last else ""
+    for number, (stop, k) in enumerate(zip(stops, samples, strict=True), start=1):
+        last = number == len(stops)
+        label = ("goals" if len(stops) > 1 else "goal") if last else ""
         if poses and not last:
-            draw_body(axes, plan.points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        draw_goal(axes, goal, tolerances, plan.points[k], label)
-        if len(asked) > 1:
-            place = goal.position if isinstance(goal, TipGoal) else plan.points[k, -1]
-            heading = goal.heading if isinstance(goal, TipGoal) else None
+            draw_body(axes, side(plan.points[k]), 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
+        draw_goal(axes, stop.goal, stop.tolerances, plan.points[k, -1], label, side, reach)
+        if len(stops) > 1:
+            goal = stop.goal
+            pointing = goal.direction if isinstance(goal, TipGoal) else None
+            place = side(goal.position if isinstance(goal, TipGoal) else plan.points[k, -1])
+            across, up = (0.0, 0.0) if pointing is None else side(pointing)
+            # A direction that is seen from its end has no arrow to stand behind.
+            heading = float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None
             number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
 
 
-def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> None:
+def _mark_least_gap(axes: Axes, plan: DrawnPlan, problem: Problem, settings: PictureSettings) -> None:
     """A ring where the arm is nearest to something, with the gap."""
     place = plan.nearest_point
     if place is None or plan.nearest is None:
@@ -239,19 +285,19 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> N
     )  # fmt: skip
     places = LabelPlaces(axes)
     shown = plan.points[even_steps(plan.points, _POSES_ON_THE_WAY)]
-    radius = max(plan.problem.arm.radius, 1e-3 * plan.problem.arm.length)
+    radius = max(problem.arm.radius, 1e-3 * problem.arm.length)
     for pose in (plan.points[0], plan.points[-1]):
         places.keep_off(shapely.LineString(pose).buffer(radius))
     bodies = [shapely.LineString(pose).buffer(radius) for pose in shown]
     places.keep_free(shapely.union_all([*bodies, shapely.LineString(plan.points[:, -1]).buffer(0.5 * radius)]))
     places.keep_names_free()
-    seen = shapely.box(*action_window(plan.problem, plan.points, settings))
-    outlines = [obstacle.outline() for obstacle in plan.problem.workspace.near(seen, 0.0).obstacles]
+    seen = shapely.box(*action_window(problem, plan.points, settings))
+    outlines = [obstacle.outline() for obstacle in problem.workspace.near(seen, 0.0).obstacles]
     for outline in outlines[: settings.most_named_obstacles]:
         places.keep_off(outline)
-    with words_in(plan.problem.length_unit):
+    with words_in(problem.length_unit):
         gap = short_length(plan.nearest.gap)
-    counted = plan.problem.workspace.clearance and not plan.nearest.second_link
+    counted = problem.workspace.clearance and not plan.nearest.second_link
     lines = (f"least gap {gap}", *(["beyond the clearance"] if counted else []), f"at {plan.nearest.time:.2f} s")
     places.write(place, "\n".join(lines), style.LEAST_GAP, _LABEL_SIZE)
 
@@ -298,15 +344,32 @@ def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArra
     return np.unique(np.searchsorted(travelled, wanted if ends else wanted[1:-1]))
 
 
-def draw_goal(axes: Axes, goal: Goal, tolerances: Tolerances, end: FloatArray, label: str) -> None:
-    """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose.
+def draw_goal(
+    axes: Axes,
+    goal: Goal,
+    tolerances: Tolerances,
+    tip: FloatArray,
+    label: str,
+    side: Side = PLANE,
+    reach: float = 0.0,
+) -> None:
+    """An arrow at the goal, where it points; only a ring where any direction will do, or for a whole pose.
 
-    Tolerances that are wide enough to be seen are drawn too: the disc that the tip may end in, and the headings that it
-    may have there.
+    Tolerances that are wide enough to be seen are drawn too: the disc that the tip may end in, and in the plane the
+    headings that it may have there. Crosses mark places to pass on the way.
+
+    Args:
+        axes: whose limits are set.
+        goal: what is drawn.
+        tolerances: of it.
+        tip: where the tip ends, shape (d,) [m].
+        label: in the legend, where the places to pass are named too; empty for none.
+        side: from which it is seen.
+        reach: length of the arrow [m]; 0 for a share of what is shown, which differs between views.
     """
-    wanted = goal.position if isinstance(goal, TipGoal) else end[-1]
+    place = side(goal.position if isinstance(goal, TipGoal) else tip)
     axes.plot(
-        *wanted, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
+        *place, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
         zorder=9, linestyle="none", label=label,
     )  # fmt: skip
     if not isinstance(goal, TipGoal):
@@ -314,20 +377,22 @@ def draw_goal(axes: Axes, goal: Goal, tolerances: Tolerances, end: FloatArray, l
     width = float(np.ptp(axes.get_xlim()))
     if tolerances.position > _LEAST_DISC * width:
         look = {"facecolor": style.GOAL_TINT, "edgecolor": style.GOAL_MARK, "linewidth": 0.8, "linestyle": "--"}
-        axes.add_patch(Circle(tuple(goal.position), tolerances.position, zorder=1.5, **look))
-    if goal.heading is None:
+        axes.add_patch(Circle(tuple(place), tolerances.position, zorder=1.5, **look))
+    if goal.via:
+        axes.plot(
+            *np.transpose([side(passed) for passed in goal.via]), marker="x", markersize=6, color=style.GOAL_MARK,
+            linestyle="none", zorder=9, label="to pass" if label else "",
+        )  # fmt: skip
+    if goal.direction is None or tolerances.heading >= np.pi:
         return
-    reach = _ARROW_SHARE * width
-    if _LEAST_WEDGE < tolerances.heading < np.pi:
+    reach = reach or _ARROW_SHARE * width
+    if goal.heading is not None and tolerances.heading > _LEAST_WEDGE:
         ends = np.rad2deg(goal.heading + tolerances.heading * np.array([-1.0, 1.0]))
-        wedge = Wedge(tuple(goal.position), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
+        wedge = Wedge(tuple(place), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
         axes.add_patch(wedge)
-    if tolerances.heading < np.pi:
-        ahead = goal.position + reach * unit_vector(goal.heading)
-        arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.8, "shrinkA": 0.0, "shrinkB": 0.0}
-        axes.annotate(
-            "", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9, annotation_clip=False
-        )
+    arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.8, "shrinkA": 0.0, "shrinkB": 0.0}
+    ahead = place + reach * side(goal.direction)
+    axes.annotate("", xy=tuple(ahead), xytext=tuple(place), arrowprops=arrow, zorder=9, annotation_clip=False)
 
 
 def dress(figure: Figure, axes: Axes, title: str, problem: Problem) -> None:

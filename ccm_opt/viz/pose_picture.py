@@ -15,19 +15,12 @@ from ccm_opt.problem import TipGoal
 from ccm_opt.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import draw_body, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_drawing import SIDES, SLANTED, Side, draw_body, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
-from ccm_opt.viz.plan import draw_goal, dress, layout_of
+from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal, dress, layout_of
 from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings, SpacePictureSettings
-from ccm_opt.viz.space_plan import (
-    draw_arm,
-    draw_goal_in_space,
-    draw_section,
-    dress_view,
-    legend_below_views,
-    sheet_of_sides,
-)
-from ccm_opt.viz.space_views import SIDES, SLANTED, SeenScene, Side, window_of
+from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, legend_below_views, sheet_of_sides, window_of
 
 _SCALE_ROOM = 0.9
 """Room for a scale of colours at the right [inch]."""
@@ -59,7 +52,7 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     )
     _draw_binding(axes, found)
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
-    draw_goal(axes, problem.goal, problem.tolerances, points, "goal")
+    draw_goal(axes, problem.goal, problem.tolerances, points[-1], "goal")
     with words_in(problem.length_unit):
         gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
     dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}", problem)
@@ -174,7 +167,9 @@ def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = S
         scene.begin_view(axes, side, window)
         draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
         _draw_curve(axes, side(line), side(ends))
-        draw_goal_in_space(axes, problem.goal, points[-1], side, 3.0 * problem.arm.link_length, "goal")
+        draw_goal(
+            axes, problem.goal, problem.tolerances, points[-1], "goal", side, ARROW_IN_LINKS * problem.arm.link_length
+        )
         dress_view(axes, side, problem)
     draw_section(sheet.section, problem, points, settings)
     with words_in(problem.length_unit):

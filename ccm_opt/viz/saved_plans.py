@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.errors import ProblemError
@@ -12,7 +11,7 @@ from ccm_opt.io.folder import solution_files, write_folder
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.solution.solution import present_with
 from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
@@ -35,7 +34,7 @@ class SavedPlan:
     """
 
     folder: Path
-    problem: Problem
+    problem: AnyProblem
     trajectory: JointTrajectory
     joints: JointStates = field(repr=False)
 
@@ -43,38 +42,7 @@ class SavedPlan:
         return f"<SavedPlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
 
 
-@dataclass(frozen=True, repr=False)
-class SavedSpacePlan:
-    """A plan in space as its folder holds it.
-
-    Attributes:
-        folder: where it was loaded from.
-        problem: what it solves.
-        trajectory: the motion in time.
-        joints: the same for the drives.
-    """
-
-    folder: Path
-    problem: SpaceProblem
-    trajectory: JointTrajectory
-    joints: JointStates = field(repr=False)
-
-    @property
-    def joint_positions(self) -> FloatArray:
-        """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
-        return self.problem.arm.joint_positions_at(self.trajectory.positions)
-
-    @property
-    def least_gap(self) -> float | None:
-        """Least gap of the motion beyond radius and clearance [m]; None where its record does not say."""
-        nearest = recorded_nearest(self.folder)
-        return None if nearest is None else nearest.gap
-
-    def __repr__(self) -> str:
-        return f"<SavedSpacePlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
-
-
-def load(folder: str | Path) -> SavedPlan | SavedSpacePlan:
+def load(folder: str | Path) -> SavedPlan:
     """Load a plan from an output folder of ``ccm-opt solve`` or of ``save``.
 
     What is loaded is read, not verified again: ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
@@ -90,8 +58,6 @@ def load(folder: str | Path) -> SavedPlan | SavedSpacePlan:
     place = Path(folder)
     problem = load_any_problem(place)
     motion = load_motion(place, problem.arm)
-    if isinstance(problem, SpaceProblem):
-        return SavedSpacePlan(place, problem, motion.trajectory, motion.joints)
     return SavedPlan(place, problem, motion.trajectory, motion.joints)
 
 
@@ -113,7 +79,7 @@ def save(solution: AnySolution, folder: str | Path) -> Path:
     return write_folder(Path(folder), solution_files(solution))
 
 
-def plot(plan: AnySolution | SavedPlan | SavedSpacePlan) -> "Figure":
+def plot(plan: AnySolution | SavedPlan) -> "Figure":
     """Draw a plan: room, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
@@ -122,16 +88,12 @@ def plot(plan: AnySolution | SavedPlan | SavedSpacePlan) -> "Figure":
     Returns:
         A matplotlib figure, which notebooks show, and ``savefig`` writes.
     """
-    if isinstance(plan, (SpaceSolution, SavedSpacePlan)):
-        from ccm_opt.viz.space_plan import space_plan_figure  # noqa: PLC0415 - loads matplotlib
-
-        return space_plan_figure(plan)
     from ccm_opt.viz.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
     return plan_figure(drawn(plan))
 
 
-def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) -> Path:
+def animate(plan: AnySolution | SavedPlan, file: str | Path) -> Path:
     """Write a film of a plan.
 
     Args:
@@ -148,28 +110,28 @@ def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) ->
 
     expect(file, (str, Path), "the path of a film")
     place = Path(file)
-    films = {".gif": motion_gif, ".mp4": motion_mp4}
-    if place.suffix not in films:
-        raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
-    content = films[place.suffix](plan if isinstance(plan, (SpaceSolution, SavedSpacePlan)) else drawn(plan))
-    put_file_or_refuse(place, content)
+    if place.suffix not in {".gif", ".mp4"}:
+        raise ProblemError(f"a film ends with .gif or .mp4, got '{place.name}'")
+    shown = drawn(plan)
+    put_file_or_refuse(place, motion_gif(shown) if place.suffix == ".gif" else motion_mp4(shown))
     return place
 
 
-def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
+def drawn(plan: AnySolution | SavedPlan) -> "DrawnPlan":
     """What pictures show of a plan; of one that was loaded the simulated arm too."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
 
-    expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
-    if isinstance(plan, Solution):
+    expect(plan, (Solution, SpaceSolution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
+    if not isinstance(plan, SavedPlan):
         return DrawnPlan.from_solution(plan)
+    planar = plan.problem if isinstance(plan.problem, Problem) else None
     return DrawnPlan(
         problem=plan.problem,
         trajectory=plan.trajectory,
         points=plan.problem.arm.joint_positions_at(plan.trajectory.positions),
-        curves=recorded_curves(plan.folder, plan.problem),
+        curves=() if planar is None else recorded_curves(plan.folder, planar),
         nearest=recorded_nearest(plan.folder),
-        simulated=recorded_simulation(plan.folder, plan.problem),
+        simulated=None if planar is None else recorded_simulation(plan.folder, planar),
     )
 
 

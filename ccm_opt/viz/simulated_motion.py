@@ -17,12 +17,12 @@ from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.verification.survived_in_space import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import draw_body, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_drawing import SIDES, Side, draw_body, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.plan import dress, layout_of
 from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings, SpacePictureSettings
-from ccm_opt.viz.space_plan import draw_arm, draw_section, dress_view, points_a_metre, sheet_of_sides
-from ccm_opt.viz.space_views import SIDES, SeenScene, Side, window_of
+from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, points_a_metre, sheet_of_sides, window_of
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
 """Shares of the duration at which the simulated arm is drawn on its way."""

@@ -1,4 +1,4 @@
-"""Views of a scene in space: its bodies seen through from one side, the arm as a band, in matplotlib's axes."""
+"""Views of a scene in space: its bodies seen through from one side, the arm as a band."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,12 +7,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges
 from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.arm_drawing import Side
+from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import SPACE_PICTURES, SpacePictureSettings
 
 _LEAST_TRIANGLES = 200
@@ -21,43 +24,6 @@ _FEWEST_SIDES = 12
 """Of them where there are so many bodies that each may have few triangles only."""
 _GLASS_PIXELS = 700
 """Of the longer side of a view, in which bodies are drawn."""
-
-
-@dataclass(frozen=True)
-class Side:
-    """A direction in which a scene is looked at.
-
-    Attributes:
-        name: of the view.
-        across: number of the coordinate that grows to the right, or weights of the three, shape (3,).
-        up: likewise of the one that grows upwards.
-        labels: of both axes.
-    """
-
-    name: str
-    across: FloatArray
-    up: FloatArray
-    labels: tuple[str, str]
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        """Places in the picture, shape (..., 3) to (..., 2) [m]."""
-        return np.stack((points @ self.across, points @ self.up), axis=-1)
-
-
-_X, _Y, _Z = np.eye(3)
-SIDES = (
-    Side("from above", _X, _Y, ("x", "y")),
-    Side("from the front", _X, _Z, ("x", "z")),
-    Side("from the left", _Y, _Z, ("y", "z")),
-)
-"""The three sides of a plan's picture."""
-SLANTED = Side(
-    "slanted",
-    np.array([np.cos(0.6), -np.sin(0.6), 0.0]),
-    np.array([0.42 * np.sin(0.6), 0.42 * np.cos(0.6), np.sqrt(1.0 - 0.42**2)]),
-    ("", ""),
-)
-"""From before and above, as a film shows it."""
 
 
 @dataclass(frozen=True)
@@ -197,3 +163,93 @@ def window_of(problem: SpaceProblem, points: FloatArray) -> FloatArray:
         low = np.maximum(np.minimum(low, extent[0]), low - near)
         high = np.minimum(np.maximum(high, extent[1]), high + near)
     return np.stack((low, high))
+
+
+_LEGEND_WIDTH = 8.0
+"""Of the arm in the legend, at most [point]."""
+
+
+@dataclass(frozen=True)
+class SheetOfSides:
+    """A figure with room for three views and a section.
+
+    Attributes:
+        figure: the whole.
+        views: axes of the views, in the order of ``SIDES``.
+        section: axes of the section.
+    """
+
+    figure: Figure
+    views: tuple[Axes, ...]
+    section: Axes
+
+
+def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PICTURES) -> SheetOfSides:
+    """An empty sheet for what lies in a box, whose corners have the shape (2, 3) [m]."""
+    spans = np.ptp(window, axis=0)
+    scale = settings.side / float(np.max(spans))
+    # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
+    widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
+    heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
+    figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=settings.dots_per_inch)
+    grid = figure.add_gridspec(
+        2,
+        2,
+        width_ratios=widths,
+        height_ratios=heights,
+        left=0.7 / figure.get_figwidth(),
+        right=1.0 - 0.15 / figure.get_figwidth(),
+        bottom=0.95 / figure.get_figheight(),
+        top=1.0 - 0.62 / figure.get_figheight(),
+        wspace=0.85 / np.mean(widths),
+        hspace=0.72 / np.mean(heights),
+    )
+    views = tuple(figure.add_subplot(cell) for cell in (grid[0, 0], grid[1, 0], grid[1, 1]))
+    return SheetOfSides(figure, views, figure.add_subplot(grid[0, 1]))
+
+
+def legend_below_views(figure: Figure) -> None:
+    """One legend for all views, of what is in the first of them."""
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="lower center", ncols=6, frameon=False, fontsize=style.FONT_SIZE)
+    for line in legend.get_lines():
+        # A thick arm would cover its own name.
+        line.set_linewidth(min(line.get_linewidth(), _LEGEND_WIDTH))
+
+
+def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
+    """The arm in one pose as a band with round ends, as wide as it is in the drawing.
+
+    Args:
+        axes: with their limits and aspect.
+        flat: joints and tip in the picture, shape (links + 1, 2) [m].
+        radius: of the arm [m]; a line stands for zero.
+        colour: of the band.
+        opacity: of the band.
+        label: in the legend.
+    """
+    width = max(2.0 * radius * points_a_metre(axes), 1.2)
+    axes.plot(
+        *flat.T, color=colour, linewidth=width, alpha=opacity, zorder=6, label=label,
+        solid_capstyle="round", solid_joinstyle="round",
+    )  # fmt: skip
+    axes.plot(*flat.T, color=style.GOAL_ARM_EDGE, linewidth=0.5, marker="o", markersize=1.2, zorder=6.1)
+
+
+def points_a_metre(axes: Axes) -> float:
+    """How many points of line width a metre of the drawing is."""
+    box = axes.get_window_extent()
+    # The axes have the aspect of their limits only inside their box.
+    pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
+    return float(pixels_a_metre * 72.0 / axes.figure.dpi)
+
+
+def dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
+    """Name the axes of a view, in the unit of the problem's file."""
+    # A title that is told its height need not look for the highest thing below it, which takes a fifth of the drawing.
+    axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
+    for axis, letter in zip((axes.xaxis, axes.yaxis), side.labels, strict=True):
+        label_axis(axis, letter, problem.length_unit)
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

@@ -1,0 +1,199 @@
+"""What is beside an arm in space, all along it.
+
+The directions are carried along the arm by the shortest turns from link to link, as the curve's own frame is, so that
+up stays up as far as the arm allows.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.length_words import METRES
+from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.scene.bodies import BOX_FACES, box_corners
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import seen_triangles
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.viz import figure_files as style
+from ccm_opt.viz.settings import SpacePictureSettings
+
+_SECTION_SHARE = 0.12
+"""Of the arm's length, as far as the section looks for surfaces."""
+
+_ROUND_SIDES = 48
+"""Of balls and bars, whose polygons then stand back behind them by a fifth of a percent of their radius."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSection:
+    """What rays across the arm meet.
+
+    Attributes:
+        place: along the arm, shape (N,) [m].
+        free: length of the rays in four directions, up, left, down, right, at most the reach, shape (N, 4) [m].
+        nearest: distance of the axis from the nearest surface on any side, which rays may miss, at most the reach,
+            shape (N,) [m].
+        reach: how far is looked [m].
+    """
+
+    place: FloatArray
+    free: FloatArray
+    nearest: FloatArray
+    reach: float
+
+
+def section_along(problem: SpaceProblem, points: FloatArray, count: int, reach: float) -> ArmSection:
+    """The section of a pose.
+
+    Args:
+        problem: whose surfaces are met.
+        points: joints and tip, shape (links + 1, 3) [m].
+        count: of places along the arm.
+        reach: how far is looked [m].
+    """
+    arm = problem.arm
+    place = np.linspace(0.0, arm.length, count, endpoint=False) + 0.5 * arm.length / count
+    link = np.minimum((place / arm.link_length).astype(np.intp), arm.links - 1)
+    along = np.diff(points, axis=0) / arm.link_length
+    origins = points[link] + (place - link * arm.link_length)[:, None] * along[link]
+    up = _carried_up(along, arm.up)[link]
+    left = np.cross(up, along[link])
+    rays = np.stack((up, left, -up, -left), axis=1)
+    free = free_lengths(_seen(problem.workspace), np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
+    nearest = SurfaceTree.of(problem.workspace.soup).distances(np.stack((origins, origins), axis=1), reach)
+    return ArmSection(place, free.reshape(count, 4), np.maximum(nearest, 0.0), reach)
+
+
+def _seen(workspace: Workspace) -> FloatArray:
+    """The surfaces that rays can meet, those of round bodies too, shape (m, 3, 3) [m]."""
+    surfaces = [seen_triangles(each.body, _ROUND_SIDES) for each in workspace.obstacles]
+    found = [vertices[faces] for vertices, faces in surfaces]
+    if workspace.bounds is not None:
+        found.append(box_corners(*workspace.bounds)[BOX_FACES])
+    return np.concatenate(found) if found else np.zeros((0, 3, 3))
+
+
+def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
+    """A direction across each link, carried from link to link by the shortest turn, shape (links, 3)."""
+    found = [first - (first @ along[0]) * along[0]]
+    for before, after in pairwise(along):
+        axis = np.cross(before, after)
+        latest = found[-1]
+        # Rodrigues' formula for the turn that takes one unit vector to the other.
+        turned = latest + np.cross(axis, latest) + np.cross(axis, np.cross(axis, latest)) / (1.0 + before @ after)
+        found.append(turned / np.linalg.norm(turned))
+    return np.stack(found)
+
+
+def free_lengths(triangles: FloatArray, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
+    """Length of each ray to the first triangle that it meets, at most the reach, shape (N,) [m].
+
+    By the intersection of Möller and Trumbore (1997), for all rays with the triangles in reach of them at once.
+
+    Args:
+        triangles: shape (m, 3, 3) [m].
+        origins: shape (N, 3) [m].
+        rays: unit vectors, shape (N, 3).
+        reach: how far is looked [m].
+    """
+    free = np.full(len(origins), reach)
+    ends = origins + reach * rays
+    # Axis by axis, each in one piece of memory: bounds of the triangles and of the rays.
+    low = np.ascontiguousarray(triangles.min(axis=1).T)
+    high = np.ascontiguousarray(triangles.max(axis=1).T)
+    first = np.minimum(origins, ends).T
+    last = np.maximum(origins, ends).T
+    # Some rays at a time, near each other along the arm, so that few triangles are in their reach.
+    for some in np.array_split(np.arange(len(origins)), max(len(origins) // 16, 1)):
+        near = np.flatnonzero(_overlap(low, high, first[:, some].min(axis=1), last[:, some].max(axis=1)))
+        meets = _overlap(low[:, None, near], high[:, None, near], first[:, some, None], last[:, some, None])
+        ray, triangle = np.nonzero(meets)
+        lengths = _hits(triangles[near[triangle]], origins[some[ray]], rays[some[ray]])
+        np.minimum.at(free, some[ray], lengths)
+    return free
+
+
+def _overlap(low: FloatArray, high: FloatArray, first: FloatArray, last: FloatArray) -> BoolArray:
+    """Whether boxes from low to high and from first to last, shape (3, …) each, have a place in common, shape (…)."""
+    x, y, z = ((high[k] >= first[k]) & (low[k] <= last[k]) for k in range(3))
+    return np.asarray(x & y & z)
+
+
+def _hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray) -> FloatArray:
+    """Length of each ray to its triangle, inf where it does not meet it, shape (N,) [m]."""
+    first = triangles[:, 1] - triangles[:, 0]
+    second = triangles[:, 2] - triangles[:, 0]
+    p = np.cross(rays, second)
+    determinant = np.sum(p * first, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / determinant
+        away = origins - triangles[:, 0]
+        u = np.sum(away * p, axis=-1) * inverse
+        q = np.cross(away, first)
+        v = np.sum(rays * q, axis=-1) * inverse
+        length = np.sum(second * q, axis=-1) * inverse
+        # What is no number, from triangles without area or along the ray, is no hit either.
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (length > 0.0)
+    return np.where(hit, length, np.inf)
+
+
+def draw_section(
+    axes: Axes,
+    problem: SpaceProblem,
+    pose: FloatArray,
+    settings: SpacePictureSettings,
+    title: str = "section along the arm at its goal",
+) -> None:
+    """What is above, below and beside the straightened arm, and how far away the nearest surface is on any side.
+
+    Args:
+        axes: to draw in.
+        problem: arm and scene.
+        pose: joints and tip, shape (links + 1, 3) [m].
+        settings: how closely and how far is looked.
+        title: above the section and its legend.
+    """
+    arm = problem.arm
+    reach = max(_SECTION_SHARE * arm.length, 4.0 * arm.radius)
+    section = section_along(problem, pose, settings.places, reach)
+    along = section.place / METRES[problem.length_unit]
+    unit = METRES[problem.length_unit]
+    up, left, down, right = section.free.T / unit
+    edge = 1.02 * reach / unit
+    for side, limit, name in ((up, edge, "above, below"), (-down, -edge, "")):
+        met = np.abs(side) < reach / unit
+        axes.fill_between(
+            along, side, limit, where=met.tolist(), step="mid", label=name, color=style.WALL, linewidth=0.0, zorder=1
+        )
+    for side, name, colour in ((left, "left", style.TIP_PATH), (-right, "right", style.PRESSED)):
+        shown = np.where(np.abs(side) < 0.999 * reach / unit, side, np.nan)
+        axes.plot(along, shown, color=colour, linewidth=1.0, linestyle=(0, (3, 1.5)), label=name, zorder=3)
+    nearest = np.where(section.nearest < 0.999 * reach, section.nearest, np.nan) / unit
+    for sign, name in ((1.0, "nearest"), (-1.0, "")):
+        axes.plot(along, sign * nearest, color=style.BOUNDARY, linewidth=0.8, label=name, zorder=2.5)
+    radius = max(arm.radius, 0.002 * arm.length) / unit
+    axes.fill_between([0.0, arm.length / unit], -radius, radius, color=style.GOAL_ARM, linewidth=0.0, zorder=2)
+    for limit in (1.0, -1.0):
+        wanted = limit * (radius + (problem.workspace.clearance + problem.wanted_gap) / unit)
+        axes.axhline(wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
+    axes.set_xlim(0.0, arm.length / unit)
+    axes.set_ylim(-edge, edge)
+    axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: wanted gap", fontsize=style.FONT_SIZE)
+    axes.set_ylabel(f"off the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    _title_and_legend(axes, title)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def _title_and_legend(axes: Axes, title: str) -> None:
+    """The title, and between it and the section, which has no room to spare, the legend in one line."""
+    size = style.FONT_SIZE - 1.5
+    axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=14, y=1.0)
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize=size, borderpad=0.0,
+        borderaxespad=0.2, handlelength=1.4, handletextpad=0.4, columnspacing=0.9,
+    )  # fmt: skip
