@@ -1,5 +1,6 @@
 """Problems and a made-up plan that several tests share."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -74,6 +75,12 @@ def pytest_report_header(config: pytest.Config) -> str:
     if seed is None:
         return "examples: drawn at random; a failing test prints the line that repeats it"
     return f"examples: drawn with seed {seed}; repeat: python -m pytest --hypothesis-seed={seed}"
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One process more than there are cores, for tests that plan wait for processes, clusters and clocks."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores if config.option.markexpr == "not planning" else cores + 1
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -66,8 +66,7 @@ def test_news_from_a_search_keep_their_unit_in_other_threads() -> None:
 
 
 @pytest.mark.planning
-@pytest.mark.parametrize("unit", ["mm", "in"])
-@pytest.mark.parametrize("name", ["wing-box-too-thick", "hot-cell-out-of-reach"])
+@pytest.mark.parametrize(("name", "unit"), [("wing-box-too-thick", "in"), ("hot-cell-out-of-reach", "mm")])
 def test_failures_are_told_in_the_files_unit(name: str, unit: LengthUnit) -> None:
     """Reasons, advice and changes that help name no length in another unit than the file's."""
     problem = replace(ccm_opt.load_problem(PROBLEMS / "jobs" / f"{name}.toml"), length_unit=unit)

@@ -145,7 +145,7 @@ def test_the_shortest_line_to_a_target_is_found_at_any_size(seed: int, size: flo
     np.testing.assert_allclose(shapely.distance(shapely.points(there), lines), 0.0, atol=1e-9 * size)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10, 20)))
 def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links: int) -> None:
     """Random and extreme errors of the joints within the certified one never bring the arm into contact."""
@@ -162,7 +162,7 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
         assert perturbed_gap(arm, workspace, poses, np.tile(shift, (len(poses), 1))) >= -1e-9
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([3, 6]))
 def test_some_of_very_many_cases_bring_the_upper_end_down_to_the_same(seed: int, links: int) -> None:
     """Where more cases than a few are left, a sample of them is looked at first: what is certified is the same."""
@@ -175,7 +175,7 @@ def test_some_of_very_many_cases_bring_the_upper_end_down_to_the_same(seed: int,
     assert sampled.size == pytest.approx(usual.size, rel=3.0 * DEFAULT_TOLERANCE.precision)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10)))
 def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int) -> None:
     """Where nothing may be halved, the error that is certified gives way, is no larger, and touches nothing either."""
@@ -192,7 +192,7 @@ def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int
         assert perturbed_gap(arm, workspace, poses, np.tile(extreme, (len(poses), 1))) >= -1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10)))
 def test_what_gives_way_is_told_of_the_worst_case(seed: int, links: int) -> None:
     """Where no stretch may be halved the error falls to what its ends allow, or by half, and the worst case is told."""
@@ -255,7 +255,7 @@ def test_a_straight_arm_beside_a_wall_has_the_error_of_its_levers() -> None:
     assert "'wall'" in found.where
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(SEEDS, st.sampled_from((6, 16)))
 def test_half_as_much_again_along_the_worst_errors_touches(seed: int, links: int) -> None:
     """Where small errors limit a motion, errors of 1.5 times the certified one along the worst direction touch."""
