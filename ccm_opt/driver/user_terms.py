@@ -93,11 +93,11 @@ def _shape_at_start(problem: AnyProblem) -> FloatArray:
 def _contradictions(
     terms: UserTerms, goal: Goal, tolerances: Tolerances, settings: TermCheckSettings
 ) -> tuple[Contradiction, ...]:
-    if isinstance(goal, TipGoal):
-        region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
-        return contradictions_in_space(terms, region, settings)
     if not isinstance(goal, TipGoal):
         return ()
+    if len(goal.position) == 3:
+        region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
+        return contradictions_in_space(terms, region, settings)
     places = GoalPlaces(goal.position, goal.heading, tolerances.position, tolerances.heading)
     return contradictions(terms, places, settings)
 
