@@ -55,7 +55,7 @@ nitpick_ignore_regex = [
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.baseline\.distance\.Precision"),
     ("py:class", r"ccm_opt\.scene\.(walls\.Walls|shells\.Shells)"),
-    ("py:class", r"AnySolution"),
+    ("py:class", r"Solution"),
     # The kind of problem that a plan is for.
     ("py:class", r"ccm_opt\.solution\.solution\.ProblemT"),
     ("py:class", r"ccm_opt\..*\._Problem"),

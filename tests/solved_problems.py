@@ -4,9 +4,7 @@ from functools import cache
 
 import ccm_opt
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import Solution
-from ccm_opt.solution.space_solution import SpaceSolution
 
 from .conftest import PROBLEMS
 
@@ -20,8 +18,8 @@ def solved(name: str) -> Solution:
 
 
 @cache
-def solved_in_space(name: str) -> SpaceSolution:
+def solved_in_space(name: str) -> Solution:
     """The plan of a problem in space."""
     problem = ccm_opt.load_problem(PROBLEMS / "space" / f"{name}.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return ccm_opt.solve(problem)

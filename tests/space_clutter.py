@@ -6,8 +6,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.curve_space import CurveSpace
@@ -27,7 +26,7 @@ class Clutter:
         seed: a pose at the goal that touches nothing, shape (c,).
     """
 
-    problem: SpaceProblem
+    problem: Problem
     tree: SurfaceTree
     seed: FloatArray
 
@@ -58,13 +57,13 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
     raise AssertionError("no free pose in this clutter")
 
 
-def problem_at(arm: Arm, workspace: Workspace, q: FloatArray) -> SpaceProblem:
+def problem_at(arm: Arm, workspace: Workspace, q: FloatArray) -> Problem:
     """A problem whose goal is where the tip of a pose is."""
     goal = TipGoal(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
     rates = np.ones(3 * arm.links)
     fed = {"feed_velocity": 0.1, "feed_acceleration": 0.5} if arm.base_axes else {}
     limits = Limits(rates, 4.0 * rates, **fed)
-    return SpaceProblem("clutter", workspace, arm, limits, JointPose(np.zeros((arm.links, 2))), goal)
+    return Problem("clutter", workspace, arm, limits, JointPose(np.zeros((arm.links, 2))), goal)
 
 
 def _obstacle(random: np.random.Generator, number: int) -> Obstacle:

@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.solution import JointPath
-from ccm_opt.solution.space_solution import SpaceSolution
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointPath, Solution
 
 from .retiming_paths import make_path
 from .space_plans import true_plan
@@ -20,14 +19,14 @@ class GivenWay:
 
     path: JointPath
 
-    def plan(self, problem: SpaceProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """The way, whatever is asked."""
         del problem
         return self.path
 
 
 @cache
-def solved() -> SpaceSolution:
+def solved() -> Solution:
     """The problem of ``true_plan`` solved along a way through the samples of its motion."""
     plan = true_plan()
     samples = plan.trajectory.positions

@@ -7,8 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.problem import JointPose, SimulationOptions, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, SimulationOptions, TipGoal, Tolerances
 from ccm_opt.retiming import retime
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
@@ -35,7 +34,7 @@ class SpacePlan:
         joints: the same for the drives.
     """
 
-    problem: SpaceProblem
+    problem: Problem
     trajectory: JointTrajectory
     joints: JointStates
 
@@ -77,7 +76,7 @@ def true_plan() -> SpacePlan:
     goal = TipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
     workspace = Workspace(bounds=np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), obstacles=bodies(), clearance=0.005)
     start = JointPose.from_configuration(trajectory.positions[0], arm.coordinates)
-    problem = SpaceProblem("true", workspace, arm, limits, start, goal, tolerances=Tolerances(1e-3, 0.01))
+    problem = Problem("true", workspace, arm, limits, start, goal, tolerances=Tolerances(1e-3, 0.01))
     problem = replace(problem, simulation=SimulationOptions(gravity=GRAVITY))
     problem = replace(problem, planner=replace(problem.planner, effort_share=0.9))
     return SpacePlan(problem, trajectory, joint_states(arm, trajectory, dynamics))

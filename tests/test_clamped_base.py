@@ -8,14 +8,14 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import clamped_joints, with_clamped_base
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import RigidPlacement
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
 def standing(
     links: int, radius: float = 0.02, above: float = 0.0, turned: tuple[float, float, float] = (0, 0, 0), **arm: object
-) -> SpaceProblem:
+) -> Problem:
     """An arm on a slab with a box beside it, all of it turned about the fixed axes [deg]."""
     place = RigidPlacement.turned(np.zeros(3), np.radians(turned))
     axes = place.rotation

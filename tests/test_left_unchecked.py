@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.problem import JointPose, Limits, Problem
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory
@@ -90,7 +89,7 @@ def test_the_record_of_a_plan_in_space_says_it() -> None:
     arm = space_arm(2)
     ones = np.ones(3 * arm.links)
     rest, bent = (JointPose(np.full((2, 2), bend)) for bend in (0.0, 0.2))
-    problem = SpaceProblem("two links", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), rest, bent)
+    problem = Problem("two links", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), rest, bent)
     (remark,) = ccm_opt.solve(problem).not_checked
     assert "all are near each other" in remark
 

@@ -14,15 +14,15 @@ from ccm_opt.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import problem_from_mapping
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import BOX_FACES, MeshBody
 from tests.space_files import CUBE, binary_stl, model_3mf, object_3mf, three_mf, written
 
 
-def read(file: Path) -> tuple[SpaceProblem, MeshBody]:
+def read(file: Path) -> tuple[Problem, MeshBody]:
     """A problem and its mesh."""
     problem = ccm_opt.load_problem(file)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     body = problem.workspace.obstacles[0].body
     assert isinstance(body, MeshBody)
     return problem, body
@@ -60,7 +60,7 @@ def in_millimetres(folder: Path, name: str, content: bytes, extra: str = "") -> 
     problem, body = read(file)
     data = problem_data(problem, [name])
     again = problem_from_mapping(data, folder=folder)
-    assert isinstance(again, SpaceProblem)
+    assert again.dimension == 3
     assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, rtol=1e-12)
     return list(mesh_lines("part", body, problem))[1:], np.ptp(body.vertices, axis=0)
 
@@ -122,7 +122,7 @@ def test_problems_in_space_are_copied_with_their_meshes(tmp_path: Path) -> None:
     names = {"wing-box.toml", "wing-lower-skin.stl", "wing-rib-1.stl", "wing-rib-2.stl"}
     assert {file.name for file in tmp_path.iterdir()} == names
     problem = ccm_opt.load_problem(tmp_path / "wing-box.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     original = ccm_opt.load_problem(shared_folder() / "space" / "wing-box.toml")
-    assert isinstance(original, SpaceProblem)
+    assert original.dimension == 3
     assert np.array_equal(problem.workspace.soup.triangles, original.workspace.soup.triangles)

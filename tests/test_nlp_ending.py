@@ -14,8 +14,7 @@ from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
-from ccm_opt.problem import JointPose, Limits, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
@@ -28,7 +27,7 @@ PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
 def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     """It is at the goal, has no less room than the search's or nearly all that is wanted, and is reached safely."""
     problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     tree = SurfaceTree.of(problem.workspace.soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
     found = find_motion(task)
@@ -58,7 +57,7 @@ def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
     """No plane beside the ball leaves it more room than the tip has, which does not move: yet all that is wanted."""
     arm = space_arm(4, radius=0.015, joint_limit=0.5 * np.pi, mount_length=0.015)
     ball = Obstacle("ball", SphereBody(np.array([0.2, 0.0, 0.15]), 0.06))
-    problem = SpaceProblem(
+    problem = Problem(
         "ball",
         Workspace(bounds=None, obstacles=(ball,)),
         arm,
@@ -77,7 +76,7 @@ def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
 def test_a_goal_of_the_whole_arm_is_left_alone() -> None:
     """There is nothing to choose."""
     problem = ccm_opt.load_problem(PROBLEMS / "blade-row.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     tree = SurfaceTree.of(problem.workspace.soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
     found = find_motion(task)

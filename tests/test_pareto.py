@@ -22,7 +22,6 @@ from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.viz.paper_figures import pareto_png
@@ -33,7 +32,7 @@ FIGURES = st.lists(st.tuples(st.floats(0.5, 5.0), st.floats(0.0, 0.05)), min_siz
 """Durations [s] and least gaps [m] of some plans."""
 
 
-def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan[Solution]:
+def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
     """A plan of which only the duration and the least gap count."""
     solution = make_solution(problem, np.full(problem.arm.links, 0.3))
     trajectory = replace(solution.trajectory, time=duration * solution.trajectory.time)
@@ -142,7 +141,7 @@ position = [0.6, 0.3, {height}]
 def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: float) -> None:
     """No wanted gap leads to a plan that keeps more than the bound, but for the tolerance of the goal."""
     problem = parse_problem(SMALL_IN_SPACE.format(aside=aside, height=height), "post.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     found = pareto(problem, explain=False, trade_off=ParetoSettings(shares=(0.5, 1.0)))
     top = 4.0 * problem.default_gap
     for plan in found.plans:
@@ -156,7 +155,7 @@ def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: f
     assert found.plans[found.recommended - 1].duration <= 1.15 * found.fastest
 
 
-def with_gap(problem: SpaceProblem, gap: float) -> SpaceProblem:
+def with_gap(problem: Problem, gap: float) -> Problem:
     """The problem with another wanted gap [m]."""
     return replace(problem, planner=replace(problem.planner, wanted_gap=gap), source="")
 

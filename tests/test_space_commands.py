@@ -6,7 +6,6 @@ import pytest
 
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.reading_back import load_any_problem
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import dh_table, frame_transforms, revolute_angles
 
 from .command_runs import CommandLine, brightness
@@ -39,7 +38,7 @@ def test_describe_tells_the_arm_and_its_base_in_space(tmp_path: Path, run: Comma
 def test_described_parameters_put_the_tip_where_the_arm_has_it(folder: Path, run: CommandLine, tmp_path: Path) -> None:
     """The Denavit–Hartenberg rows that are told are those whose product is the pose of the arm's own kinematics."""
     problem = load_any_problem(folder)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     told = run("describe", written(tmp_path, binary_stl()), "--json").result
     parameters = told["link_parameters"]
     assert isinstance(parameters, list)

@@ -25,8 +25,7 @@ from ccm_opt.diagnosis.reach import TurnCaps, least_limit, most_turn
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.diagnosis.ways import tight_ways, way_length
 from ccm_opt.errors import UnreachableGoal, sentences
-from ccm_opt.problem import JointPose, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import BoxBody, SphereBody
@@ -46,11 +45,11 @@ seeds = st.integers(0, 10**6)
 ROOM = np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]])
 
 
-def problem_of(arm: Arm, goal: TipGoal | JointPose, *obstacles: Obstacle) -> SpaceProblem:
+def problem_of(arm: Arm, goal: TipGoal | JointPose, *obstacles: Obstacle) -> Problem:
     """A problem in a large room with a straight start."""
     ones = np.ones(3 * arm.links)
     start = JointPose(np.zeros((arm.links, 2)))
-    return SpaceProblem("made", Workspace(bounds=ROOM, obstacles=obstacles), arm, Limits(ones, ones), start, goal)
+    return Problem("made", Workspace(bounds=ROOM, obstacles=obstacles), arm, Limits(ones, ones), start, goal)
 
 
 def box(name: str, low: list[float], high: list[float]) -> Obstacle:
@@ -69,14 +68,14 @@ def window(half: float, ahead: float = 0.4, depth: float = 0.05) -> tuple[Obstac
     )
 
 
-def backwards(problem: SpaceProblem) -> SpaceProblem:
+def backwards(problem: Problem) -> Problem:
     """The problem with a straight start that points away from what is ahead."""
     bends = np.zeros((problem.arm.links, 2))
     bends[0, 0] = 2.8
     return replace(problem, start=JointPose(bends))
 
 
-def ways_of(problem: SpaceProblem) -> AxisWays:
+def ways_of(problem: Problem) -> AxisWays:
     """The ways to the only goal of a problem, which is for the tip."""
     (ways,) = axis_ways(problem, Deadline.never())
     return ways
@@ -272,7 +271,7 @@ def test_contacts_in_space_are_told_with_link_depth_and_place() -> None:
     small = replace(problem, workspace=Workspace(bounds=np.array([[-0.2, -0.5, -0.5], [0.5, 0.5, 0.5]])))
     findings = failed(small)
     assert "link 6 is 100.0 mm outside the 'room'" in findings[0].reason
-    asked: list[SpaceProblem] = []
+    asked: list[Problem] = []
     told = relaxations(small, findings, Trials(asked.append, later(900.0)))
     assert [relaxed.key for relaxed in told] == ["workspace.bounds"]
     assert failed(asked[0]) == ()

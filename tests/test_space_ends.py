@@ -9,20 +9,17 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.planning.space_planner import SpacePlanner
-from ccm_opt.problem import JointPose
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from tests.space_files import CUBE, binary_stl, written
 
 
-def placed(
-    folder: Path, corner: tuple[float, float, float], size: float, goal: str = "[-0.7, 0.1, 0.0]"
-) -> SpaceProblem:
+def placed(folder: Path, corner: tuple[float, float, float], size: float, goal: str = "[-0.7, 0.1, 0.0]") -> Problem:
     """The small problem with a cube in place of its part."""
     file = written(folder, binary_stl(np.array(corner) + size * CUBE))
     file.write_text(file.read_text().replace("[-0.7, 0.1, 0.0]", goal))
     problem = ccm_opt.load_problem(file)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return problem
 
 
@@ -99,12 +96,12 @@ shape = "straight"
 LIFTED = "position = [0.65, 0.4, 0.35]"
 
 
-def on_a_table(folder: Path, gap: float, goal: str = LIFTED) -> SpaceProblem:
+def on_a_table(folder: Path, gap: float, goal: str = LIFTED) -> Problem:
     """A straight arm so far above a table [m]."""
     file = folder / "on-a-table.toml"
     file.write_text(ON_A_TABLE.format(top=-0.02 - gap, goal=goal))
     problem = ccm_opt.load_problem(file)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return problem
 
 

@@ -9,8 +9,7 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from tests.space_files import CUBE, TEXT, binary_stl, written
 
@@ -18,10 +17,10 @@ FOLDER = Path(__file__).parent.parent / "problems" / "space"
 PLAIN = TEXT.replace('mesh = "part.stl"', "sphere = { center = [0, 0, 0], radius = 0.1 }")
 
 
-def read(text: str) -> SpaceProblem:
+def read(text: str) -> Problem:
     """A problem in space from its text."""
     problem = parse_problem(text)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return problem
 
 
@@ -38,7 +37,7 @@ def refusals(text: str) -> list[tuple[int, str, str]]:
 def test_shipped_problems_are_read(name: str, obstacles: int) -> None:
     """The problems in space that come along are read, with their meshes hashed."""
     problem = ccm_opt.load_problem(FOLDER / f"{name}.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     assert (problem.name, len(problem.workspace.obstacles)) == (name, obstacles)
     assert (problem.arm.feed is None) == (name == "swan-neck-in-space")
     assert isinstance(problem.goal, TipGoal)
@@ -151,7 +150,7 @@ def test_a_mesh_is_scaled_turned_and_moved(tmp_path: Path) -> None:
     in_mm = file.read_text().replace("space = 3", 'space = 3\nunits = "mm"')
     file.write_text(in_mm.replace("2.0, ", "2e3, ").replace("2.0]", "2e3]"))
     problem = ccm_opt.load_problem(file)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     body = problem.workspace.obstacles[0].body
     assert isinstance(body, MeshBody)
     x, y, z = 2e-3 * CUBE.T

@@ -20,11 +20,10 @@ from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import quaternions
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges, thinned
-from ccm_opt.solution.space_solution import roll_against
+from ccm_opt.solution.solution import roll_against
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.saved_plans import SavedPlan, load
 
@@ -299,7 +298,7 @@ def test_roll_is_the_turn_about_the_tip() -> None:
 def test_a_failure_leaves_its_folder(folder: Path, tmp_path: Path) -> None:
     """A goal out of reach is a record with its reason, the meshes that the problem needs, and a page with the scene."""
     problem = load_any_problem(folder)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     assert load_motion(folder, problem.arm).keyframes.shape[1] == len(problem.arm.coordinates)
     text = (folder / "solution.json").read_text()
     data = json.loads(text)["problem"]

@@ -7,8 +7,7 @@ import pytest
 
 import ccm_opt
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.bodies import BOX_FACES, MeshBody, SphereBody
 from tests.space_files import CUBE
 
@@ -16,7 +15,7 @@ ARM = {"links": 4, "link_length": 0.1, "radius": 0.01, "base": {"position": (0, 
 LIMITS = {"velocity": 1.0, "acceleration": 4.0}
 
 
-def made(**changes: Any) -> SpaceProblem:
+def made(**changes: Any) -> Problem:
     """A small problem with whatever a test wants otherwise."""
     values: dict[str, Any] = {"arm": ARM, "limits": LIMITS, "goal": (0.3, 0.1, 0.0)}
     return ccm_opt.make_space_problem("made", **(values | changes))

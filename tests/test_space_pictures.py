@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ccm_opt.problem import JointPose, Limits, Stop, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.viz.arm_drawing import SIDES, DrawnPlan
@@ -20,7 +19,7 @@ from .space_folders import solved
 def section_beside(body: Body, base: tuple[float, float, float]) -> ArmSection:
     """The section along a straight arm of four links among one body."""
     arm = space_arm(4, base=np.array(base))
-    problem = SpaceProblem(
+    problem = Problem(
         "one body",
         Workspace(bounds=None, obstacles=(Obstacle("body", body),)),
         arm,

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody
 from ccm_opt.scene.workspace import Obstacle
 
 from .space_plans import true_plan
 
-Change = Callable[[SpaceProblem], SpaceProblem]
+Change = Callable[[Problem], Problem]
 
 
 def of_arm(**changes: object) -> Change:
@@ -26,7 +25,7 @@ def of_arm(**changes: object) -> Change:
 def with_body(body: object) -> Change:
     """One obstacle more."""
 
-    def changed(problem: SpaceProblem) -> SpaceProblem:
+    def changed(problem: Problem) -> Problem:
         bodies = (*problem.workspace.obstacles, Obstacle("new", body))  # type: ignore[arg-type]
         return replace(problem, workspace=replace(problem.workspace, obstacles=bodies))
 

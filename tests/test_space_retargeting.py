@@ -8,7 +8,7 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import TipGoal
-from ccm_opt.solution.space_solution import SpaceSolution
+from ccm_opt.solution import Solution
 
 from .solved_problems import solved_in_space
 
@@ -16,7 +16,7 @@ ELSEWHERE = TipGoal(np.array([0.4, -0.2, 0.15]), np.array([1.0, 0.0, 0.0]))
 
 
 @cache
-def bowed() -> SpaceSolution:
+def bowed() -> Solution:
     """A motion of an arm with a fixed base past a ball."""
     problem = ccm_opt.make_space_problem(
         "bowed",

@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.problem import JointPose
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.verification.newton_euler import efforts_in_space
@@ -22,7 +21,7 @@ from .test_sample_bounds import random_spline
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def limited(arm: Arm, most: np.ndarray) -> SpaceProblem:
+def limited(arm: Arm, most: np.ndarray) -> Problem:
     """A problem of an arm with limits on accelerations, given for all bends."""
     accelerations = np.ones((arm.links, 3))
     accelerations[:, :2] = most.reshape(-1, 2)

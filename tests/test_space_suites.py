@@ -9,19 +9,18 @@ from ccm_opt.compare.comparison_files import write_problems
 from ccm_opt.compare.suites import SPACE_SUITES, Case, cases_of_suite
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
-def made(case: Case) -> SpaceProblem:
+def made(case: Case) -> Problem:
     """The problem of a case."""
     problem = case.problem()
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return problem
 
 
-def tip_of(problem: SpaceProblem) -> TipGoal:
+def tip_of(problem: Problem) -> TipGoal:
     """The goal of the tip, or where the tip is in the pose that is asked."""
     if isinstance(problem.goal, TipGoal):
         return problem.goal
@@ -94,7 +93,7 @@ def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path
     cases = cases_of_suite(suite, 1)
     for case, file in zip(cases, write_problems(cases, tmp_path), strict=True):
         problem, again = made(case), load_problem(file)
-        assert isinstance(again, SpaceProblem)
+        assert again.dimension == 3
         assert again.workspace.soup.names == problem.workspace.soup.names
         assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, atol=1e-12)
         assert np.allclose(again.workspace.soup.rounding, problem.workspace.soup.rounding, atol=1e-15)

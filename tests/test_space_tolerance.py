@@ -1,7 +1,7 @@
 """Errors that a plan in space survives: certified ones touch nothing, and larger ones of the worst kind soon do."""
 
 import json
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
-from ccm_opt.robot.arm import joint_positions
-from ccm_opt.solution import SurvivedError
-from ccm_opt.solution.space_solution import SpaceSolution
+from ccm_opt.solution import Solution, SurvivedError
 from ccm_opt.verification.survived_in_space import moved_by_joint_errors, survived_errors_in_space
 
 from .command_runs import CommandLine, brightness
@@ -32,7 +30,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
 
 
 @cache
-def plan() -> SpaceSolution:
+def plan() -> Solution:
     """A motion of an arm with a fixed base between two balls."""
     problem = ccm_opt.make_space_problem(
         "between",
@@ -89,7 +87,7 @@ def test_the_worst_errors_use_up_most_of_the_room_and_soon_touch() -> None:
     assert 0.0 < error.size < 0.2
     q = near_the_limit(error)
     worst = error.size * np.array(error.worst)
-    touches = partial(joint_positions, plan().problem.arm)
+    touches = plan().problem.arm.joint_positions_at
     assert gap_of(touches(q + worst)) < 0.9 * gap_of(touches(q))
     assert min(gap_of(touches(q + k * worst)) for k in np.linspace(1.0, 4.0, 13)) < 0.0
 

@@ -10,14 +10,14 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.errors import MotionNotFound
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath, JointTrajectory
 from ccm_opt.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from tests.test_user_terms_in_space import POST, free_motion, post
 
 
-def asking(degrees: float) -> SpaceProblem:
+def asking(degrees: float) -> Problem:
     """The arm beside the ball, with an error of every joint."""
     return replace(post(), joint_error=float(np.deg2rad(degrees)), source="")
 
@@ -67,7 +67,7 @@ def test_a_retimer_of_the_users_times_the_path() -> None:
     class Slow:
         """Half as fast as the limits allow."""
 
-        def retime(self, problem: SpaceProblem, path: JointPath) -> JointTrajectory:
+        def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
             """Time the path within half of the limits of speed and a quarter of those of acceleration."""
             limits = problem.limits
             slow = replace(limits, velocity=0.5 * limits.velocity, acceleration=0.25 * limits.acceleration)

@@ -18,8 +18,7 @@ from ccm_opt.cli.view.frames import MotionFrames, turned_to
 from ccm_opt.cli.view.handles import GOAL, direction_of
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.space_verifier import verify_in_space
@@ -28,7 +27,7 @@ from .space_folders import solved
 
 
 @cache
-def problem() -> SpaceProblem:
+def problem() -> Problem:
     """An arm beside a ball and a box."""
     return ccm_opt.make_space_problem(
         "beside",

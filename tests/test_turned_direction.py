@@ -8,8 +8,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.moved_goal import turned_direction
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.workspace import Workspace
 from tests.scenes import later
@@ -31,19 +30,19 @@ def named(words: str) -> FloatArray:
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def direction_of(problem: SpaceProblem) -> FloatArray | None:
+def direction_of(problem: Problem) -> FloatArray | None:
     """The direction of a problem's goal."""
     assert isinstance(problem.goal, TipGoal)
     return problem.goal.direction
 
 
-def asked_for(direction: FloatArray, end: FloatArray) -> SpaceProblem:
+def asked_for(direction: FloatArray, end: FloatArray) -> Problem:
     """In an empty room, a goal where the tip is in a configuration, with another direction."""
     arm = space_arm(LINKS, 0.1, 0.01)
     ones = np.ones(3 * LINKS)
     goal = TipGoal(arm.joint_positions_at(end)[-1], direction)
     start = JointPose(np.zeros((LINKS, 2)))
-    return SpaceProblem("turned", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), start, goal)
+    return Problem("turned", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), start, goal)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -60,7 +59,7 @@ def test_the_least_turn_that_helps_is_told(seed: int) -> None:
     least = float(rng.uniform(0.05, 1.0)) * whole
     solved: list[FloatArray] = []
 
-    def solve(changed: SpaceProblem) -> str:
+    def solve(changed: Problem) -> str:
         direction = direction_of(changed)
         if direction is not None:
             if angle(direction, wanted) < least - 1e-7:
@@ -91,12 +90,12 @@ def test_a_plan_without_a_direction_is_one_with_that_of_its_end() -> None:
     problem = asked_for(np.array([0.0, 0.0, 1.0]), end)
     taken = problem.arm.link_rotations(end)[-1, :, 0]
 
-    def solve(changed: SpaceProblem) -> str:
+    def solve(changed: Problem) -> str:
         if direction_of(changed) is not None:
             raise MotionNotFound(Diagnosis("no motion was found", "motion"))
         return "a plan"
 
-    def hold_again(changed: SpaceProblem, plan: object) -> str:
+    def hold_again(changed: Problem, plan: object) -> str:
         assert plan == "a plan"
         direction = direction_of(changed)
         if direction is None or angle(direction, taken) > changed.tolerances.heading:

@@ -15,9 +15,8 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.problem import Stop, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.solution.space_solution import SpaceSolution
+from ccm_opt.problem import Problem, Stop, TipGoal
+from ccm_opt.solution import Solution
 
 POST = """
 schema = 1
@@ -48,7 +47,7 @@ FEED = "joint_limit_deg = 50.0\nfeed = { range = [0.0, 0.3] }"
 
 
 @cache
-def post(*, fed: bool = False) -> SpaceProblem:
+def post(*, fed: bool = False) -> Problem:
     """An arm of a metre beside a ball, its goal to the left and above; fed, it is pushed out of a tube too."""
     text = POST
     if fed:
@@ -56,22 +55,22 @@ def post(*, fed: bool = False) -> SpaceProblem:
         text = text.replace("velocity = 1.0", "velocity = 1.0\nfeed_velocity = 0.2", 1)
         text = text.replace("acceleration = 5.0", "acceleration = 5.0\nfeed_acceleration = 1.0", 1)
     problem = parse_problem(text)
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return problem
 
 
 @cache
-def free_motion() -> SpaceSolution:
+def free_motion() -> Solution:
     """The motion that nothing constrains."""
     return ccm_opt.solve(post())
 
 
-def tips(solution: SpaceSolution) -> FloatArray:
+def tips(solution: Solution) -> FloatArray:
     """Places of the tip at the samples, by the kinematics, shape (T, 3) [m]."""
     return np.asarray(solution.problem.arm.joint_positions_at(solution.trajectory.positions)[:, -1])
 
 
-def residual(solution: SpaceSolution, name: str) -> float:
+def residual(solution: Solution, name: str) -> float:
     """By how much a constraint is passed at worst, by the record; negative with room to spare."""
     return next(check.worst for check in solution.checks if check.name == f"constraint {name}")
 

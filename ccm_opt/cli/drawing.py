@@ -12,9 +12,7 @@ from ccm_opt.cli.surroundings import no_search_for_cycles
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.result_folders import folder_of
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.solution import ParetoPlans
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import ParetoPlans, Solution
 from ccm_opt.viz.saved_plans import drawn, load
 
 if TYPE_CHECKING:
@@ -41,7 +39,7 @@ class DrawOptions:
 
 
 def plan_pictures(
-    solution: AnySolution, kind: FigureKind = "png", plans: "PlanPages | None" = None
+    solution: Solution, kind: FigureKind = "png", plans: "PlanPages | None" = None
 ) -> Mapping[str, bytes]:
     """The pictures of a plan that was just made, by file name.
 
@@ -61,11 +59,11 @@ def plan_pictures(
     report = report_html(solution, pictures=(still, "motion.gif"), plans=plans).encode()
     plan = DrawnPlan.from_solution(solution)
     # Both show the same bodies, which are made ready once.
-    scene = SeenScene(plan.problem) if isinstance(plan.problem, SpaceProblem) else None
+    scene = SeenScene(plan.problem) if plan.problem.dimension == 3 else None
     return {still: plan_picture(plan, kind, scene), "motion.gif": motion_gif(plan, scene), "report.html": report}
 
 
-def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -> Mapping[str, bytes]:
+def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
@@ -134,7 +132,7 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         FigureName.PLAN: plan_picture,
         FigureName.SPACE: plan_picture,
     }
-    if isinstance(plan.problem, SpaceProblem):
+    if plan.problem.dimension == 3:
         # Where nothing is asked for, the plan is drawn, which is a picture in space itself.
         figures = (FigureName.PLAN,) if tuple(figures) == STILL_FIGURES else figures
     else:

@@ -23,7 +23,7 @@ from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.io.solution_json import tolerance_data, tolerance_json
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
 from ccm_opt.solution import SimulatedMotion, SurvivedError
@@ -50,8 +50,8 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
     return run_all(files, describe)
 
 
-def _describe(problem: AnyProblem) -> int:
-    if isinstance(problem, SpaceProblem):
+def _describe(problem: Problem) -> int:
+    if problem.dimension == 3:
         tell_of_meshes(problem)
     else:
         tell_of_drawing(problem)
@@ -67,7 +67,7 @@ def _describe(problem: AnyProblem) -> int:
     return print_result(show, SOLVED, lambda: _data(problem))
 
 
-def _data(problem: AnyProblem) -> dict[str, object]:
+def _data(problem: Problem) -> dict[str, object]:
     """The arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
     whole = problem_data(replace(problem, length_unit="m"))
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
@@ -77,7 +77,7 @@ def _data(problem: AnyProblem) -> dict[str, object]:
     }
 
 
-def arm_lines(problem: AnyProblem) -> list[str]:
+def arm_lines(problem: Problem) -> list[str]:
     """The arm in a few lines."""
     arm = problem.arm
     gravity = problem.simulation.gravity
@@ -95,7 +95,7 @@ def arm_lines(problem: AnyProblem) -> list[str]:
         f"base at {base}; radius {words(arm.radius)}, length {words(arm.length)}",
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
-    along = "the base's direction" if isinstance(problem, SpaceProblem) else "the base heading"
+    along = "the base's direction" if problem.dimension == 3 else "the base heading"
     lines += [
         f"feed axis from {number(axis.low)} to {words(axis.high)} along {along}, guide tube ends at {words(axis.hole)}"
         for axis in arm.base_axes
@@ -103,9 +103,9 @@ def arm_lines(problem: AnyProblem) -> list[str]:
     return lines
 
 
-def _pointing(problem: AnyProblem) -> str:
+def _pointing(problem: Problem) -> str:
     """How the base is turned."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
     return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
 
@@ -115,7 +115,7 @@ def _components(vector: FloatArray) -> str:
     return f"({', '.join(f'{value + 0.0:.6g}' for value in vector.round(12))})"
 
 
-def parameter_table(problem: AnyProblem) -> Table:
+def parameter_table(problem: Problem) -> Table:
     """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
     arm = problem.arm
     limits = problem.limits
@@ -161,7 +161,7 @@ class Overrides:
     options: Mapping[str, Any]
     disturbances: Mapping[str, Any]
 
-    def applied(self, problem: AnyProblem) -> AnyProblem:
+    def applied(self, problem: Problem) -> Problem:
         """The problem with these settings.
 
         Raises:
@@ -212,7 +212,7 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     )
 
 
-def _simulated_data(problem: AnyProblem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
+def _simulated_data(problem: Problem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
     """What the simulated arm did, for programs."""
     return {
         "name": problem.name,
@@ -222,7 +222,7 @@ def _simulated_data(problem: AnyProblem, simulated: SimulatedMotion, figures: Ma
     }
 
 
-def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
+def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
     units = units_of(problem)
     table = value_table(f"{problem.name}: simulated")
     table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
@@ -234,7 +234,7 @@ def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion,
         words, _, unit = name.rpartition("_")
         limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
         table.add_row(words.replace("_", " "), units.shown(value, unit), limit, "")
-    in_space = isinstance(problem, SpaceProblem)
+    in_space = problem.dimension == 3
     peak, bound, _, where = peak_torque(
         simulated.torques, problem.limits.torque, motion.joints.names, in_space=in_space
     )
@@ -244,7 +244,7 @@ def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion,
     report_console().print(table)
 
 
-def _words_of_gains(problem: AnyProblem) -> tuple[str, str, str]:
+def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
     """Gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
@@ -257,7 +257,7 @@ def _words_of_gains(problem: AnyProblem) -> tuple[str, str, str]:
     return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
 
 
-def _disturbed(problem: AnyProblem) -> dict[str, float]:
+def _disturbed(problem: Problem) -> dict[str, float]:
     values = vars(problem.simulation.disturbances)
     return {name: float(value) for name, value in values.items() if value and name != "seed"}
 
@@ -296,8 +296,8 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     )
 
 
-def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) -> bytes:
-    if isinstance(problem, SpaceProblem):
+def _picture(problem: Problem, motion: SavedMotion, joints: SurvivedError) -> bytes:
+    if problem.dimension == 3:
         from ccm_opt.viz.simulated_motion import space_tolerance_png  # noqa: PLC0415 - likewise
 
         return space_tolerance_png(problem, motion.trajectory, joints)
@@ -309,13 +309,13 @@ def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) ->
     return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)
 
 
-def tolerance_table(problem: AnyProblem, errors: Sequence[SurvivedError]) -> Table:
+def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
     """The errors that a plan survives, with what limits them."""
     table = columned_table(f"{problem.name}: survives errors of, one at a time", ("", "up to", "asked", "limited by"))
     table.columns[-1].justify = "left"
     table.columns[-1].no_wrap = False
     units = units_of(problem)
-    in_space = isinstance(problem, SpaceProblem)
+    in_space = problem.dimension == 3
     asked = problem.joint_error
     for error in errors:
         words = survived_in_words(error, units, in_space=in_space)

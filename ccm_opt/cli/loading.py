@@ -13,7 +13,7 @@ from ccm_opt.cli.output import outside_allowed
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
 from ccm_opt.io.reading import load_problem, with_keys_set
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 
 
 @dataclass
@@ -45,7 +45,7 @@ class NamedProblems:
             if len(doubles) > 1:
                 warn(f"{' and '.join(doubles)} have the same name '{name}': their folders would be one, one is solved")
 
-    def read(self, file: Path) -> AnyProblem:
+    def read(self, file: Path) -> Problem:
         """The problem of a file; what became of its drawing, or of its meshes, is told.
 
         Raises:
@@ -58,7 +58,7 @@ class NamedProblems:
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             tell_of_meshes(problem)
         else:
             tell_of_drawing(problem)

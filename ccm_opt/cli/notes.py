@@ -12,7 +12,6 @@ from ccm_opt.cli.tables import report_console, units_of
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
 from ccm_opt.io.placement import odd_mesh_size
 from ccm_opt.problem import ImportedDrawing, Limits, Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import open_words
 from ccm_opt.scene.surfaces import box_about
@@ -83,7 +82,7 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
         yield f"  and {rest} more left out; --verbose lists them"
 
 
-def tell_of_meshes(problem: SpaceProblem) -> None:
+def tell_of_meshes(problem: Problem) -> None:
     """Print what became of a problem's meshes, and warn of those that do not fit the arm, and of what is outside."""
     bounds = problem.workspace.bounds
     if bounds is not None:
@@ -110,7 +109,7 @@ def tell_of_meshes(problem: SpaceProblem) -> None:
             warn(f"{problem.name}: {odd}")
 
 
-def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str]:
+def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
     """A line about the mesh, and one for what was done to it.
 
     Args:
@@ -168,7 +167,7 @@ STRONGEST_GRAVITY = 50.0
 """Twice that of Jupiter [m/s²]; on Earth in millimetres it is 9810."""
 
 
-def tell_of_odd_rates(problem: AnyProblem) -> None:
+def tell_of_odd_rates(problem: Problem) -> None:
     """Warn of rates that are out of all proportion to the arm, and of a gravity that no planet has."""
     unit = problem.length_unit
     for key, rate, per in _rates(problem.limits):

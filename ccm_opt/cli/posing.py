@@ -24,7 +24,7 @@ from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
 from ccm_opt.io.result_folders import reach_json, write_pose, write_pose_failure, write_reach
 from ccm_opt.io.solution_json import pose_json, segment_words
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.space_configuration import SpaceSegment
 from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 
@@ -60,7 +60,7 @@ def pose_files(
     return run_all(files, pose_one)
 
 
-def _pose(problem: AnyProblem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
+def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
     check_target(out / problem.name, POSE_RECORD)
     with stage_display(problem.name) as clock:
         found = _found_or_recorded(problem, out, clock, terms)
@@ -76,7 +76,7 @@ def _pose(problem: AnyProblem, out: Path, terms: TermReferences, *, pictures: bo
     return print_result(lambda: _print(found, clock, folder), SOLVED, lambda: _data(found, folder))
 
 
-def _found_or_recorded(problem: AnyProblem, out: Path, clock: StageClock, terms: TermReferences) -> AnyStaticPose:
+def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> AnyStaticPose:
     """Ask the static question; where there is no answer, the record of why is left in the output folder.
 
     Raises:
@@ -230,7 +230,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
 
 
 def _guarded(
-    problem: AnyProblem, options: ReachOptions, progress: Callable[[int, int], None]
+    problem: Problem, options: ReachOptions, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
     """Ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
     if isinstance(options.crew, DaskWorkers):

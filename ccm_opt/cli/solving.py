@@ -22,12 +22,12 @@ from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlans
 
 
 def failure_recorder(
-    problem: AnyProblem, out: Path, clock: StageClock, *, pictures: bool
+    problem: Problem, out: Path, clock: StageClock, *, pictures: bool
 ) -> Callable[[str, Diagnosis], None]:
     """What writes the record of a problem without a plan, given its status and diagnosis.
 
@@ -53,7 +53,7 @@ def failure_recorder(
 
 
 @contextmanager
-def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
+def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
     """Plan inside it; a problem without a plan leaves the record of why in the output folder.
 
     Args:
@@ -183,7 +183,7 @@ def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
     return run_all(files, lambda file: _solve(problems.read(file), options))
 
 
-def _solve(problem: AnyProblem, options: SolveOptions) -> int:
+def _solve(problem: Problem, options: SolveOptions) -> int:
     """Make one plan, or plans from the fastest to the roomiest, the recommended one in the place of the only one."""
     target = options.out / problem.name
     check_target(target)

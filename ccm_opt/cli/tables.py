@@ -11,9 +11,8 @@ from rich.table import Table
 from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.problem import Problem
+from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict, Solution
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
 from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.room_section import room_sentences
@@ -34,11 +33,11 @@ def value_table(title: str) -> Table:
     return table
 
 
-def print_solution(solution: AnySolution, clock: StageClock, folder: str) -> None:
+def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
     problem = solution.problem
     units = units_of(problem)
-    in_space = isinstance(problem, SpaceProblem)
+    in_space = problem.dimension == 3
     words = checks_in_words(solution.checks, units, in_space=in_space)
     told = words if output().verbose else [check for check in words if not check.of_itself]
     table = checks_table(f"{problem.name}: solved", told)
@@ -65,7 +64,7 @@ def print_solution(solution: AnySolution, clock: StageClock, folder: str) -> Non
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
-def units_of(problem: AnyProblem) -> PageUnits:
+def units_of(problem: Problem) -> PageUnits:
     """The units in which results of a problem are told: lengths in that of its file."""
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
@@ -181,7 +180,7 @@ COLUMNS = (
 """Gaps are those beyond the clearance, with their unit."""
 
 
-def print_pareto(found: ParetoPlans[AnySolution], clock: StageClock, folder: str) -> None:
+def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
     """Print what came out of the trade-off between time and room, on stdout."""
     units = units_of(found.problem)
     table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
@@ -196,7 +195,7 @@ def print_pareto(found: ParetoPlans[AnySolution], clock: StageClock, folder: str
     console.print(escape(f"written to {folder}, every plan to its folder in {folder}/pareto"), soft_wrap=True)
 
 
-def _cells(plan: ParetoPlan[AnySolution], units: PageUnits) -> tuple[str, ...]:
+def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
     wanted = units.given(plan.wanted_gap, "m")
     if plan.solution is None:
         return (wanted, *[""] * 6)
@@ -219,7 +218,7 @@ def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: 
     return f"{'' if near.link else '> '}{units.length(near.gap)}"
 
 
-def _note(found: ParetoPlans[AnySolution], plan: ParetoPlan[AnySolution], number: int) -> str:
+def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
     """What there is to say of a plan beside its figures."""
     if plan.solution is None:
         return f"no plan: {plan.reason}"

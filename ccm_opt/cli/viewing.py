@@ -13,12 +13,12 @@ from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import load_any_problem, load_motion
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
     from ccm_opt.driver.live_plan import LivePlan
-    from ccm_opt.solution.space_solution import AnySolution
+    from ccm_opt.solution import Solution
 
 
 def view_item(item: Path, port: int, *, browser: bool) -> int:
@@ -73,7 +73,7 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
         raise
 
 
-def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
+def _viewer_at(door: socket, item: Path, problem: Problem) -> "ViewerApp":
     """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
     from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
@@ -90,13 +90,13 @@ def _viewer_at(door: socket, item: Path, problem: AnyProblem) -> "ViewerApp":
 
         either: Any = problem
         with stage_display(problem.name) as clock:
-            solution: AnySolution = solve(either, progress=clock)
+            solution: Solution = solve(either, progress=clock)
         return ViewerApp(MotionFrames(problem, solution.trajectory, solution.joints), None, door, solution.checks)
     plan = live.plan
     return ViewerApp(MotionFrames(problem, plan.trajectory, plan.joints), live, door, plan.checks)
 
 
-def _live_plan(problem: AnyProblem) -> "LivePlan | None":
+def _live_plan(problem: Problem) -> "LivePlan | None":
     """The plan that follows drags; None where the problem is none for it.
 
     Raises:

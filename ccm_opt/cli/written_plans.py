@@ -26,7 +26,7 @@ from ccm_opt.io.solution_json import room_data
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.io.urdf import MESHES, URDF_MESHES
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
@@ -73,7 +73,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
     def show() -> None:
         console = report_console()
-        words = checks_in_words(checks, units_of(problem), in_space=isinstance(problem, SpaceProblem))
+        words = checks_in_words(checks, units_of(problem), in_space=problem.dimension == 3)
         told = [check for check in words if output().verbose or not check.of_itself or not check.passed]
         console.print(checks_table(f"{problem.name}: {verdict}", told))
         if len(told) < len(words):
@@ -94,33 +94,33 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     return print_result(show, SOLVED if passed else NO_PLAN, data)
 
 
-def _left_unchecked(problem: AnyProblem, motion: SavedMotion) -> tuple[str, ...]:
+def _left_unchecked(problem: Problem, motion: SavedMotion) -> tuple[str, ...]:
     """What nothing was held against, a clause each."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         # Links in space that cross are refused, however near they are along the arm.
         return left_unchecked_of_arm(problem.arm)
     return left_unchecked(problem, motion.trajectory)
 
 
-def _room(problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:
+def _room(problem: Problem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:
     """The room that the motion keeps."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         from ccm_opt.driver.kept_plan import room_in_space  # noqa: PLC0415 - as above
 
         return room_in_space(problem, motion.trajectory)
     return room_over_time(problem, motion.trajectory, problem.wanted_gap, own)
 
 
-def _curves(folder: Path, problem: AnyProblem) -> tuple[Configuration, ...]:
+def _curves(folder: Path, problem: Problem) -> tuple[Configuration, ...]:
     """The curves behind the keyframes, of which an arm in space has none in its folder."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return ()
     return recorded_curves(folder, problem)
 
 
 def _checks_of_record(
     folder: Path,
-    problem: AnyProblem,
+    problem: Problem,
     motion: SavedMotion,
     recorded: RecordedResults,
     own: tuple[Check, ...],
@@ -149,7 +149,7 @@ def _checks_of_record(
     ]
 
 
-def _checks_of_constraints(problem: AnyProblem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
+def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
     """One check for every constraint; in a plan with stops one for every constraint and leg, as when it was made.
 
     Raises:
@@ -243,7 +243,7 @@ def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
         texts = model_texts(problem, obstacles=options.scene, bends_only=bends_only, meshes=meshes)
         text = texts["arm.urdf" if options.kind == "urdf" else "arm.mjcf.xml"]
         # MJCF of the plane has its meshes in itself.
-        beside = options.scene and (options.kind == "urdf" or isinstance(problem, SpaceProblem))
+        beside = options.scene and (options.kind == "urdf" or problem.dimension == 3)
         return {"": text.encode()} | (model_meshes(problem, meshes) if beside else {})
     motion = load_motion(folder, problem.arm)  # refuses what is no plan of this arm
     if options.kind == "npz":

@@ -21,7 +21,7 @@ from ccm_opt.compare.suites import Case
 from ccm_opt.core.files import put_file
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.problem_data import problem_data, recorded_data
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import Body, MeshBody
 
 JOURNAL = "journal.jsonl"
@@ -159,7 +159,7 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
     for case in cases:
         file = folder / f"{case.name}.toml"
         problem = case.problem()
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             for mesh, content in mesh_files(problem).items():
                 _write(folder / mesh, content)
         _write(file, problem_text(problem).encode())
@@ -167,9 +167,9 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
     return tuple(files)
 
 
-def problem_text(problem: AnyProblem) -> str:
+def problem_text(problem: Problem) -> str:
     """A problem file: the one that a problem was read from, if that says all of it, or a new one."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
     data = recorded_data(problem)
     # Other files that a problem names would have to be written too; then its own text does not say all.
@@ -178,7 +178,7 @@ def problem_text(problem: AnyProblem) -> str:
     return tomlkit.dumps(data)
 
 
-def mesh_files(problem: SpaceProblem) -> dict[str, bytes]:
+def mesh_files(problem: Problem) -> dict[str, bytes]:
     """The meshes that a problem needs, by their paths beside its file; the same mesh has the same path everywhere."""
     bodies = [each.body for each in problem.workspace.obstacles]
     return {_mesh_name(body): body.content for body in bodies if isinstance(body, MeshBody)}

@@ -15,7 +15,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import TIME_TO_LOAD, answer_of
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class Method:
     options: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
     make: Callable[[], Planner] | None = None
 
-    def prepared(self, problem: AnyProblem, time_limit: float | None = None) -> AnyProblem:
+    def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
         """The problem with this method's options, and a limit of CPU time [s] unless that is None."""
         options = dict(self.options)
         if time_limit is not None:
             options["time_limit"] = time_limit
         return replace(problem, planner=replace(problem.planner, **options))  # type: ignore[arg-type]
 
-    def planner(self, prepared: AnyProblem) -> Planner:
+    def planner(self, prepared: Problem) -> Planner:
         """The planner for a problem that was prepared.
 
         Raises:
@@ -52,7 +52,7 @@ class Method:
         from ccm_opt.driver.planning_run import default_planner  # noqa: PLC0415 - loads casadi
 
         options = prepared.planner
-        if isinstance(prepared, SpaceProblem) and (options.method != "nlp" or options.retiming != "toppra"):
+        if prepared.dimension == 3 and (options.method != "nlp" or options.retiming != "toppra"):
             raise ProblemError(f"the method {self.name} knows the plane alone; use nlp or ompl in space")
         return default_planner(prepared, Stages())
 

@@ -32,7 +32,6 @@ from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.certificate import Certificate
@@ -99,7 +98,7 @@ class OmplPlanner:
         """Refuse where OMPL is not installed."""
         ompl_modules()
 
-    def plan(self, problem: AnyProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
 
         Raises:
@@ -107,7 +106,7 @@ class OmplPlanner:
                 know.
             NoPlanFound: none was found in time.
         """
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             return self._path(_InSpace(problem, self.settings))
         if problem.arm.base_axes:
             raise ProblemError("the method ompl moves no feed axis; use planner.method nlp, or leave arm.feed out")
@@ -249,7 +248,7 @@ class _Query(Protocol):
     deadline: Deadline
 
     @property
-    def problem(self) -> AnyProblem:
+    def problem(self) -> Problem:
         """What is to be solved."""
 
     def goals(self) -> Iterator[FloatArray]:
@@ -341,7 +340,7 @@ def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
 class _InSpace:
     """A query in space."""
 
-    def __init__(self, problem: SpaceProblem, settings: OmplSettings) -> None:
+    def __init__(self, problem: Problem, settings: OmplSettings) -> None:
         arm = problem.arm
         self.problem = problem
         self._settings = settings

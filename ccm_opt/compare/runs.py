@@ -10,18 +10,15 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal
 
 from ccm_opt.compare.methods import code_of, method_named
 from ccm_opt.compare.suites import Case
 from ccm_opt.core.expected import in_words
 from ccm_opt.driver.legs import Planner
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
-
-if TYPE_CHECKING:
-    from ccm_opt.problem import Problem
 
 Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
 """A verified motion; no plan; none within the time; refused by the verifier; not for this method; a defect."""
@@ -138,12 +135,12 @@ class ClockedPlanner:
         self._planner = planner
         self.seconds = 0.0
 
-    def plan(self, problem: AnyProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """Plan as the planner does."""
         begin = time.process_time()
         try:
             # A planner is given problems of the kind that its method has made it for.
-            path: object = self._planner.plan(cast("Problem", problem))
+            path: object = self._planner.plan(problem)
         finally:
             self.seconds += time.process_time() - begin
         if not isinstance(path, JointPath):
@@ -175,11 +172,11 @@ def execute(task: Task) -> Run:
         return replace(run, figures=figures, wall=time.perf_counter() - wall_begin)
 
 
-def _solved(task: Task, problem: AnyProblem, planner: ClockedPlanner) -> Run:
+def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
     from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
     # Without an explanation of failures: it would count as time, and no figure depends on it.
-    solution = solve(cast("Problem", problem), planner=planner, explain=False)
+    solution = solve(problem, planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
     tactic = solution.path.candidate

@@ -14,8 +14,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
@@ -251,7 +250,7 @@ ACCELERATION = 2.0
 """Limit of every revolute [rad/s²]."""
 
 
-def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
+def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
     """Start and goal pose drawn first, then bodies within the arm's reach that keep off both.
 
     Args:
@@ -277,7 +276,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> SpaceProblem:
     bounds = np.array([[-wide, -wide, -wide], [wide, wide, wide]])
     tip = TipGoal(arm.joint_positions_at(goal)[-1], arm.link_rotations(goal)[-1, :, 0])
     revolutes = 3 * links
-    return SpaceProblem(
+    return Problem(
         name,
         Workspace(bounds=bounds, obstacles=tuple(bodies)),
         arm,
@@ -366,7 +365,7 @@ MOST_DRAWS = 1000
 """After so many ends that touch something the disturbance is too large for the scene."""
 
 
-def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> SpaceProblem:
+def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> Problem:
     """A shipped problem whose base, start and goal are moved at random; ends that leave no room are drawn again.
 
     Args:
@@ -404,9 +403,9 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> S
 
 
 @cache
-def _shipped(file: Path) -> tuple[SpaceProblem, SurfaceTree]:
+def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
     problem = load_problem(file)
-    if not isinstance(problem, SpaceProblem):
+    if problem.dimension == 2:
         raise ProblemError(f"{file} is no problem in space")
     return problem, SurfaceTree.of(problem.workspace.soup)
 

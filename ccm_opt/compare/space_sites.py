@@ -15,8 +15,7 @@ from ccm_opt.compare.space_clutter import Route, Site, arm_of_links, laid_along
 from ccm_opt.compare.space_ducts import holed_plate, ring, straight_pipe
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
@@ -323,7 +322,7 @@ MOST_DRAWS = 400
 """After so many draws of no use something is wrong with a family."""
 
 
-def site_problem(family: str, seed: int, links: int, name: str) -> SpaceProblem:
+def site_problem(family: str, seed: int, links: int, name: str) -> Problem:
     """A problem of a family.
 
     Args:
@@ -348,7 +347,7 @@ def site_problem(family: str, seed: int, links: int, name: str) -> SpaceProblem:
     raise ProblemError(f"no scene of the family {family} leaves an arm of {links} links its room")
 
 
-def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
+def _problem(site: Site, links: int, name: str) -> Problem | None:
     """The problem of a site; None where the arm cannot lie along its routes."""
     arm = replace(arm_of_links(links, LENGTH, site.radius), mount_length=site.radius)
     if site.fed:
@@ -375,7 +374,7 @@ def _problem(site: Site, links: int, name: str) -> SpaceProblem | None:
     limits = (
         Limits(rates, 4.0 * rates, feed_velocity=0.1, feed_acceleration=0.5) if site.fed else Limits(rates, 4.0 * rates)
     )
-    return SpaceProblem(
+    return Problem(
         name,
         soup_of,
         arm,
@@ -400,7 +399,7 @@ def _rotation(rng: np.random.Generator) -> RigidPlacement:
     return RigidPlacement.of_quaternion(rng.uniform(-0.3, 0.3, 3), rng.normal(size=4))
 
 
-def _turned(problem: SpaceProblem, by: RigidPlacement) -> SpaceProblem:
+def _turned(problem: Problem, by: RigidPlacement) -> Problem:
     """The problem with everything in it moved."""
     arm = problem.arm
     turned = by.rotation

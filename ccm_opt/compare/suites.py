@@ -22,7 +22,6 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -41,7 +40,7 @@ _NAME = re.compile(
 )
 
 
-def space_maker(suite: str, folder: Path) -> Callable[[int, str], SpaceProblem]:
+def space_maker(suite: str, folder: Path) -> Callable[[int, str], Problem]:
     """What makes the problems of a suite in space from seeds and names.
 
     Args:
@@ -262,10 +261,10 @@ class Case:
     name: str
     suite: str
     seed: int = 0
-    given: AnyProblem | None = field(default=None, compare=False)
+    given: Problem | None = field(default=None, compare=False)
     fingerprint: str = field(default="")
 
-    def problem(self) -> AnyProblem:
+    def problem(self) -> Problem:
         """The problem itself."""
         if self.given is not None:
             return self.given
@@ -337,10 +336,10 @@ def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tup
     return tuple(cases)
 
 
-def _content_hash(problem: AnyProblem) -> str:
+def _content_hash(problem: Problem) -> str:
     """By content, meshes included: a file of the same name that was edited is another problem."""
     parts = [problem.source]
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         parts += [each.body.digest for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 

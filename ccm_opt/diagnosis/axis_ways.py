@@ -19,7 +19,7 @@ from ccm_opt.diagnosis.way_search import Answer, WayEnds, WaySearch
 from ccm_opt.diagnosis.ways import WidestWay, way_length
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.space_task import reach_box
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -53,7 +53,7 @@ _PULL_STEPS = 5
 
 
 def axis_ways(
-    problem: SpaceProblem, until: Deadline, settings: WaySettings = DEFAULT_DIAGNOSIS.ways
+    problem: Problem, until: Deadline, settings: WaySettings = DEFAULT_DIAGNOSIS.ways
 ) -> Iterator["AxisWays"]:
     """Yield the ways to every goal of the tip: from the base, or from the places to which it is fed."""
     for place in tip_places(problem):
@@ -73,7 +73,7 @@ class AxisWays:
         settings: numbers.
     """
 
-    problem: SpaceProblem
+    problem: Problem
     place: TipPlace
     until: Deadline
     settings: WaySettings = DEFAULT_DIAGNOSIS.ways

@@ -12,7 +12,6 @@ from ccm_opt.diagnosis.ways import any_way_closed, wide_and_short_enough
 from ccm_opt.errors import Finding
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Check:
     fed: bool = True
     dimensions: tuple[int, ...] = (2, 3)
 
-    def fits(self, problem: AnyProblem) -> bool:
+    def fits(self, problem: Problem) -> bool:
         """Whether it says anything of a problem."""
         return problem.dimension in self.dimensions and (self.fed or not problem.arm.base_axes)
 
@@ -54,7 +53,7 @@ BUT_WAYS = tuple(check for check in NECESSARY if check is not WAYS)
 
 
 def failed(
-    problem: AnyProblem, checks: tuple[Check, ...] = NECESSARY, until: Deadline | None = None
+    problem: Problem, checks: tuple[Check, ...] = NECESSARY, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
     """What some checks find, in their order.
 
@@ -65,7 +64,7 @@ def failed(
     """
     until = until or Deadline.never()
     applicable = [check for check in checks if check.fits(problem)]
-    if not isinstance(problem, Problem):
+    if problem.dimension == 3:
         return tuple(finding for check in applicable for finding in _found(check, problem, until))
     units = OwnUnits(problem.arm.length)
     with words_for_unit(units.metres):
@@ -74,16 +73,16 @@ def failed(
     return units.findings_in_metres(findings)
 
 
-def _found(check: Check, problem: AnyProblem, until: Deadline) -> Iterator[Finding]:
+def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]:
     return check.find(problem, until) if check is WAYS else check.find(problem)
 
 
-def no_way(problem: AnyProblem, until: Deadline) -> bool:
+def no_way(problem: Problem, until: Deadline) -> bool:
     """Return whether it is proved that no way to some goal is wide and short enough."""
-    scaled = OwnUnits(problem.arm.length).scaled(problem) if isinstance(problem, Problem) else problem
+    scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
     return any_way_closed(scaled, until)
 
 
-def hopeless(problem: AnyProblem, until: Deadline) -> bool:
+def hopeless(problem: Problem, until: Deadline) -> bool:
     """Return whether any necessary check proves that there is no plan, which takes far less than to say why."""
     return any(finding.proved for finding in failed(problem, BUT_WAYS, until)) or no_way(problem, until)

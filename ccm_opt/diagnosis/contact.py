@@ -14,13 +14,13 @@ from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole
 from ccm_opt.diagnosis.ranking import point
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Finding
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 
-def contact_at_poses(problem: AnyProblem) -> Iterator[Finding]:
+def contact_at_poses(problem: Problem) -> Iterator[Finding]:
     """Every obstacle that the arm touches in a pose of the problem, deepest first, and where it touches itself."""
     gaps = gaps_of(problem.workspace)
     for pose in whole_poses(problem):
@@ -28,7 +28,7 @@ def contact_at_poses(problem: AnyProblem) -> Iterator[Finding]:
         yield from _self_touched(problem.arm, pose)
 
 
-def contact_at_tips(problem: AnyProblem) -> Iterator[Finding]:
+def contact_at_tips(problem: Problem) -> Iterator[Finding]:
     """Every obstacle that the tip touches at a goal of its own; deepest first."""
     gaps = gaps_of(problem.workspace)
     for place in tip_places(problem):
@@ -44,7 +44,7 @@ def overlap_missed(arm: Arm) -> float:
     return DEFAULT_DIAGNOSIS.passages.touching * arm.length
 
 
-def _touched_by_links(problem: AnyProblem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:
+def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:
     """Every obstacle that a pose touches, at the link that is deepest in it."""
     arm = problem.arm
     first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
@@ -59,7 +59,7 @@ def _touched_by_links(problem: AnyProblem, gaps: Gaps, pose: WholePose) -> Itera
         yield replace(touch, proved=bool(np.max(lacking) > overlap_missed(arm)))
 
 
-def _touched_by_tip(problem: AnyProblem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
+def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
     """Obstacles that leave the tip, or with a direction the last link, no room within the tolerances."""
     arm = problem.arm
     if arm.mount_length >= arm.length:
@@ -81,7 +81,7 @@ def _touched_by_tip(problem: AnyProblem, gaps: Gaps, place: TipPlace) -> Iterato
             yield _touch(problem, place.name, place.key, what, found, 0, play)
 
 
-def _touch(problem: AnyProblem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
+def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
     """One contact, with the radius and the clearance that would just end it.
 
     Args:
@@ -154,7 +154,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     )
 
 
-def strong_enough(problem: AnyProblem) -> Iterator[Finding]:
+def strong_enough(problem: Problem) -> Iterator[Finding]:
     """Poses that some joint cannot hold; only for a base that stands still."""
     torque = problem.limits.torque
     if torque is None:
@@ -172,7 +172,7 @@ def strong_enough(problem: AnyProblem) -> Iterator[Finding]:
             yield replace(overloaded(problem, where, number, float(load[number])), proved=proved)
 
 
-def _lighter(problem: AnyProblem, pose: WholePose) -> FloatArray:
+def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
     """By how much the tolerances of a pose can lower each revolute's load, at most, shape (3 links,) [N m]."""
     arm = problem.arm
     play = pose.link_play(arm)
@@ -188,7 +188,7 @@ def _lighter(problem: AnyProblem, pose: WholePose) -> FloatArray:
     return np.repeat(nearer, 3)
 
 
-def overloaded(problem: AnyProblem, where: str, number: int, load: float) -> Finding:
+def overloaded(problem: Problem, where: str, number: int, load: float) -> Finding:
     """A joint that cannot hold the arm in one pose, which by itself proves nothing: its torque against its limit.
 
     Args:

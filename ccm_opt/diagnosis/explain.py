@@ -11,14 +11,14 @@ from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import closed_off, ranked, refuse
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 
 _ADVISED_STEPS = (0.0, 0.25, 0.6, 1.0)
 """How far beyond its bound a change is looked at by the necessary checks alone, where every try failed, as a share of
 the bound. Taste."""
 
 
-def with_proof(problem: AnyProblem, error: NoPlanFound) -> NoPlanFound:
+def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
     """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
     old = error.diagnosis
     findings = old.findings or ranked(failed(problem))
@@ -26,7 +26,7 @@ def with_proof(problem: AnyProblem, error: NoPlanFound) -> NoPlanFound:
     return type(error)(replace(old, reason=reason, findings=findings, advice=(*unit_hints(problem), *old.advice)))
 
 
-def explained(problem: AnyProblem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
+def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
     """Return the same error with all that is known of why, and the changes with which the problem was solved.
 
     Args:
@@ -53,7 +53,7 @@ def explained(problem: AnyProblem, error: NoPlanFound, trials: Trials, stages: S
     return type(error)(_diagnosis(old, ranked(known, solved), solved, (*hints, *advice)))
 
 
-def _overloads(problem: AnyProblem, error: NoPlanFound) -> tuple[Finding, ...]:
+def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
     """The joint that timing found too weak to hold the arm somewhere on the path, if that is how it ended."""
     evidence = error.diagnosis.evidence
     number, torque, place = (evidence.get(name) for name in ("revolute", "torque", "path_position"))
@@ -71,7 +71,7 @@ def _diagnosis(
     return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
 
 
-def _advice(problem: AnyProblem, findings: tuple[Finding, ...], until: Deadline) -> tuple[str, ...]:
+def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) -> tuple[str, ...]:
     """What would be needed at least, as far as is known, when no try of it succeeded.
 
     Nothing is advised of which the necessary checks prove that it is not enough.
@@ -91,7 +91,7 @@ def _advice(problem: AnyProblem, findings: tuple[Finding, ...], until: Deadline)
 
 
 def _least_with_hope(
-    problem: AnyProblem,
+    problem: Problem,
     candidate: Parameter,
     bound: float,
     until: Deadline,
@@ -109,7 +109,7 @@ FEW_OBSTACLES = 30
 """Among so many what closes the ways is found in half a second. Measured: 0.02 s a look, and some thirty looks."""
 
 
-def refuse_impossible(problem: AnyProblem) -> None:
+def refuse_impossible(problem: Problem) -> None:
     """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
 
     Raises:
@@ -118,7 +118,7 @@ def refuse_impossible(problem: AnyProblem) -> None:
     refuse(ranked(failed(problem, AT_ONCE)))
 
 
-def refuse_hopeless(problem: AnyProblem) -> None:
+def refuse_hopeless(problem: Problem) -> None:
     """Refuse a problem of which any of the necessary checks proves that it has no plan, as soon as that is known.
 
     What closes the ways in space, or among many obstacles, is for those to say who explain the failure.
@@ -132,7 +132,7 @@ def refuse_hopeless(problem: AnyProblem) -> None:
         raise closed_off(problem)
 
 
-def refuse_closed(problem: AnyProblem) -> None:
+def refuse_closed(problem: Problem) -> None:
     """Refuse a problem of which any of the necessary checks proves that it has no plan.
 
     Raises:

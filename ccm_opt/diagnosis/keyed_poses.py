@@ -7,8 +7,7 @@ from typing import Generic, TypeAlias, TypeVar
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import Goal, Stop, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Goal, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 
 GoalT = TypeVar("GoalT")
@@ -35,7 +34,7 @@ TipPlace: TypeAlias = KeyedGoal[TipGoal]
 """A goal for the tip alone."""
 
 
-def keyed_goals(problem: AnyProblem) -> Iterator[KeyedGoal[Goal]]:
+def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
     """All goals in order."""
     goals = (*problem.stops, Stop(problem.goal, problem.tolerances))
     for k, stop in enumerate(goals):
@@ -44,12 +43,12 @@ def keyed_goals(problem: AnyProblem) -> Iterator[KeyedGoal[Goal]]:
         yield KeyedGoal(name, f"goal[{k}]" if several else "goal", stop.goal, stop.tolerances)
 
 
-def tip_goal(problem: AnyProblem) -> TipGoal | None:
+def tip_goal(problem: Problem) -> TipGoal | None:
     """The last goal of a problem where it is for the tip; None where it is for the whole arm."""
     return problem.goal if isinstance(problem.goal, TipGoal) else None
 
 
-def tip_places(problem: AnyProblem) -> Iterator[TipPlace]:
+def tip_places(problem: Problem) -> Iterator[TipPlace]:
     """Every goal for the tip alone."""
     for asked in keyed_goals(problem):
         if isinstance(asked.goal, TipGoal):
@@ -88,7 +87,7 @@ class WholePose:
         return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
 
 
-def whole_poses(problem: AnyProblem) -> Iterator[WholePose]:
+def whole_poses(problem: Problem) -> Iterator[WholePose]:
     """The start, then every goal that says where all links are."""
     arm = problem.arm
     yield WholePose("the start", "start", problem.start.configuration(arm))

@@ -16,7 +16,6 @@ from ccm_opt.planning.curve_routes import configuration_task, find_routes, route
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.scene.narrow_gates import nearest_walls
 
 _THOUSAND = (100.0, 10000.0)
@@ -28,9 +27,9 @@ _HARDLY_BENDS = 1.5707963267948966
 """Sum of all bends below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
 
 
-def likely(problem: AnyProblem, until: Deadline) -> tuple[Finding, ...]:
+def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     """What is likely to stand in the way, the tightest first; looked for until a deadline."""
-    if not isinstance(problem, Problem):
+    if problem.dimension == 3:
         return tight_ways(problem, until)
     units = OwnUnits(problem.arm.length)
     with words_for_unit(units.metres):
@@ -69,7 +68,7 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
     )
 
 
-def unit_hints(problem: AnyProblem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.units) -> tuple[str, ...]:
+def unit_hints(problem: Problem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.units) -> tuple[str, ...]:
     """Advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians; mostly none."""
     hints = [*_of_lengths(problem, settings)]
     bounds = problem.workspace.box
@@ -79,7 +78,7 @@ def unit_hints(problem: AnyProblem, settings: UnitHintSettings = DEFAULT_DIAGNOS
     return (*hints, *_of_limits(problem))
 
 
-def _of_lengths(problem: AnyProblem, settings: UnitHintSettings) -> Iterator[str]:
+def _of_lengths(problem: Problem, settings: UnitHintSettings) -> Iterator[str]:
     """Lengths beside the arm's."""
     arm = problem.arm
     lengths = [
@@ -96,14 +95,14 @@ def _of_lengths(problem: AnyProblem, settings: UnitHintSettings) -> Iterator[str
             yield f"check the units: {name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
 
 
-def _of_room(problem: AnyProblem, size: float, reach: float) -> Iterator[str]:
+def _of_room(problem: Problem, size: float, reach: float) -> Iterator[str]:
     """A room in which the arm is lost, into which it does not go, or from which its base is far away."""
     share = size / problem.arm.length
     if share > _THOUSAND[0] or share < _SMALL_ROOM or reach / problem.arm.length > _THOUSAND[0]:
         yield f"check the units: the room is {share:.3g} times as large as the arm is long"
 
 
-def _of_limits(problem: AnyProblem) -> Iterator[str]:
+def _of_limits(problem: Problem) -> Iterator[str]:
     """A joint limit of as many degrees as one would give radians, with which the arm can hardly bend."""
     arm = problem.arm
     degrees = float(np.rad2deg(arm.joint_limit))

@@ -24,7 +24,6 @@ from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, su
 from ccm_opt.errors import Finding
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 
 _MOST_LOOKED_AT = 200
 """Places that are looked at. Taste: some 5 ms each."""
@@ -50,7 +49,7 @@ def about_the_goal(findings: tuple[Finding, ...]) -> bool:
 
 
 def moved_goals(
-    problem: AnyProblem,
+    problem: Problem,
     findings: tuple[Finding, ...],
     until: Deadline,
     settings: MovedGoalSettings = DEFAULT_DIAGNOSIS.moved_goal,
@@ -84,9 +83,7 @@ def moved_goals(
 
 
 # ------------------------------------------------------------ directions
-def _least_turned(
-    problem: AnyProblem, goal: TipGoal, until: Deadline, settings: MovedGoalSettings
-) -> FloatArray | None:
+def _least_turned(problem: Problem, goal: TipGoal, until: Deadline, settings: MovedGoalSettings) -> FloatArray | None:
     """The nearest direction (d,) that neither contact nor bends refuse; None for none, or for the goal's own."""
     wanted = goal.direction
     if wanted is None:
@@ -129,7 +126,7 @@ def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
     return np.asarray(side / np.linalg.norm(side))
 
 
-def turned_direction(problem: AnyProblem, end: FloatArray) -> Parameter | None:
+def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
     """The direction of a problem's goal, turned by an angle towards that in which the last link points in a pose.
 
     Args:
@@ -184,7 +181,7 @@ def _turned_to(goal: TipGoal, direction: FloatArray | None) -> TipGoal:
     return TipGoal(goal.position, direction, goal.via)
 
 
-def left_out(problem: AnyProblem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
+def left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
     """The goal's direction, where all that is known to stand in the way may be due to it, and places on the way."""
     goal = tip_goal(problem)
     if goal is None:
@@ -204,7 +201,7 @@ def _may_be_due_to_direction(finding: Finding) -> bool:
 
 # ------------------------------------------------------------ places
 def _position(
-    problem: AnyProblem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
+    problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
 ) -> Parameter:
     """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
     offset = place - goal.position
@@ -234,7 +231,7 @@ def _position(
     )
 
 
-def _unit(problem: AnyProblem) -> LengthUnit:
+def _unit(problem: Problem) -> LengthUnit:
     return problem.length_unit
 
 
@@ -300,7 +297,7 @@ def _free_polygon(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) 
     return left
 
 
-def _roomy_places(problem: SpaceProblem, goal: TipGoal, settings: MovedGoalSettings) -> Iterator[FloatArray]:
+def _roomy_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> Iterator[FloatArray]:
     """Places of grids with room for the tip, those nearest to the goal first, each well off the ones before it."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from ccm_opt.diagnosis.gaps import ROOM_NAMES
 from ccm_opt.diagnosis.keyed_poses import tip_places, whole_poses
 from ccm_opt.errors import Finding, Relaxation
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 
-_Problem = TypeVar("_Problem", Problem, SpaceProblem)
 Read = Callable[[Any], float]
 """A number of a problem, in the plane or in space."""
 Write = Callable[[Any, float], Any]
@@ -59,7 +57,7 @@ class Parameter:
     tried: tuple[float, ...] | None = None
     paths_stay: bool = True
 
-    def rounded(self, problem: AnyProblem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
+    def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
         """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
@@ -70,7 +68,7 @@ class Parameter:
         count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
         return float(count / 10.0**digits / self.scale(problem))
 
-    def relaxation(self, problem: AnyProblem, value: float, bound: float | None) -> Relaxation:
+    def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
         """What is reported when a problem was solved with a value."""
         given = self.read(problem)
         sign = "≥" if self.easier > 0 else "≤"
@@ -84,14 +82,14 @@ class Parameter:
         return Relaxation(words, self.key, unit * value, None if bound is None else unit * bound, change)
 
 
-def _with_radius(problem: _Problem, radius: float) -> _Problem:
+def _with_radius(problem: Problem, radius: float) -> Problem:
     """Another radius; a mount as long as the radius goes on being so, and solid cylinders stay solid cylinders."""
     arm = problem.arm
     mount = radius if arm.mount_length == arm.radius else arm.mount_length
     return replace(problem, arm=_as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
 
 
-def _with_link_length(problem: _Problem, length: float) -> _Problem:
+def _with_link_length(problem: Problem, length: float) -> Problem:
     return replace(problem, arm=_as_cylinders(problem.arm, replace(problem.arm, link_length=length)))
 
 
@@ -111,66 +109,66 @@ def _transverse(arm: Arm) -> FloatArray:
     return np.asarray(arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0)
 
 
-def _with_clearance(problem: _Problem, clearance: float) -> _Problem:
+def _with_clearance(problem: Problem, clearance: float) -> Problem:
     return replace(problem, workspace=replace(problem.workspace, clearance=clearance))
 
 
-def _with_joint_limit(problem: _Problem, limit: float) -> _Problem:
+def _with_joint_limit(problem: Problem, limit: float) -> Problem:
     return replace(problem, arm=replace(problem.arm, joint_limit=limit))
 
 
-def _with_base_limit(problem: _Problem, limit: float) -> _Problem:
+def _with_base_limit(problem: Problem, limit: float) -> Problem:
     return replace(problem, arm=replace(problem.arm, base_limit=limit))
 
 
-def _with_feed_to(problem: _Problem, high: float) -> _Problem:
+def _with_feed_to(problem: Problem, high: float) -> Problem:
     feed = problem.arm.feed
     return problem if feed is None else replace(problem, arm=replace(problem.arm, feed=replace(feed, high=high)))
 
 
-def _with_torque(problem: _Problem, share: float) -> _Problem:
+def _with_torque(problem: Problem, share: float) -> Problem:
     limits = problem.limits
     torque = None if limits.torque is None else share * limits.torque
     return replace(problem, limits=replace(limits, torque=torque))
 
 
-def _with_mass(problem: _Problem, share: float) -> _Problem:
+def _with_mass(problem: Problem, share: float) -> Problem:
     arm = problem.arm
     parts = {name: share * getattr(arm, name) for name in ("masses", "inertia_axial", "inertia_transverse")}
     return replace(problem, arm=replace(arm, **parts))
 
 
-def _uniform_torque(problem: AnyProblem) -> float:
+def _uniform_torque(problem: Problem) -> float:
     """The torque limit when all joints have the same, else 1."""
     torque = problem.limits.torque
     return 1.0 if torque is None or np.ptp(torque) else float(torque[0])
 
 
-def _torque_words(problem: AnyProblem, share: float) -> str:
+def _torque_words(problem: Problem, share: float) -> str:
     value = share * _uniform_torque(problem)
     same = problem.limits.torque is not None and not np.ptp(problem.limits.torque)
     return f"limits.torque ? {value:.4g} N m" if same else f"limits.torque ? {value:.4g} times what it is"
 
 
-def _uniform_mass(problem: AnyProblem) -> float:
+def _uniform_mass(problem: Problem) -> float:
     """The mass of a link when all are alike, else 1."""
     masses = problem.arm.masses
     return 1.0 if np.ptp(masses) else float(masses[0])
 
 
-def _mass_words(problem: AnyProblem, share: float) -> str:
+def _mass_words(problem: Problem, share: float) -> str:
     value = share * _uniform_mass(problem)
     if np.ptp(problem.arm.masses):
         return f"arm.masses ? {value:.4g} times what they are"
     return f"arm.link_mass ? {value:.4g} kg"
 
 
-def _per_file_unit(problem: AnyProblem) -> float:
+def _per_file_unit(problem: Problem) -> float:
     """What lengths are multiplied by to be in the unit of the problem's file, in which they are rounded."""
     return 1.0 / METRES[problem.length_unit]
 
 
-def _no_curves(problem: AnyProblem) -> bool:
+def _no_curves(problem: Problem) -> bool:
     """Whether no end is a curve, whose length would have to change with the arm's."""
     return not any(getattr(end, "curve", None) for end in (problem.start, problem.goal))
 
@@ -293,7 +291,7 @@ def without_term(name: str, kind: str) -> WholeChange:
 
 
 def wider_room(
-    problem: AnyProblem, findings: tuple[Finding, ...], spare: float = DEFAULT_DIAGNOSIS.trials.room_spare
+    problem: Problem, findings: tuple[Finding, ...], spare: float = DEFAULT_DIAGNOSIS.trials.room_spare
 ) -> WholeChange | None:
     """The problem in bounds that hold its start and its goals; None where other things than a room's sides matter.
 

@@ -11,12 +11,12 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, DiagnosisSet
 from ccm_opt.diagnosis.gaps import gaps_of
 from ccm_opt.diagnosis.keyed_poses import keyed_goals, tip_places
 from ccm_opt.diagnosis.ways import tip_ways
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import PossibleGap, RoomRecord
 
 
 def possible_gap(
-    problem: AnyProblem, room: RoomRecord, settings: DiagnosisSettings = DEFAULT_DIAGNOSIS
+    problem: Problem, room: RoomRecord, settings: DiagnosisSettings = DEFAULT_DIAGNOSIS
 ) -> PossibleGap | None:
     """An upper bound on the least gap of every motion that ends exactly at its goals.
 
@@ -54,7 +54,7 @@ def possible_gap(
     return least
 
 
-def _goal_gaps(problem: AnyProblem, room: RoomRecord) -> Iterator[float]:
+def _goal_gaps(problem: Problem, room: RoomRecord) -> Iterator[float]:
     """What every goal leaves: its whole pose, the last link of a tip with a direction, or the tip [m]."""
     gaps = gaps_of(problem.workspace)
     kept = problem.arm.radius + problem.workspace.clearance

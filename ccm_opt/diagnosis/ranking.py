@@ -5,7 +5,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.errors import Diagnosis, Finding, Relaxation, UnreachableGoal
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 
 _FINDINGS = 5
 """Findings that are reported, at most. Taste."""
@@ -78,14 +78,14 @@ def refuse(findings: tuple[Finding, ...]) -> None:
         raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
 
 
-def closed_off(problem: AnyProblem) -> UnreachableGoal:
+def closed_off(problem: Problem) -> UnreachableGoal:
     """Return the error that no way to the goal will do; what closes the ways takes longer to find out."""
     length = "it reaches" if problem.arm.base_axes else f"its {long_length(problem.arm.length)}"
     reason = f"no way to the goal is wide enough for the arm, of {diameter_words(problem)}, and no longer than {length}"
     return UnreachableGoal(Diagnosis(reason, "necessary checks"))
 
 
-def diameter_words(problem: AnyProblem) -> str:
+def diameter_words(problem: Problem) -> str:
     """Return what of the arm has to pass a gap, in words."""
     words = f"diameter {short_length(2.0 * problem.arm.radius)}"
     clearance = problem.workspace.clearance

@@ -12,14 +12,14 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, ReachSetting
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.errors import Finding
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DIRECTIONS_NEAR = 50
 """About the best so far. Taste."""
 
 
-def within_reach(problem: AnyProblem) -> Iterator[Finding]:
+def within_reach(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip that are farther from every place of the base than the arm is long."""
     arm = problem.arm
     for place in tip_places(problem):
@@ -68,7 +68,7 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
     return {"arm.feed.range": along - float(np.sqrt(reach**2 - aside**2))}
 
 
-def within_joint_limits(problem: AnyProblem) -> Iterator[Finding]:
+def within_joint_limits(problem: Problem) -> Iterator[Finding]:
     """Poses at which a bend is beyond its limit."""
     arm = problem.arm
     limits = arm.bend_limits
@@ -93,7 +93,7 @@ def within_joint_limits(problem: AnyProblem) -> Iterator[Finding]:
         )
 
 
-def supple_enough(problem: AnyProblem) -> Iterator[Finding]:
+def supple_enough(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip that the joints cannot turn to."""
     arm = problem.arm
     for place in tip_places(problem):

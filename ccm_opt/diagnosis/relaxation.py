@@ -22,7 +22,7 @@ from ccm_opt.diagnosis.parameters import (
     without_term,
 )
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 
 _STEPS = (0.045, 0.1, 0.2, 0.4)
 """How far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste."""
@@ -53,11 +53,11 @@ HoldAgain: TypeAlias = Callable[[Any, object], object]
 """Times and verifies what was returned for one problem as a plan for another, or raises."""
 
 
-def _nothing_to_drop(problem: AnyProblem, name: str) -> object:
+def _nothing_to_drop(problem: Problem, name: str) -> object:
     raise ProblemError(f"problem '{problem.name}' has no constraint or cost '{name}'")
 
 
-def _never_holds(problem: AnyProblem, plan: object) -> object:
+def _never_holds(problem: Problem, plan: object) -> object:
     raise ProblemError(f"{type(plan).__name__} is no plan for problem '{problem.name}'")
 
 
@@ -99,7 +99,7 @@ class Trials:
         """CPU time that is left [s]."""
         return self.until.left
 
-    def succeeds(self, problem: AnyProblem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
+    def succeeds(self, problem: Problem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
         """Whether a problem, perhaps less a term of the user's, is solved within its share of the time.
 
         Args:
@@ -123,7 +123,7 @@ class Trials:
         self.plans.append(plan)
         return True
 
-    def holds(self, problem: AnyProblem) -> bool:
+    def holds(self, problem: Problem) -> bool:
         """Whether the last plan is one for this problem as well; nothing is planned for that."""
         try:
             self.hold_again(problem, self.plans[-1])
@@ -132,14 +132,14 @@ class Trials:
         return True
 
 
-def _in_haste(problem: AnyProblem, limit: float) -> AnyProblem:
+def _in_haste(problem: Problem, limit: float) -> Problem:
     """The problem with a time limit [s], and with nothing asked for that only makes motions better."""
     # An arm that is hardly strong enough may need the shorter way.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
-def relaxations(problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
+def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
     """Find changes of one thing with which the problem is solved, the most promising first.
 
     Args:
@@ -167,9 +167,7 @@ def relaxations(problem: AnyProblem, findings: tuple[Finding, ...], trials: Tria
             yield relaxed
 
 
-def _as_little_as_helps(
-    change: WholeChange, problem: AnyProblem, trials: Trials, *, hurried: bool
-) -> Relaxation | None:
+def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *, hurried: bool) -> Relaxation | None:
     """A change with which the problem is solved, or as much of it as is needed; None where it is not solved."""
     if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
         return None
@@ -187,7 +185,7 @@ def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
 
 
 def candidates(
-    problem: AnyProblem,
+    problem: Problem,
     findings: tuple[Finding, ...],
     until: Deadline,
     most_omitted: int = _MOST_OMITTED,
@@ -238,7 +236,7 @@ def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float 
 
 def least_change(
     parameter: Parameter,
-    problem: AnyProblem,
+    problem: Problem,
     bound: float | None,
     trials: Trials,
     *,
@@ -273,7 +271,7 @@ def least_change(
 
 
 def _closed_in(
-    parameter: Parameter, problem: AnyProblem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
+    parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
 ) -> float:
     """A value that works, close to one that does not, by bisection while there is time.
 

@@ -19,7 +19,6 @@ from ccm_opt.diagnosis.ranking import degrees, diameter_words, listed, point
 from ccm_opt.diagnosis.reach import angle_between, most_turn, within_reach
 from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 
 _SPANNED = 0.99
@@ -53,7 +52,7 @@ class Ways(Protocol):
     """Ways of an arm's axis from its base, or where it is fed to, to the tolerance of a goal of the tip."""
 
     @property
-    def problem(self) -> AnyProblem:
+    def problem(self) -> Problem:
         """What was asked."""
 
     @property
@@ -117,10 +116,10 @@ class Ways(Protocol):
         """What would do, by keys, where all ways are too long [SI]."""
 
 
-def tip_ways(problem: AnyProblem, until: Deadline, settings: DiagnosisSettings = DEFAULT_DIAGNOSIS) -> Iterator[Ways]:
+def tip_ways(problem: Problem, until: Deadline, settings: DiagnosisSettings = DEFAULT_DIAGNOSIS) -> Iterator[Ways]:
     """Yield the ways to every goal of the tip, those looked at no longer than until a deadline."""
     # One of the two is needed at a time, and most problems need neither.
-    if isinstance(problem, Problem):
+    if problem.dimension == 2:
         from ccm_opt.diagnosis.passages import passages  # noqa: PLC0415
 
         yield from passages(problem, until, settings.passages)
@@ -130,18 +129,18 @@ def tip_ways(problem: AnyProblem, until: Deadline, settings: DiagnosisSettings =
         yield from axis_ways(problem, until, settings.ways)
 
 
-def wide_and_short_enough(problem: AnyProblem, until: Deadline) -> Iterator[Finding]:
+def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding]:
     """Goals of the tip without a way that is wide and short enough."""
     for ways in _closed_ways(problem, until):
         yield _too_long(ways) if ways.shortest is not None and ways.least > ways.arm.length else _too_thick(ways)
 
 
-def any_way_closed(problem: AnyProblem, until: Deadline) -> bool:
+def any_way_closed(problem: Problem, until: Deadline) -> bool:
     """Return whether to some goal of the tip there is no such way, which takes far less than to say what closes it."""
     return next(_closed_ways(problem, until), None) is not None
 
 
-def _closed_ways(problem: AnyProblem, until: Deadline) -> Iterator[Ways]:
+def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
     # Where the tip cannot be at all, or is out of reach, that is what is said.
     touched = {finding.key for finding in contact_at_tips(problem)}
     far = {finding.key for finding in within_reach(problem)}
@@ -248,7 +247,7 @@ def between(walls: tuple[str, ...]) -> str:
 
 
 def tight_ways(
-    problem: AnyProblem, until: Deadline, settings: TightnessSettings = DEFAULT_DIAGNOSIS.tightness
+    problem: Problem, until: Deadline, settings: TightnessSettings = DEFAULT_DIAGNOSIS.tightness
 ) -> tuple[Finding, ...]:
     """What is likely to stand in the way though it is not proved to, the tightest first."""
     found: list[Finding] = []

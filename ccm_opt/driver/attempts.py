@@ -24,9 +24,7 @@ from ccm_opt.errors import (
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution import SurvivedError, TryRecord
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import Solution, SurvivedError, TryRecord
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
 
 _ROOM_SHARE = 0.9
@@ -49,7 +47,7 @@ STAGE = "tolerance"
 
 Asked = TypeVar("Asked")
 Result = TypeVar("Result")
-PlannedProblem = TypeVar("PlannedProblem", bound=AnyProblem)
+PlannedProblem = TypeVar("PlannedProblem", bound=Problem)
 """A problem in the plane, or one in space."""
 
 
@@ -144,7 +142,7 @@ def _lowered(terms: UserTerms, share: float) -> UserTerms:
 def best_of_tries(
     problem: PlannedProblem,
     each: Callable[[PlannedProblem], Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]],
-    as_it_stands: Callable[[PlannedProblem, VerifiedPlan], AnySolution],
+    as_it_stands: Callable[[PlannedProblem, VerifiedPlan], Solution],
 ) -> Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]:
     """Ask for as many tries as the problem names, each with the next seed and an equal share of the time.
 
@@ -232,7 +230,7 @@ def _reason(failure: NoPlanFound | VerificationError) -> str:
     return "the verifier refuses the plan: " + "; ".join(failure.failures)
 
 
-def short_of(problem: AnyProblem, best: SurvivedError) -> Diagnosis:
+def short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
     """Why a motion that survives less than its problem asks for is none, and what would help."""
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
@@ -253,7 +251,7 @@ def short_of(problem: AnyProblem, best: SurvivedError) -> Diagnosis:
     return Diagnosis(reason, STAGE, advice, evidence)
 
 
-def _advice(problem: AnyProblem) -> tuple[str, ...]:
+def _advice(problem: Problem) -> tuple[str, ...]:
     from ccm_opt.scene.bad_pose import room_advice  # noqa: PLC0415 - of walls in the plane
 
     return room_advice(problem.arm.radius, problem.workspace.clearance)
@@ -282,7 +280,7 @@ def surviving_errors(
     if problem.joint_error == 0.0:
         return (yield problem)
     deadline = Deadline.after(problem.planner.time_limit)
-    search: Any = _with_growing_gaps if isinstance(problem, SpaceProblem) else _with_shares_of_room
+    search: Any = _with_growing_gaps if problem.dimension == 3 else _with_shares_of_room
     plan: VerifiedPlan
     plan, survived = yield from search(problem, settings, deadline)
     check = check_of(problem.joint_error, survived)
@@ -291,13 +289,13 @@ def surviving_errors(
     raise MotionNotFound(short_of(problem, survived))
 
 
-def _judged(problem: AnyProblem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
+def _judged(problem: Problem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
     return plan, survived(problem, plan.trajectory, joint_errors(problem.arm), settings)
 
 
 def _with_growing_gaps(
-    problem: SpaceProblem, settings: ToleranceSettings, deadline: Deadline
-) -> Generator[SpaceProblem, VerifiedPlan, "_Found"]:
+    problem: Problem, settings: ToleranceSettings, deadline: Deadline
+) -> Generator[Problem, VerifiedPlan, "_Found"]:
     """Ask for the gap that the best motion so far would need, as something to be bought where there is room.
 
     Where an arm is nearly in contact, the error that it survives grows with its gap. No narrow place keeps a motion

@@ -12,7 +12,7 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath, JointTrajectory
 
 __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
@@ -47,7 +47,7 @@ class BuiltInPlanner:
     def __post_init__(self) -> None:
         expect_arguments(settings=self.settings)
 
-    def plan(self, problem: AnyProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """Plan a certified path.
 
         Args:
@@ -75,7 +75,7 @@ class BuiltInRetimer:
     def __post_init__(self) -> None:
         expect_arguments(settings=self.settings)
 
-    def retime(self, problem: AnyProblem, path: JointPath) -> JointTrajectory:
+    def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
         """Lay time along a path, from rest to rest within the limits; the verifier accepts it.
 
         Args:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 from ccm_opt.core.expected import expect, expect_callable, expect_method
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import SpaceProblem
 
 if TYPE_CHECKING:
     from ccm_opt.driver.settings import Settings
@@ -18,7 +17,7 @@ def expect_problem(value: object) -> None:
     Raises:
         ProblemError: with what was given, and how a problem is had.
     """
-    expect(value, (Problem, SpaceProblem), "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
+    expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
 
 
 def expect_arguments(

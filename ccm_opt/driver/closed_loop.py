@@ -11,7 +11,6 @@ from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, Si
 from ccm_opt.errors import SimulationError
 from ccm_opt.planning.space_ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.verification.link_motion import ChainMotion
@@ -100,7 +99,7 @@ class JudgedMotion:
 
 
 def simulate_and_check(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: SimulationSettings = DEFAULT_SIMULATION,
@@ -142,7 +141,7 @@ def simulate_and_check(
 
 
 def simulated_once(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: SimulationSettings = DEFAULT_SIMULATION,
@@ -157,7 +156,7 @@ def simulated_once(
         return JudgedMotion(
             not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
         )
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         seen = seen_in_space(problem, trajectory, motion)
     else:
         seen = seen_in_plane(problem, trajectory, motion, looks)
@@ -337,7 +336,7 @@ def _part(motion: ChainMotion, first: int, last: int) -> ChainMotion:
 
 
 def seen_in_space(
-    problem: SpaceProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     simulated: SimulatedMotion,
 ) -> Seen | None:
@@ -373,7 +372,7 @@ def _least(near: NearestOfSamples) -> float:
     return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
 
 
-def _as_far_as_needed(problem: SpaceProblem, points: FloatArray) -> GapsAtSamples:
+def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
     """The gaps of poses, looked for no farther than the least of them is: of walls up to a link's length."""
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm

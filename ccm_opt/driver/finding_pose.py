@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import overload
 
 import numpy as np
 
@@ -33,7 +32,6 @@ from ccm_opt.planning.space_ending import pose_record as pose_record_in_space
 from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
 from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
@@ -87,41 +85,8 @@ def _pair(vector: FloatArray) -> tuple[float, float]:
     return float(vector[0]), float(vector[1])
 
 
-@overload
 def find_pose(
     problem: Problem,
-    *,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    progress: Callable[[Progress], None] | None = None,
-    settings: Settings | None = None,
-) -> StaticPose: ...
-
-
-@overload
-def find_pose(
-    problem: SpaceProblem,
-    *,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    progress: Callable[[Progress], None] | None = None,
-    settings: Settings | None = None,
-) -> SpaceStaticPose: ...
-
-
-@overload
-def find_pose(
-    problem: AnyProblem,
-    *,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    progress: Callable[[Progress], None] | None = None,
-    settings: Settings | None = None,
-) -> AnyStaticPose: ...
-
-
-def find_pose(
-    problem: AnyProblem,
     *,
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
@@ -158,12 +123,12 @@ def find_pose(
         with stages("necessary checks"):
             refuse_contradictions(problem, terms, numbers.user_terms)
             refuse_impossible(problem)
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             return _found_in_space(problem, terms, stages, numbers)
         return _found_in_plane(problem, terms, stages, numbers)
 
 
-def _refuse_other_questions(problem: AnyProblem) -> None:
+def _refuse_other_questions(problem: Problem) -> None:
     """Refuse problems that leave no pose at the goal to be found.
 
     Raises:
@@ -274,9 +239,7 @@ class _SpaceTry:
         return PoseOutcome(self.beginning.name, self.pose.answer.cost, self.pose.gap)
 
 
-def _found_in_space(
-    problem: SpaceProblem, terms: UserTerms | None, stages: Stages, numbers: Settings
-) -> SpaceStaticPose:
+def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, numbers: Settings) -> SpaceStaticPose:
     """The best pose in space, asked from the end of a motion to the goal and from drawn poses."""
     deadline = Deadline.after(problem.planner.time_limit)
     with stages("necessary checks"):
@@ -344,7 +307,7 @@ def _space_row_words(name: str, by: float) -> str:
     return f"constraint '{rest}' by {by:.4g}" if what == "user" else f"{name} ({by:.2g})"
 
 
-def _nearest_in_space(problem: SpaceProblem, pose: SpaceArmPose) -> str:
+def _nearest_in_space(problem: Problem, pose: SpaceArmPose) -> str:
     """What is nearest to what in a pose, in words; empty where nothing is near."""
     gaps = GapsAtSamples.of(problem, problem.arm.joint_positions_at(pose.q)[None])
     clearance = problem.workspace.clearance

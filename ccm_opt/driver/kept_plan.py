@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from itertools import combinations
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import shapely
@@ -28,7 +28,6 @@ from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.solution import (
     Check,
@@ -40,7 +39,6 @@ from ccm_opt.solution import (
     Solution,
     SurvivedError,
 )
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -92,7 +90,7 @@ def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
 
 
 def room_in_space(
-    problem: SpaceProblem, trajectory: JointTrajectory, settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS
+    problem: Problem, trajectory: JointTrajectory, settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS
 ) -> RoomRecord:
     """The record of the room that a verified motion keeps.
 
@@ -129,7 +127,7 @@ def room_in_space(
 
 
 def room_of(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
@@ -142,7 +140,7 @@ def room_of(
         checks: of the verifier, which know its least gaps.
         settings: of all stages.
     """
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return room_in_space(problem, trajectory, settings.looks)
     room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
@@ -179,14 +177,14 @@ def versions() -> Mapping[str, str]:
 
 
 def assembled(
-    problem: AnyProblem,
+    problem: Problem,
     plan: VerifiedPlan,
     simulated: SimulatedMotion,
     figures: Mapping[str, float],
     stages: Stages,
     room: RoomRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
-) -> AnySolution:
+) -> Solution:
     """The solution of a problem.
 
     Args:
@@ -199,14 +197,12 @@ def assembled(
         tolerance: errors that it survives.
     """
     own = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
-    if isinstance(problem, SpaceProblem):
-        kind: type[Any] = SpaceSolution
+    if problem.dimension == 3:
         # Links in space that cross are refused, however near they are along the arm.
         not_checked = left_unchecked_of_arm(problem.arm)
     else:
-        kind = Solution
         not_checked = left_unchecked(problem, plan.trajectory)
-    solution: AnySolution = kind(
+    return Solution(
         problem=problem,
         path=plan.path,
         trajectory=plan.trajectory,
@@ -221,16 +217,15 @@ def assembled(
         tries=plan.tries,
         not_checked=not_checked,
     )
-    return solution
 
 
 def described(
-    problem: AnyProblem,
+    problem: Problem,
     plan: VerifiedPlan,
     stages: Stages,
     settings: Settings = DEFAULT_SETTINGS,
     figures: Mapping[str, float] | None = None,
-) -> AnySolution:
+) -> Solution:
     """The solution that a verified plan is: with the room that the motion keeps, and what the simulated arm does.
 
     Args:
@@ -248,7 +243,7 @@ def described(
     simulated = not_waited_for(problem, plan)
     of_simulation: Mapping[str, float] = {}
 
-    def so_far() -> AnySolution:
+    def so_far() -> Solution:
         return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages, room, tolerance)
 
     try:
@@ -265,7 +260,7 @@ def described(
     return so_far()
 
 
-def as_it_stands(problem: AnyProblem, plan: VerifiedPlan, stages: Stages) -> AnySolution:
+def as_it_stands(problem: Problem, plan: VerifiedPlan, stages: Stages) -> Solution:
     """The solution that a verified plan is, with no word of its room and its simulation; for one that is cancelled."""
     return assembled(problem, plan, not_waited_for(problem, plan), {}, stages)
 
@@ -285,13 +280,13 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
         return instead(defect)
 
 
-def not_waited_for(problem: AnyProblem, plan: VerifiedPlan) -> SimulatedMotion:
+def not_waited_for(problem: Problem, plan: VerifiedPlan) -> SimulatedMotion:
     """What stands for the simulated motion of a plan until there is one."""
     return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
 
 
 def simulated_motion(
-    problem: AnyProblem,
+    problem: Problem,
     plan: VerifiedPlan,
     settings: SimulationSettings,
     looks: VerificationSettings = DEFAULT_VERIFICATION,
@@ -305,7 +300,7 @@ def simulated_motion(
 
 
 def _stands_still(
-    problem: AnyProblem, plan: VerifiedPlan, defect: Exception
+    problem: Problem, plan: VerifiedPlan, defect: Exception
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     reason = f"a defect of ccm-opt: {type(defect).__name__}: {defect}"
     return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, reason), {}

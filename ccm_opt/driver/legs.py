@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -10,7 +10,6 @@ from scipy.interpolate import BSpline
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.problem import JointPose, Problem, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
@@ -25,13 +24,11 @@ _OF_DRIVES = frozenset(
 )
 """What of an arm no path depends on."""
 
-Asked = TypeVar("Asked", Problem, SpaceProblem, contravariant=True)  # noqa: PLC0105 - it is told beside it
 
+class Planner(Protocol):
+    """Finds a certified joint path for a problem."""
 
-class PlannerOf(Protocol[Asked]):
-    """Finds a certified joint path for a problem of one kind."""
-
-    def plan(self, problem: Asked) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """Plan a motion to the problem's only goal.
 
         Raises:
@@ -40,10 +37,10 @@ class PlannerOf(Protocol[Asked]):
         ...
 
 
-class RetimerOf(Protocol[Asked]):
+class Retimer(Protocol):
     """Lays time along a joint path."""
 
-    def retime(self, problem: Asked, path: JointPath) -> JointTrajectory:
+    def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
         """Time a path from rest to rest within ``problem.limits``; what it returns is verified.
 
         Of the limits of the drives a plan may use ``problem.planner.effort_share``, see ``robot.coordinates``.
@@ -52,12 +49,6 @@ class RetimerOf(Protocol[Asked]):
             RetimingError: with a diagnosis, when there is no timing within the limits.
         """
         ...
-
-
-Planner: TypeAlias = PlannerOf[Problem]
-"""Plans in the plane."""
-Retimer: TypeAlias = RetimerOf[Problem]
-"""Times what is planned in the plane."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +95,9 @@ def end_to_end(paths: Sequence[JointPath]) -> JointPath:
 
 
 def plan_legs(
-    problem: AnyProblem,
-    planner: PlannerOf[Any],
-    recorded: list[tuple[AnyProblem, JointPath]] | None = None,
+    problem: Problem,
+    planner: Planner,
+    recorded: list[tuple[Problem, JointPath]] | None = None,
     *,
     retrace: bool = True,
 ) -> tuple[Leg, ...]:
@@ -175,7 +166,7 @@ def way_back(legs: Sequence[Leg], goal: object) -> JointPath | None:
     return None
 
 
-def recorded_path(recorded: Sequence[tuple[AnyProblem, JointPath]], problem: AnyProblem) -> JointPath | None:
+def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Problem) -> JointPath | None:
     """The path of a problem whose path is known; None where something that decides it has changed.
 
     Limits of torque and masses of links change no path, so none is planned twice.
@@ -183,7 +174,7 @@ def recorded_path(recorded: Sequence[tuple[AnyProblem, JointPath]], problem: Any
     return next((path for known, path in recorded if _same_geometry(known, problem)), None)
 
 
-def _same_geometry(one: AnyProblem, other: AnyProblem) -> bool:
+def _same_geometry(one: Problem, other: Problem) -> bool:
     """Whether all that decides a path is the same; parts that ``replace`` has left alone are the very same objects."""
     numbers = [each.name for each in fields(one.arm) if each.name not in _OF_DRIVES]
     parts = ("workspace", "start", "goal", "stops")

@@ -18,7 +18,7 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.calls import expect_arguments, expect_problem
 from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.legs import PlannerOf, plan_legs
+from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
 from ccm_opt.driver.timed_plan import VerifiedPlan, check, failed_checks, timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms
@@ -32,10 +32,8 @@ from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import Check, JointPath
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import Check, JointPath, Solution
 
 
 @dataclass
@@ -88,7 +86,7 @@ class _FindingPlanner:
         """The same, which takes its time."""
         return replace(self, hurried=False)
 
-    def tree_of(self, problem: SpaceProblem) -> SurfaceTree:
+    def tree_of(self, problem: Problem) -> SurfaceTree:
         """The tree of a problem's surfaces, made anew where they have moved.
 
         Raises:
@@ -99,7 +97,7 @@ class _FindingPlanner:
             self.scene = soup, SurfaceTree.of(soup)
         return self.scene[1]
 
-    def plan(self, problem: SpaceProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
 
         Raises:
@@ -159,12 +157,12 @@ class LivePlan:
         VerificationError: the verifier refuses it.
     """
 
-    problem: AnyProblem
+    problem: Problem
     constraints: Sequence[Constraint] = ()
     costs: Sequence[Cost] = ()
     settings: Settings = DEFAULT_SETTINGS
     live: LiveSettings = LIVE
-    plan: AnySolution = field(init=False, repr=False)
+    plan: Solution = field(init=False, repr=False)
     current: bool = field(init=False, default=True)
     reason: str = field(init=False, default="")
     _planner: Any = field(init=False, repr=False)
@@ -181,7 +179,7 @@ class LivePlan:
                 "other than nlp, or in the plane a feed axis; solve it anew after every change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             self._planner = _FindingPlanner(SpacePlanner(Stages(), self.settings.space, self._terms))
         else:
             thorough = CurvePlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
@@ -191,9 +189,9 @@ class LivePlan:
             self._make(problem)
 
     @staticmethod
-    def suits(problem: AnyProblem) -> bool:
+    def suits(problem: Problem) -> bool:
         """Whether a problem can be planned live."""
-        fed = bool(problem.arm.base_axes) and not isinstance(problem, SpaceProblem)
+        fed = bool(problem.arm.base_axes) and problem.dimension == 2
         return not (fed or problem.stops or problem.joint_error) and problem.planner.method == "nlp"
 
     def move_goal(
@@ -246,7 +244,7 @@ class LivePlan:
         shift = self._vector(by, "how far to move it, {} in metres")
         moved: Any = workspace.with_moved(name, shift)
         changed = replace(self.problem, workspace=moved, source="")
-        if isinstance(changed, SpaceProblem):
+        if changed.dimension == 3:
             self._planner.tree_of(changed)  # what it refuses leaves all as it was
         return self._changed(changed)
 
@@ -281,7 +279,7 @@ class LivePlan:
             self._planner = planner
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
-    def finished(self, progress: Callable[[Progress], None] | None = None) -> AnySolution:
+    def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
         """The plan with the room that it keeps, the errors that it survives, and its simulation.
 
         Args:
@@ -290,21 +288,21 @@ class LivePlan:
         expect_arguments(progress=progress)
         return described(self.plan.problem, self._verified, Stages(progress), self.settings)
 
-    def _changed(self, problem: AnyProblem) -> LiveAnswer:
+    def _changed(self, problem: Problem) -> LiveAnswer:
         """Plan a changed problem; where there is no plan, the last one stays."""
         begin = time.process_time()
         self.problem = problem
         self._planner.hurried = True
         if not self._kept():
-            in_space = isinstance(problem, SpaceProblem)
+            in_space = problem.dimension == 3
             self._attempt(self._within(self.live.patience_in_space if in_space else self.live.patience))
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
-    def _within(self, time_limit: float) -> AnyProblem:
+    def _within(self, time_limit: float) -> Problem:
         """The problem as it is, with another limit of CPU time [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
-    def _attempt(self, problem: AnyProblem) -> None:
+    def _attempt(self, problem: Problem) -> None:
         """Plan a problem, or note why there is no plan."""
         try:
             with on_one_thread(), words_in(problem.length_unit):
@@ -321,7 +319,7 @@ class LivePlan:
             self.current = False
             self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
-    def _make(self, problem: AnyProblem) -> None:
+    def _make(self, problem: Problem) -> None:
         """Plan, time and verify a problem; the plan is kept.
 
         Raises:
@@ -330,14 +328,14 @@ class LivePlan:
             VerificationError: the verifier refuses it.
         """
         stages = Stages()
-        planner: PlannerOf[Any] = self._planner
+        planner: Planner = self._planner
         legs = plan_legs(problem, planner)
         self._keep(timed_and_verified(problem, legs, stages, None, self._terms, self.settings), stages)
 
     @on_one_thread()
     def _kept(self) -> bool:
         """Whether the present motion in space solves the problem as it is now, with as much room, and is its plan."""
-        if not (isinstance(self.problem, SpaceProblem) and self.current):
+        if not (self.problem.dimension == 3 and self.current):
             return False
         if self.plan.problem.goal is not self.problem.goal:
             return False

@@ -8,14 +8,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import path_length, wrap
 from ccm_opt.planning.following.deviation import Deviation, LeaderDeviation, deviation, leader_deviation
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
-from ccm_opt.solution.space_solution import goal_errors
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 
 def metrics(
-    problem: AnyProblem,
+    problem: Problem,
     path: JointPath,
     trajectory: JointTrajectory,
     joints: JointStates,
@@ -27,17 +25,17 @@ def metrics(
     figures["keyframes"] = float(len(path.keyframes))
     figures["tracking_error_rad"] = simulated.tracking_error
     # An arm that followed no leader has no deviation from one.
-    if path.leaders and isinstance(problem, Problem):
+    if path.leaders and problem.dimension == 2:
         figures.update(_leader_figures(deviation(problem.arm, trajectory.positions, path.leaders)))
     return figures
 
 
 def figures_of_motion(
-    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
 ) -> Mapping[str, float]:
     """Those figures that the motion itself has, so that whoever has its arrays can make them again."""
     bends = trajectory.bend_angles
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         turns = bend_of_joints(problem.arm.bend_pairs(trajectory.positions))
         ends = _in_space(problem, trajectory)
     else:
@@ -76,7 +74,7 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
     return figures
 
 
-def _in_space(problem: SpaceProblem, trajectory: JointTrajectory) -> dict[str, float]:
+def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
     """How the arm ends, and how well it follows its tip where its base is fed."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import overload
 
 from ccm_opt.core.expected import expect
 from ccm_opt.core.length_words import words_in
@@ -15,9 +14,7 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.verification.room_over_time import room_over_time
 
 
@@ -54,7 +51,6 @@ DEFAULT_PARETO = ParetoSettings()
 """Used where no other settings are given."""
 
 
-@overload
 def pareto(
     problem: Problem,
     *,
@@ -64,45 +60,7 @@ def pareto(
     explain: bool = True,
     settings: Settings | None = None,
     trade_off: ParetoSettings = DEFAULT_PARETO,
-) -> ParetoPlans[Solution]: ...
-
-
-@overload
-def pareto(
-    problem: SpaceProblem,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    explain: bool = True,
-    settings: Settings | None = None,
-    trade_off: ParetoSettings = DEFAULT_PARETO,
-) -> ParetoPlans[SpaceSolution]: ...
-
-
-@overload
-def pareto(
-    problem: AnyProblem,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    explain: bool = True,
-    settings: Settings | None = None,
-    trade_off: ParetoSettings = DEFAULT_PARETO,
-) -> ParetoPlans[AnySolution]: ...
-
-
-def pareto(
-    problem: AnyProblem,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    explain: bool = True,
-    settings: Settings | None = None,
-    trade_off: ParetoSettings = DEFAULT_PARETO,
-) -> ParetoPlans[AnySolution]:
+) -> ParetoPlans:
     """Plan a problem, in the plane or in space, several times, from the fastest motion to the roomiest.
 
     The first plan wants no gap. The others want gaps between the one that it keeps unasked and the largest that makes
@@ -139,10 +97,10 @@ def pareto(
     return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
 
 
-def _plans(run: "_Run", trade_off: ParetoSettings, *, explain: bool) -> tuple[list[ParetoPlan[AnySolution]], float]:
+def _plans(run: "_Run", trade_off: ParetoSettings, *, explain: bool) -> tuple[list[ParetoPlan], float]:
     """All plans with their prices, in the order of their wanted gaps, and the largest of these [m]."""
     first = run.solved(0.0, 1, explain=explain)
-    plans: list[ParetoPlan[AnySolution]] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
+    plans: list[ParetoPlan] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
     try:
         roomiest = run.roomiest(first, trade_off)
         # What the fastest keeps unasked is no wish.
@@ -155,9 +113,9 @@ def _plans(run: "_Run", trade_off: ParetoSettings, *, explain: bool) -> tuple[li
     return [_priced(plan, first.trajectory.duration) for plan in plans], roomiest.wanted_gap
 
 
-def _refuse_planners_without_gaps(problem: AnyProblem) -> None:
+def _refuse_planners_without_gaps(problem: Problem) -> None:
     """Refuse planners that know no wanted gaps; that of arms in space does, with a feed axis too."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return
     if problem.arm.base_axes or problem.planner.method != "nlp":
         raise ProblemError(
@@ -170,13 +128,13 @@ def _refuse_planners_without_gaps(problem: AnyProblem) -> None:
 class _Run:
     """Solves one problem with different wanted gaps; attributes as for ``pareto``."""
 
-    problem: AnyProblem
+    problem: Problem
     progress: Callable[[Progress], None] | None
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
     settings: Settings
 
-    def solved(self, wanted_gap: float, number: int, *, explain: bool = False) -> AnySolution:
+    def solved(self, wanted_gap: float, number: int, *, explain: bool = False) -> Solution:
         """The plan for a wanted gap [m]; raises as ``solve`` does."""
         options = replace(self.problem.planner, wanted_gap=wanted_gap)
 
@@ -193,7 +151,7 @@ class _Run:
             settings=self.settings,
         )
 
-    def tried(self, wanted_gap: float, number: int) -> ParetoPlan[AnySolution]:
+    def tried(self, wanted_gap: float, number: int) -> ParetoPlan:
         """The plan for a wanted gap [m], or the reason why there is none."""
         try:
             solution = self.solved(wanted_gap, number)
@@ -203,7 +161,7 @@ class _Run:
             return ParetoPlan(wanted_gap, None, "the verifier refuses the plan: " + "; ".join(failure.failures))
         return ParetoPlan(wanted_gap, solution, cpu=_planning_time(solution))
 
-    def roomiest(self, fastest: AnySolution, trade_off: ParetoSettings) -> ParetoPlan[AnySolution]:
+    def roomiest(self, fastest: Solution, trade_off: ParetoSettings) -> ParetoPlan:
         """The plan for the largest wanted gap that the scene has."""
         number = len(trade_off.shares) + 1
         top = largest_wanted_gap(fastest, self.settings, trade_off)
@@ -218,7 +176,7 @@ class _Run:
 
 
 def largest_wanted_gap(
-    plan: AnySolution, settings: Settings = DEFAULT_SETTINGS, trade_off: ParetoSettings = DEFAULT_PARETO
+    plan: Solution, settings: Settings = DEFAULT_SETTINGS, trade_off: ParetoSettings = DEFAULT_PARETO
 ) -> float:
     """The largest gap that is worth asking for [m]: some times the default, or what any motion can keep at most.
 
@@ -235,9 +193,9 @@ def largest_wanted_gap(
     return min(most, bound.value)
 
 
-def _bound_below(most: float, plan: AnySolution, settings: Settings) -> PossibleGap | None:
+def _bound_below(most: float, plan: Solution, settings: Settings) -> PossibleGap | None:
     """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
-    if isinstance(plan, SpaceSolution):
+    if plan.problem.dimension == 3:
         options = replace(plan.problem.planner, wanted_gap=most)
         of_most = room_in_space(replace(plan.problem, planner=options, source=""), plan.trajectory, settings.looks)
         return possible_gap(plan.problem, of_most, settings.diagnosis)
@@ -245,12 +203,12 @@ def _bound_below(most: float, plan: AnySolution, settings: Settings) -> Possible
     return possible_gap(plan.problem, room, settings.diagnosis)
 
 
-def _planning_time(solution: AnySolution) -> float:
+def _planning_time(solution: Solution) -> float:
     """CPU time of everything but the simulation [s]."""
     return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
 
 
-def _priced(plan: ParetoPlan[AnySolution], fastest: float) -> ParetoPlan[AnySolution]:
+def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
     """The plan with what its wanted gap costs in time."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
@@ -270,12 +228,12 @@ class _Judgement:
         trade_off: what counts as equal, and how much slower the recommended plan may be.
     """
 
-    plans: Sequence[ParetoPlan[AnySolution]]
+    plans: Sequence[ParetoPlan]
     most_gap: float
     length: float
     trade_off: ParetoSettings
 
-    def dominator(self, plan: ParetoPlan[AnySolution]) -> int:
+    def dominator(self, plan: ParetoPlan) -> int:
         """Number of a plan that is no worse in time and room and better in one of them; 0 when there is none."""
         if plan.solution is None:
             return 0
@@ -304,9 +262,9 @@ class _Judgement:
         """Gaps that differ by less count as equal [m]."""
         return self.trade_off.same_gap * self.length
 
-    def worth(self, plan: ParetoPlan[AnySolution]) -> float:
+    def worth(self, plan: ParetoPlan) -> float:
         """Its least gap as far as it counts [m]."""
         return min(plan.gap, self.most_gap)
 
-    def _rank(self, plan: ParetoPlan[AnySolution]) -> tuple[float, float]:
+    def _rank(self, plan: ParetoPlan) -> tuple[float, float]:
         return self.worth(plan), -plan.duration

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import overload
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import words_in
@@ -20,12 +19,9 @@ from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.solution import Solution
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 
 
-@overload
 def solve(
     problem: Problem,
     *,
@@ -36,34 +32,7 @@ def solve(
     costs: Sequence[Cost] = (),
     explain: bool = True,
     settings: Settings | None = None,
-) -> Solution: ...
-
-
-@overload
-def solve(
-    problem: SpaceProblem,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    planner: Planner | None = None,
-    retimer: Retimer | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    explain: bool = True,
-    settings: Settings | None = None,
-) -> SpaceSolution: ...
-
-
-def solve(
-    problem: AnyProblem,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    planner: Planner | None = None,
-    retimer: Retimer | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    explain: bool = True,
-    settings: Settings | None = None,
-) -> AnySolution:
+) -> Solution:
     """Plan, time, verify and simulate a motion, in the plane or in space.
 
     Args:

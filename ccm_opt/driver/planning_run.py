@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,27 +11,27 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
 from ccm_opt.diagnosis.relaxation import Trials
-from ccm_opt.driver.legs import Leg, PlannerOf, RetimerOf, plan_legs
+from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms, named_terms
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 
 
 def default_planner(
-    problem: AnyProblem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
-) -> PlannerOf[Any]:
+    problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
+) -> Planner:
     """The planner for a problem and the user's constraints and costs.
 
     Raises:
         ProblemError: hill climbing is asked to leave the plane, or to keep constraints.
     """
     # Planners are loaded by those who need them: none of the others is.
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         from ccm_opt.planning.space_planner import SpacePlanner  # noqa: PLC0415
 
         if problem.planner.method != "nlp":
@@ -72,17 +71,17 @@ class PlanningRun:
         recorded: the paths that the last plan found, with their problems, for those who ask what change would help.
     """
 
-    problem: AnyProblem
-    planner: PlannerOf[Any] | None
-    retimer: RetimerOf[Any] | None
+    problem: Problem
+    planner: Planner | None
+    retimer: Retimer | None
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
     terms: UserTerms | None
     stages: Stages
     settings: Settings
-    recorded: list[tuple[AnyProblem, JointPath]] = field(default_factory=list)
+    recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
 
-    def planned(self, roomy: AnyProblem, lowered: UserTerms | None) -> VerifiedPlan:
+    def planned(self, roomy: Problem, lowered: UserTerms | None) -> VerifiedPlan:
         """Plan a leg to each goal, and time and verify all of them.
 
         Args:
@@ -99,8 +98,8 @@ class PlanningRun:
 
     def _plan(
         self,
-        planned: AnyProblem,
-        asked: AnyProblem,
+        planned: Problem,
+        asked: Problem,
         known: UserTerms | None,
         kept: UserTerms | None,
         stages: Stages,
@@ -124,7 +123,7 @@ class PlanningRun:
             return with_proof(self.problem, failure)
         asked = self.settings.diagnosis
         settings = asked.space_trials if self.problem.dimension == 3 else asked.trials
-        if not isinstance(self.problem, SpaceProblem):
+        if self.problem.dimension == 2:
             from ccm_opt.driver.pose_failure import with_constraint_first  # noqa: PLC0415 - likewise
 
             failure = with_constraint_first(failure, self.problem, self.terms, self.settings)
@@ -140,7 +139,7 @@ class PlanningRun:
         )
         return explained(self.problem, failure, trials, self.stages)
 
-    def _solve_changed(self, changed: AnyProblem, dropped: str = "") -> VerifiedPlan:
+    def _solve_changed(self, changed: Problem, dropped: str = "") -> VerifiedPlan:
         """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
         refuse_impossible(changed)
         kept = [each for each in self.constraints if each.name != dropped]
@@ -148,7 +147,7 @@ class PlanningRun:
         # Trials report no progress of their own.
         return self._plan(changed, changed, terms, terms, Stages())
 
-    def _held_again(self, changed: AnyProblem, plan: object) -> VerifiedPlan:
+    def _held_again(self, changed: Problem, plan: object) -> VerifiedPlan:
         """Time and verify the path of one plan for a problem that differs in one number; nothing is searched.
 
         Raises:

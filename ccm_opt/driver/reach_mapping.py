@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import overload
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from ccm_opt.planning.space_task import SpaceTask, reach_box
 from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, TipLooker, look_at_cell
 from ccm_opt.planning.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import ReachMap
@@ -50,32 +48,8 @@ class _Grid:
     headings: FloatArray
 
 
-@overload
 def reach_map(
     problem: Problem,
-    *,
-    step: float | None = None,
-    headings: int | None = None,
-    workers: Workers | int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    settings: Settings | None = None,
-) -> ReachMap: ...
-
-
-@overload
-def reach_map(
-    problem: SpaceProblem,
-    *,
-    step: float | None = None,
-    headings: int | None = None,
-    workers: Workers | int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    settings: Settings | None = None,
-) -> SpaceReachMap: ...
-
-
-def reach_map(
-    problem: AnyProblem,
     *,
     step: float | None = None,
     headings: int | None = None,
@@ -106,7 +80,7 @@ def reach_map(
     _expect_grid(step, headings, workers)
     numbers = settings or DEFAULT_SETTINGS
     with words_in(problem.length_unit):
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             return _mapped_in_space(problem, step, headings, workers, progress, numbers.space_reach)
         return _mapped_in_plane(problem, step, headings, workers, progress, numbers)
 
@@ -172,7 +146,7 @@ def _grid(problem: Problem, step: float | None, headings: int | None, settings: 
     return _Grid(width, x, y, turns)
 
 
-def _width(problem: AnyProblem, usual: float, step: float | None) -> float:
+def _width(problem: Problem, usual: float, step: float | None) -> float:
     """The width of a cell [m]: the one that is asked for, or the usual share of the arm's length.
 
     Raises:
@@ -256,7 +230,7 @@ def _map(
 
 
 def _mapped_in_space(
-    problem: SpaceProblem,
+    problem: Problem,
     step: float | None,
     directions: int | None,
     workers: Workers | int,
@@ -291,9 +265,7 @@ def _mapped_in_space(
 
 
 @on_one_thread()
-def _proved(
-    problem: SpaceProblem, question: SpaceReachQuestion, axes: Sequence[FloatArray]
-) -> tuple[TipLooker, BoolArray]:
+def _proved(problem: Problem, question: SpaceReachQuestion, axes: Sequence[FloatArray]) -> tuple[TipLooker, BoolArray]:
     """Who looks at cells, and which of them are out of reach.
 
     Raises:
@@ -307,12 +279,12 @@ def _proved(
 
 
 @on_one_thread()
-def _begin(flood: TipFlood, problem: SpaceProblem, looker: TipLooker) -> None:
+def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
     """Begin where the arm is, and where it can be."""
     flood.begin(looker, _unknowns_of_motion(problem, looker.task))
 
 
-def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask) -> FloatArray:
+def _unknowns_of_motion(problem: Problem, task: SpaceTask) -> FloatArray:
     """Keyframes of a motion to the problem's goal, whose tip shows the way through ducts and holes; none without."""
     none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
     if not isinstance(problem.goal, TipGoal):
@@ -323,7 +295,7 @@ def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask) -> FloatArray:
         return none
 
 
-def _axes(problem: SpaceProblem, width: float, settings: SpaceReachSettings) -> list[FloatArray]:
+def _axes(problem: Problem, width: float, settings: SpaceReachSettings) -> list[FloatArray]:
     """Middles of the cells over the part of the room that the arm's length spans.
 
     Raises:
@@ -339,7 +311,7 @@ def _axes(problem: SpaceProblem, width: float, settings: SpaceReachSettings) -> 
     return axes
 
 
-def _out_of_reach_in_space(problem: SpaceProblem, tree: SurfaceTree, axes: Sequence[FloatArray]) -> BoolArray:
+def _out_of_reach_in_space(problem: Problem, tree: SurfaceTree, axes: Sequence[FloatArray]) -> BoolArray:
     """Cells to whose middles the tip cannot come: too far away, in a body, outside of the room, or too near to one."""
     arm = problem.arm
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

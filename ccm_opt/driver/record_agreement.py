@@ -12,7 +12,6 @@ from ccm_opt.driver.metrics import figures_of_motion
 from ccm_opt.driver.surviving import survived
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import (
@@ -88,7 +87,7 @@ class WrittenRecord:
 
 
 def checks_of_record(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     record: WrittenRecord,
@@ -112,7 +111,7 @@ def checks_of_record(
     settings = settings.for_problem(problem)
     found = [check_keyframes(problem.arm, trajectory, record.keyframes, settings)]
     figures = dict(figures_of_motion(problem, trajectory, joints, checks))
-    if isinstance(problem, Problem):
+    if problem.dimension == 2:
         found.append(_curves(problem, record))
     figures["keyframes"] = float(len(record.keyframes))
     if record.verdict["outcome"] == "not simulated":
@@ -234,7 +233,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
     return _listed("record against checks", wrong, len(recorded))
 
 
-def _survived(problem: AnyProblem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
+def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
     """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
     arm: Any = problem.arm
     models: dict[str, ErrorModel] = {model.name: model for model in (make(arm) for make in MODELS)}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -25,17 +25,14 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.problem import Goal, JointPose, Stop, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 
 LATER = (0.15, 0.4, 1.0)
 """Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""
 
 
-@overload
 def retarget(
     solution: Solution,
     time: float,
@@ -47,36 +44,7 @@ def retarget(
     costs: Sequence[Cost] = (),
     progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
-) -> Solution: ...
-
-
-@overload
-def retarget(
-    solution: SpaceSolution,
-    time: float,
-    goal: Goal,
-    *,
-    tolerances: Tolerances | None = None,
-    planner: Planner | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    progress: Callable[[Progress], None] | None = None,
-    settings: Settings | None = None,
-) -> SpaceSolution: ...
-
-
-def retarget(
-    solution: AnySolution,
-    time: float,
-    goal: Goal,
-    *,
-    tolerances: Tolerances | None = None,
-    planner: Planner | None = None,
-    constraints: Sequence[Constraint] = (),
-    costs: Sequence[Cost] = (),
-    progress: Callable[[Progress], None] | None = None,
-    settings: Settings | None = None,
-) -> AnySolution:
+) -> Solution:
     """Change the goal of a motion that is under way, in the plane or in space.
 
     Args:
@@ -101,8 +69,7 @@ def retarget(
         NoPlanFound: with a diagnosis: the new goal cannot be reached from where the arm comes to rest.
         VerificationError: the verifier refuses the motion.
     """
-    kinds = (Solution, SpaceSolution)
-    expect(solution, kinds, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
+    expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
     expect_arguments(progress=progress, planner=planner, settings=settings)
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     _check(solution, time)
@@ -113,7 +80,7 @@ def retarget(
         return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))
 
 
-def _retargeted(solution: AnySolution, time: float, changed: "_ChangedGoal") -> AnySolution:
+def _retargeted(solution: Solution, time: float, changed: "_ChangedGoal") -> Solution:
     """The whole motion with a new goal."""
     try:
         return _onward(solution.problem, _braked(solution, time, changed), changed)
@@ -130,7 +97,7 @@ def _retargeted(solution: AnySolution, time: float, changed: "_ChangedGoal") -> 
         raise
 
 
-def _braked(solution: AnySolution, time: float, changed: "_ChangedGoal") -> "_UnderWay":
+def _braked(solution: Solution, time: float, changed: "_ChangedGoal") -> "_UnderWay":
     """The motion down to rest, along the path that the arm is on."""
     problem = solution.problem
     stages = Stages(changed.progress, problem.planner.time_limit)
@@ -164,7 +131,7 @@ class _ChangedGoal:
     def numbers(self) -> Settings:
         return self.settings or DEFAULT_SETTINGS
 
-    def reached(self, onward: AnyProblem) -> AnySolution:
+    def reached(self, onward: Problem) -> Solution:
         """The way from rest to the new goal, a problem like any other.
 
         Raises:
@@ -172,7 +139,7 @@ class _ChangedGoal:
         """
         either: Any = onward
         try:
-            solution: AnySolution = solve(
+            solution: Solution = solve(
                 either,
                 progress=self.progress,
                 planner=self.planner,
@@ -228,7 +195,7 @@ class _UnderWay:
             self.stages.timings[name] = self.stages.timings.get(name, 0.0) + seconds
 
 
-def _onward(problem: AnyProblem, under_way: _UnderWay, changed: _ChangedGoal) -> AnySolution:
+def _onward(problem: Problem, under_way: _UnderWay, changed: _ChangedGoal) -> Solution:
     """The whole motion, from the motion down to rest."""
     arm = problem.arm
     numbers = changed.numbers
@@ -251,7 +218,7 @@ def _onward(problem: AnyProblem, under_way: _UnderWay, changed: _ChangedGoal) ->
     return described(whole, plan, under_way.stages, numbers)
 
 
-def _check(solution: AnySolution, time: float) -> None:
+def _check(solution: Solution, time: float) -> None:
     expect_that(lambda: is_number(time), time, "a time [s]")
     if not 0.0 <= time <= solution.trajectory.duration:
         raise ProblemError(f"time must be within the motion, 0 to {solution.trajectory.duration:.6g} s, got {time}")

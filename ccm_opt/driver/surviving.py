@@ -9,11 +9,9 @@ from ccm_opt.core.expected import expect
 from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.problem import Disturbances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
 from ccm_opt.solution.records import FOLLOWED
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.verification.survived_in_space import survived_error_in_space, survived_errors_in_space
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel, ToleranceSettings, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
@@ -37,7 +35,7 @@ NOT_SIMULATED = "not simulated"
 
 
 def tolerance_of(
-    solution: AnySolution, *, simulated: bool = True, settings: Settings | None = None
+    solution: Solution, *, simulated: bool = True, settings: Settings | None = None
 ) -> tuple[SurvivedError, ...]:
     """The largest errors that a plan survives, one kind of error at a time.
 
@@ -49,7 +47,7 @@ def tolerance_of(
     Returns:
         Of joints, link lengths, base heading, base position and walls, certified; then of payload and friction.
     """
-    expect(solution, (Solution, SpaceSolution), "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect_arguments(settings=settings, simulated=simulated)
     numbers = settings or DEFAULT_SETTINGS
     return tolerance_of_motion(
@@ -58,7 +56,7 @@ def tolerance_of(
 
 
 def tolerance_of_motion(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     *,
@@ -66,7 +64,7 @@ def tolerance_of_motion(
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[SurvivedError, ...]:
     """The same of a motion that passes every check of its problem."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         errors = survived_errors_in_space(problem, trajectory, settings.tolerance)
     else:
         errors = survived_errors(problem.arm, problem.workspace, trajectory, settings.tolerance)
@@ -86,7 +84,7 @@ def tolerance_of_motion(
 
 
 def tolerance_at_once(
-    problem: AnyProblem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
+    problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
     """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
@@ -95,14 +93,14 @@ def tolerance_at_once(
 
 
 def survived(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     model: ErrorModel,
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
     most: float = np.inf,
 ) -> SurvivedError:
     """The error of one kind that a verified motion survives; in the plane none above ``most`` is looked at."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return survived_error_in_space(problem, trajectory, model, settings)
     return survived_error(problem.arm, problem.workspace, trajectory, model, settings, most)
 
@@ -111,7 +109,7 @@ def _survived_load(
     name: str,
     unit: str,
     first: float,
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: Settings,
@@ -174,7 +172,7 @@ def _limited_by(verdict: SimulationVerdict, names: Sequence[str]) -> str:
 
 
 def _verdict(
-    problem: AnyProblem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates, settings: Settings
+    problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates, settings: Settings
 ) -> SimulationVerdict:
     """What becomes of the arm under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))

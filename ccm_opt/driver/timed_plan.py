@@ -3,22 +3,21 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ccm_opt import retiming
 from ccm_opt.core.length_words import file_length
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.legs import Leg, RetimerOf, whole_path
+from ccm_opt.driver.legs import Leg, Retimer, whole_path
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError, VerificationError
 from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
 from ccm_opt.planning.following.leader import feed_limits
 from ccm_opt.planning.own_units import OwnUnits
-from ccm_opt.problem import JointPose
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
@@ -101,7 +100,7 @@ def _value(check: Check) -> str:
 
 
 def check(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -120,7 +119,8 @@ def check(
     Raises:
         ProblemError: an argument is of another type.
     """
-    if isinstance(problem, SpaceProblem):
+    Problem.expected(problem)
+    if problem.dimension == 3:
         from ccm_opt.verification.space_verifier import verify_in_space  # noqa: PLC0415 - most problems are in the plane
 
         return verify_in_space(problem, trajectory, joints, settings)
@@ -128,7 +128,7 @@ def check(
 
 
 def verified(
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -145,10 +145,10 @@ def verified(
 
 
 def timed_and_verified(
-    problem: AnyProblem,
+    problem: Problem,
     legs: Sequence[Leg],
     stages: Stages,
-    retimer: RetimerOf[Any] | None = None,
+    retimer: Retimer | None = None,
     terms: "UserTerms | None" = None,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
@@ -189,7 +189,7 @@ def timed_and_verified(
 def _leg_in_time(
     leg: Leg,
     dynamics: InverseDynamics,
-    retimer: RetimerOf[Any] | None,
+    retimer: Retimer | None,
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
@@ -210,7 +210,7 @@ def _leg_in_time(
 def _timed(
     leg: Leg,
     dynamics: InverseDynamics,
-    retimer: RetimerOf[Any] | None,
+    retimer: Retimer | None,
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
@@ -241,7 +241,7 @@ def _timed(
 def _timings(leg: Leg, dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
     """Timings by the problem's method, best first; those of a fed arm in the plane are made in units of the arm."""
     problem = leg.problem
-    if not problem.arm.base_axes or isinstance(problem, SpaceProblem):
+    if not problem.arm.base_axes or problem.dimension == 3:
         yield from _timings_as_it_stands(leg, dynamics, settings)
         return
     # Timing weighs coordinates that are lengths against angles.

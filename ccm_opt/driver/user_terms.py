@@ -11,7 +11,6 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, contradictions, contradictions_in_space
 from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 
 
@@ -42,9 +41,7 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
 ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
 
 
-def refuse_contradictions(
-    problem: AnyProblem, terms: UserTerms | None, settings: TermCheckSettings = TERM_CHECKS
-) -> None:
+def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: TermCheckSettings = TERM_CHECKS) -> None:
     """Refuse constraints that are proved not to hold at a goal, whatever the pose.
 
     A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
@@ -60,7 +57,7 @@ def refuse_contradictions(
     if terms is None or _breaks_start(problem, terms, settings):
         return
     # In the plane proofs know a fixed base alone.
-    if problem.arm.base_axes and isinstance(problem, Problem):
+    if problem.arm.base_axes and problem.dimension == 2:
         return
     several = len(problem.stops) > 0
     stops: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
@@ -72,7 +69,7 @@ def refuse_contradictions(
             raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))
 
 
-def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: TermCheckSettings) -> bool:
+def _breaks_start(problem: Problem, terms: UserTerms, settings: TermCheckSettings) -> bool:
     """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
     headings = _shape_at_start(problem)
     misses = (
@@ -83,9 +80,9 @@ def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: TermCheckSett
     return any(not miss <= settings.tolerance for miss in misses)
 
 
-def _shape_at_start(problem: AnyProblem) -> FloatArray:
+def _shape_at_start(problem: Problem) -> FloatArray:
     """Headings of the links at the start, or in space its configuration, shape (k,)."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return problem.start.configuration(problem.arm)
     return problem.start.headings(problem.arm)
 

@@ -15,8 +15,7 @@ from ccm_opt.ik.functions import CompiledConstraint
 from ccm_opt.ik.space_pose_program import SpacePoseProgram, SpacePoseSize, space_pose_program
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, SpacePoseQuestion
 from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask, free_shares
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -154,7 +153,7 @@ class SpaceGoalPoses:
         room_share: room that is worth something, as a multiple of the problem's wanted gap.
     """
 
-    problem: SpaceProblem
+    problem: Problem
     tree: SurfaceTree
     near: FloatArray | None = None
     terms: UserTerms | None = None
@@ -295,7 +294,7 @@ class SpaceGoalPoses:
 
 
 def goal_pose(
-    problem: SpaceProblem,
+    problem: Problem,
     seed: FloatArray,
     tree: SurfaceTree,
     *,

@@ -13,15 +13,14 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.solution import RoomRecord
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
+from ccm_opt.solution import RoomRecord, Solution
 
 _COMPRESSION = 1
 """Of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB without: 615 kB in 14 ms at 1,
 612 kB in 24 ms at 6."""
 
 
-def solution_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]:
+def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
     """The arrays of a plan under the names of the file format; angles [rad], lengths [m], time [s]."""
     coordinates = solution.trajectory.coordinates
     return {
@@ -34,7 +33,7 @@ def solution_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]
         "joint_torques": solution.joints.torques,
         "joint_positions": solution.joint_positions,
         "keyframes": by_joint(solution.path.keyframes[:, coordinates.bends], coordinates),
-        **({} if isinstance(solution, SpaceSolution) else curve_arrays(solution.path.curves)),
+        **({} if solution.problem.dimension == 3 else curve_arrays(solution.path.curves)),
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,
         "stops": np.array(solution.trajectory.stops, dtype=np.int64),
@@ -50,7 +49,7 @@ def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
     return bends.reshape(*bends.shape[:-1], -1, coordinates.bends_a_joint)
 
 
-def _feed_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]:
+def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
     """What the feed axis does; nothing for a fixed base, which has no column."""
     trajectory = solution.trajectory
     columns = {

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 import shapely
@@ -50,7 +50,6 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm, Feed, MappingName
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylinder_inertia
@@ -153,11 +152,10 @@ class Tables:
     verification: VerificationTable
 
 
-def build_problem(tables: Tables, source: str) -> AnyProblem:
+def build_problem(tables: Tables, source: str) -> Problem:
     """Assemble a problem from tables that have passed all checks."""
     arm = build_arm(tables.arm)
     mapping = tables.planner.mapping
-    in_space = arm.dimension == 3
     *stops, last = tables.goals
     parts: dict[str, Any] = {
         "name": tables.root.name,
@@ -176,7 +174,7 @@ def build_problem(tables: Tables, source: str) -> AnyProblem:
         "source": source,
         "length_unit": tables.root.units,
     }
-    return SpaceProblem(**parts) if in_space else Problem(**parts)
+    return Problem(**parts)
 
 
 def build_workspace(
@@ -249,12 +247,6 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
     return RigidPlacement.turned(position, np.array(table.rotation_deg or [0.0, 0.0, 0.0]))
 
 
-@overload
-def build_arm(table: ArmTable) -> Arm: ...
-@overload
-def build_arm(table: SpaceArmTable) -> Arm: ...
-@overload
-def build_arm(table: ArmTable | SpaceArmTable) -> Arm: ...
 def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     """Build the arm; its links are solid cylinders unless the inertia is given."""
     in_space = isinstance(table, SpaceArmTable)

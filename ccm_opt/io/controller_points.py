@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
@@ -74,7 +74,7 @@ class ControllerPoints:
         return Message(motion.time, motion.positions, motion.velocities, accelerations, motion.coordinates)
 
 
-def spared(problem: AnyProblem, checks: Iterable[Check]) -> float:
+def spared(problem: Problem, checks: Iterable[Check]) -> float:
     """How far any point of the arm may be from a plan before a gap can be missing [m].
 
     Args:
@@ -88,7 +88,7 @@ def spared(problem: AnyProblem, checks: Iterable[Check]) -> float:
 
 
 def slowed(
-    problem: AnyProblem, plan: JointTrajectory, joints: JointStates, factor: float
+    problem: Problem, plan: JointTrajectory, joints: JointStates, factor: float
 ) -> tuple[JointTrajectory, JointStates]:
     """A plan that takes longer by a factor; efforts are reckoned anew."""
     if factor == 1.0:
@@ -106,7 +106,7 @@ def slowed(
 
 
 def message_checks(
-    problem: AnyProblem, plan: JointTrajectory, message: Message, samples: IntArray, factor: float, spare: float
+    problem: Problem, plan: JointTrajectory, message: Message, samples: IntArray, factor: float, spare: float
 ) -> tuple[Check, Check]:
     """Check that a controller that joins points of a plan keeps its limits, and stays near it.
 
@@ -127,12 +127,12 @@ def message_checks(
     return limits, check_message_deviation(problem.arm, plan, message, factor, spare, gaps)
 
 
-def _gaps_of_links(problem: AnyProblem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
+def _gaps_of_links(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
     """Check that links that are off a plan, shape (T − 1, links) [m], keep its gaps to twice the contact tolerance."""
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     # A plan may lack one tolerance of a gap, and a message may be one tolerance off it.
     settings = replace(settings, contact_tolerance=2.0 * settings.contact_tolerance)
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         in_space = SpaceChainMotion(problem.arm, plan.time, plan.positions, deviation)
         to_walls, to_itself = check_surfaces(in_space, problem.workspace, settings), partial(check_contact, in_space)
     else:
@@ -141,22 +141,22 @@ def _gaps_of_links(problem: AnyProblem, plan: JointTrajectory, deviation: FloatA
     return [to_walls, to_itself(settings)] if problem.arm.self_collision else [to_walls]
 
 
-def _efforts(problem: AnyProblem, *states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    if isinstance(problem, SpaceProblem):
+def _efforts(problem: Problem, *states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if problem.dimension == 3:
         return efforts_in_space(problem.arm, problem.simulation.gravity, *states)
     return efforts_in_plane(problem.arm, problem.simulation.gravity, *states)
 
 
-def _checks_of_points(problem: AnyProblem, dense: JointTrajectory) -> list[Check]:
+def _checks_of_points(problem: Problem, dense: JointTrajectory) -> list[Check]:
     settings = DEFAULT_VERIFICATION.for_problem(problem)
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         motion = SpaceChainMotion(problem.arm, dense.time, dense.positions)
         return check_space_points(motion, problem.limits, dense, settings)
     return check_points(problem.arm, problem.limits, dense, settings)
 
 
 def controller_points(
-    problem: AnyProblem, plan: JointTrajectory, joints: JointStates, checks: Iterable[Check]
+    problem: Problem, plan: JointTrajectory, joints: JointStates, checks: Iterable[Check]
 ) -> ControllerPoints:
     """Choose the samples of a plan that a controller is given.
 
@@ -226,7 +226,7 @@ class _Choice:
         smooth: whether curves are quintics.
     """
 
-    problem: AnyProblem
+    problem: Problem
     plan: JointTrajectory
     tolerance: float
     smooth: bool

@@ -27,8 +27,8 @@ from ccm_opt.io.solution_json import solution_json
 from ccm_opt.io.space_scene import kept_meshes, named_bodies, space_meshes, space_urdf
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.io.urdf import URDF_MESHES, scene_meshes, urdf_text
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Solution
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ WRITTEN_FILES = frozenset(
 """Files and folders that a run writes; anything else in an old folder is the user's and is kept."""
 
 
-def write_solution(solution: AnySolution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
     """Write the folder of a solved problem.
 
     Args:
@@ -259,21 +259,21 @@ def write_solution(solution: AnySolution, out: Path, pictures: Mapping[str, byte
     return write_folder(out / solution.problem.name, {**solution_files(solution), **(pictures or {})})
 
 
-def solution_files(solution: AnySolution) -> dict[str, bytes]:
+def solution_files(solution: Solution) -> dict[str, bytes]:
     """Content of every file of a solved problem but the pictures, by file name."""
     files = {name: text.encode() for name, text in solution_texts(solution).items()}
     meshes = model_meshes(solution.problem) | kept_meshes(solution.problem)
     return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
 
 
-def model_meshes(problem: AnyProblem, folder: str = URDF_MESHES) -> dict[str, bytes]:
+def model_meshes(problem: Problem, folder: str = URDF_MESHES) -> dict[str, bytes]:
     """Meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return space_meshes(named_bodies(problem), folder)
     return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
 
 
-def solution_texts(solution: AnySolution) -> dict[str, str]:
+def solution_texts(solution: Solution) -> dict[str, str]:
     """Text of every text file of a solved problem, by file name."""
     problem = solution.problem
     points = controller_points(problem, solution.trajectory, solution.joints, solution.checks)
@@ -287,10 +287,10 @@ def solution_texts(solution: AnySolution) -> dict[str, str]:
 
 
 def model_texts(
-    problem: AnyProblem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
+    problem: Problem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
 ) -> dict[str, str]:
     """Descriptions of a problem's arm and obstacles for other programs, by file name; meshes are in a folder."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         bodies = named_bodies(problem) if obstacles else ()
         return {
             "arm.urdf": space_urdf(problem, bodies, meshes, bends_only=bends_only),

@@ -24,7 +24,7 @@ from ccm_opt.io.arm_description import visual_radius
 from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
 from ccm_opt.scene.workspace import BOUNDARY_NAME
@@ -145,7 +145,7 @@ ARM = (0.9, 0.45, 0.1)
 TIP = (0.75, 0.1, 0.1)
 
 
-def motion_glb(problem: AnyProblem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
+def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
     """A plan as a film; the sides of the room are left out, or they would hide it.
 
     Args:
@@ -155,7 +155,7 @@ def motion_glb(problem: AnyProblem, trajectory: JointTrajectory, settings: Expor
     """
     arm = problem.arm
     writer = GlbWriter()
-    in_space = isinstance(problem, SpaceProblem)
+    in_space = problem.dimension == 3
     grey = writer.add_material("obstacle", GREY, *((settings.glass,) if in_space else ()))
     nodes = [MovingNode(name, writer.add_mesh(*mesh, grey)) for name, mesh in _obstacles(problem, settings)]
     times, samples = film_times(trajectory.time)
@@ -169,9 +169,9 @@ def motion_glb(problem: AnyProblem, trajectory: JointTrajectory, settings: Expor
     return writer.written(nodes, times)
 
 
-def _obstacles(problem: AnyProblem, settings: ExportSettings) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
+def _obstacles(problem: Problem, settings: ExportSettings) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
     """Names and surfaces of what stands still."""
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         for each in problem.workspace.obstacles:
             yield each.name, seen_triangles(each.body, settings.round_sides)
         return

@@ -16,7 +16,7 @@ from ccm_opt.io.arm_description import FEED, Revolute, checked_share, number, nu
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, SolidScene, prism_mesh
 from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.io.space_scene import NamedBody
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 
@@ -176,7 +176,7 @@ _CONTACT = {"contype": "2", "conaffinity": "1"}
 
 
 def space_mjcf(
-    problem: SpaceProblem,
+    problem: Problem,
     bodies: tuple[NamedBody, ...],
     mesh_folder: str,
     *,

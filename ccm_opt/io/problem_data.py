@@ -29,7 +29,6 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
@@ -41,7 +40,7 @@ KEPT_MESHES = "meshes"
 """Folder in an output folder with the mesh files that the problem was read with."""
 
 
-def recorded_data(problem: AnyProblem) -> Table:
+def recorded_data(problem: Problem) -> Table:
     """The data to keep for the record: in the plane those of the problem's file as long as they still say the same.
 
     Args:
@@ -54,17 +53,17 @@ def recorded_data(problem: AnyProblem) -> Table:
         ProblemError: when it cannot be written in a problem file.
     """
     written = problem_data(problem)
-    if isinstance(problem, SpaceProblem) or not problem.source:
+    if problem.dimension == 3 or not problem.source:
         return written
     try:
         read_again = parse_problem(problem.source)
     except ProblemFileError:
         return written
-    same = isinstance(read_again, Problem) and problem_data(read_again) == written
+    same = problem_data(read_again) == written
     return tomllib.loads(problem.source) if same else written
 
 
-def problem_data(problem: AnyProblem, mesh_files: Sequence[str] | None = None) -> Table:
+def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> Table:
     """Every value of a problem in the layout of ``problem.toml``.
 
     Angles pass through degrees, so that the problem read from these data may differ in the last bit. Lengths are in the
@@ -83,7 +82,7 @@ def problem_data(problem: AnyProblem, mesh_files: Sequence[str] | None = None) -
     """
     unit = problem.length_unit
     head: Table = {"schema": 1}
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         head["space"] = 3
         files = kept_names(problem) if mesh_files is None else mesh_files
         workspace = _space_workspace(problem, files, unit)
@@ -196,12 +195,12 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
     return table
 
 
-def _goals(problem: AnyProblem) -> Table | list[Table]:
+def _goals(problem: Problem) -> Table | list[Table]:
     """The goal, or with stops on the way the list of all goals."""
     unit = problem.length_unit
 
     def table(goal: Goal, tolerances: Tolerances) -> Table:
-        angle = "direction" if isinstance(problem, SpaceProblem) else "heading"
+        angle = "direction" if problem.dimension == 3 else "heading"
         own = goal_table(goal, problem.arm, unit)
         own["position_tolerance"] = in_unit(tolerances.position, unit)
         return own | {f"{angle}_tolerance_deg": _degrees(tolerances.heading)}
@@ -298,7 +297,7 @@ def _lengths(values: npt.ArrayLike, unit: LengthUnit) -> list[Any]:
     return nested
 
 
-def _space_workspace(problem: SpaceProblem, mesh_files: Sequence[str], unit: LengthUnit) -> Table:
+def _space_workspace(problem: Problem, mesh_files: Sequence[str], unit: LengthUnit) -> Table:
     workspace = problem.workspace
     table: Table = {"clearance": in_unit(workspace.clearance, unit)}
     if workspace.bounds is not None:
@@ -350,7 +349,7 @@ def _base(arm: Arm, unit: LengthUnit) -> Table:
     return {"position": _lengths(arm.base, unit), "direction": arm.direction.tolist(), "up": arm.up.tolist()}
 
 
-def kept_names(problem: SpaceProblem) -> list[str]:
+def kept_names(problem: Problem) -> list[str]:
     """Where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
     slugs = [slug for _, slug in told_apart(each.name for each in problem.workspace.obstacles)]
     return [

@@ -43,7 +43,6 @@ from ccm_opt.problem import (
     TipGoal,
     VerificationOptions,
 )
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, named_shapes, parts_of
@@ -242,7 +241,7 @@ def make_problem(
         "verification": parts.table(verification, VerificationOptions, verification_table),
     }
     problem = check_data(plain(data), issues, "")
-    if not isinstance(problem, Problem):
+    if problem is None:
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
     # What was given as an object stays that object, to the last bit.
     given = {"arm": arm, "limits": limits, "start": start, "goal": goal}
@@ -271,7 +270,7 @@ def make_space_problem(
     unit: LengthUnit = "m",
     folder: str | Path | None = None,
     **tables: object,
-) -> SpaceProblem:
+) -> Problem:
     """Make a problem of an arm in space in Python, checked as closely as one from a file.
 
     Parts are tables with the keys of a problem file, in ``unit`` and degrees. Obstacles may be bodies too, in metres::
@@ -328,7 +327,7 @@ def make_space_problem(
     }
     issues = Issues()
     problem = check_data(plain(data), issues, "", None if folder is None else Path(folder))
-    if not isinstance(problem, SpaceProblem):
+    if problem is None:
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
     whole = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, *bodies))
     return replace(problem, workspace=whole)

@@ -16,7 +16,7 @@ from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath, dotted, locate_keys
 from ccm_opt.io.table_reading import check_data
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 
 _PART = re.compile(r"\.?(?P<key>[A-Za-z0-9_-]+)|\[(?P<entry>[^\]]+)\]")
 """A key of a table, or an entry of a list: its number from 0, or the name of the table there."""
@@ -202,7 +202,7 @@ STANDARD_INPUT = "-"
 """Stands for standard input in the place of a file."""
 
 
-def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> AnyProblem:
+def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> Problem:
     """Read a problem from a TOML file.
 
     Args:
@@ -211,7 +211,7 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
         allow_outside: whether ``workspace.file`` and meshes may lie outside the problem's folder.
 
     Returns:
-        The problem, in SI units and radians; a ``SpaceProblem`` where the file says ``space = 3``.
+        The problem, in SI units and radians; a ``Problem`` where the file says ``space = 3``.
 
     Raises:
         ProblemFileError: with every defect of the file, its key path and its line.
@@ -235,7 +235,7 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
 
 def parse_problem(
     text: str, path_name: str = "problem", folder: Path | None = None, *, allow_outside: bool = False
-) -> AnyProblem:
+) -> Problem:
     """Read a problem from TOML text.
 
     Args:
@@ -245,7 +245,7 @@ def parse_problem(
         allow_outside: as for ``load_problem``.
 
     Returns:
-        The problem, in SI units and radians; a ``SpaceProblem`` where the text says ``space = 3``.
+        The problem, in SI units and radians; a ``Problem`` where the text says ``space = 3``.
 
     Raises:
         ProblemFileError: with every defect of the text, its key path and its line.
@@ -253,9 +253,7 @@ def parse_problem(
     return _read(ChangedText(text, {}), text, path_name, folder, allow_outside=allow_outside)
 
 
-def _read(
-    changed: ChangedText, original: str, path_name: str, folder: Path | None, *, allow_outside: bool
-) -> AnyProblem:
+def _read(changed: ChangedText, original: str, path_name: str, folder: Path | None, *, allow_outside: bool) -> Problem:
     """Read a text, perhaps with other values than the file's, whose lines are those of the file.
 
     Raises:
@@ -269,9 +267,7 @@ def _read(
     return problem
 
 
-def problem_from_mapping(
-    data: Mapping[str, object], path_name: str = "problem", folder: Path | None = None
-) -> AnyProblem:
+def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem", folder: Path | None = None) -> Problem:
     """Rebuild a problem from the data of a problem file, for example from the copy in ``solution.json``.
 
     Args:

@@ -14,7 +14,7 @@ from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.record_file import read_record
 from ccm_opt.io.solution_json import SCHEMA
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
 from ccm_opt.solution import JointStates, JointTrajectory
@@ -115,7 +115,7 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
     return data
 
 
-def load_any_problem(folder: Path) -> AnyProblem:
+def load_any_problem(folder: Path) -> Problem:
     """The problem that a folder's plan solves, in the plane or in space; meshes are those that the folder keeps.
 
     Args:

@@ -24,9 +24,9 @@ from ccm_opt.io.folder import (
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.solution_json import SCHEMA, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.io.space_scene import kept_meshes, mesh_data
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans
-from ccm_opt.solution.space_solution import AnyReachMap, AnySolution, AnyStaticPose, SpaceReachMap, SpaceStaticPose
+from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 
 
 def write_pose(found: AnyStaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
@@ -140,7 +140,7 @@ def _may_be_written(place: Path) -> bool:
 
 
 def write_failure(
-    problem: AnyProblem,
+    problem: Problem,
     status: str,
     diagnosis: Diagnosis,
     out: Path,
@@ -170,7 +170,7 @@ def write_failure(
 
 
 def write_pose_failure(
-    problem: AnyProblem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
+    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
 ) -> Path:
     """Write the folder of a problem at whose goal no pose was found: ``pose.json``, in space with the meshes.
 
@@ -195,7 +195,7 @@ def write_pose_failure(
 _FAILED_PLACE = partial(place_beside, ending=FAILED)
 
 
-def pareto_files(found: ParetoPlans[AnySolution]) -> dict[str, bytes]:
+def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
     """Content of every file but the pictures, by file name.
 
     The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
@@ -214,7 +214,7 @@ def folder_of(number: int) -> str:
     return f"pareto/{number}"
 
 
-def pareto_json(found: ParetoPlans[AnySolution]) -> str:
+def pareto_json(found: ParetoPlans) -> str:
     """The record of the trade-off; lengths [m], times [s]."""
     plans = [_plan_data(plan, number) for number, plan in enumerate(found.plans, start=1)]
     record = {
@@ -227,7 +227,7 @@ def pareto_json(found: ParetoPlans[AnySolution]) -> str:
     return strict_text(record)
 
 
-def _plan_data(plan: ParetoPlan[AnySolution], number: int) -> Mapping[str, object]:
+def _plan_data(plan: ParetoPlan, number: int) -> Mapping[str, object]:
     head = {"number": number, "wanted_gap": plan.wanted_gap}
     solution = plan.solution
     if solution is None or solution.room is None:

@@ -26,7 +26,7 @@ from ccm_opt.io.schema import (
     WorkspaceTable,
 )
 from ccm_opt.io.settings import READING, ReadingSettings
-from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
+from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,21 @@ from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.space_scene import mesh_data
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.solution import Check, GoalPoseRecord, NearPlace, RoomRecord, SpaceGoalPoseRecord, SurvivedError
-from ccm_opt.solution.space_solution import AnySolution, AnyStaticPose, GoalErrors, SpaceSolution, SpaceStaticPose
+from ccm_opt.solution import (
+    Check,
+    GoalErrors,
+    GoalPoseRecord,
+    NearPlace,
+    RoomRecord,
+    Solution,
+    SpaceGoalPoseRecord,
+    SurvivedError,
+)
+from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
 
 __all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
 
@@ -61,7 +70,7 @@ def pose_json(found: AnyStaticPose) -> str:
     return strict_text(record | {"curve": curve_record(found.pose.curve), "binding": binding})
 
 
-def pose_failure_json(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
     """The record of a problem at whose goal no pose was found.
 
     Args:
@@ -157,7 +166,7 @@ def _in_degrees(error: SurvivedError) -> dict[str, object]:
     return {"size_deg": math.degrees(error.size)} if error.unit == "rad" else {}
 
 
-def solution_json(solution: AnySolution) -> str:
+def solution_json(solution: Solution) -> str:
     """The record of a solved problem.
 
     Args:
@@ -175,7 +184,7 @@ def solution_json(solution: AnySolution) -> str:
         "not_checked": list(solution.not_checked),
         "simulation": asdict(solution.simulation.verdict),
     }
-    if isinstance(solution, SpaceSolution):
+    if solution.problem.dimension == 3:
         record["goal"] = goal_data(solution.goal_errors)
         record["meshes"] = mesh_data(solution.problem)
     if solution.room is not None:
@@ -199,7 +208,7 @@ def _check_data(check: Check) -> dict[str, object]:
     return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
-def failure_json(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
     """The record of a problem without a plan.
 
     Args:
@@ -216,7 +225,7 @@ def failure_json(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings
     return strict_text(record)
 
 
-def _record(problem: AnyProblem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
+def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "status": status,

@@ -13,7 +13,7 @@ from ccm_opt.io.problem_data import kept_names
 from ccm_opt.io.scene_solids import told_apart
 from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.io.urdf import arm_urdf, triangles_stl, urdf_of
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
 from ccm_opt.scene.surfaces import turned_to
 from ccm_opt.scene.workspace import ROOM_NAME
@@ -39,7 +39,7 @@ class NamedBody:
         return f"{self.slug}.stl"
 
 
-def named_bodies(problem: SpaceProblem, settings: ExportSettings = EXPORT) -> tuple[NamedBody, ...]:
+def named_bodies(problem: Problem, settings: ExportSettings = EXPORT) -> tuple[NamedBody, ...]:
     """All obstacles, then the sides of the room where there is one."""
     workspace = problem.workspace
     bodies: list[tuple[str, Body]] = [(each.name, each.body) for each in workspace.obstacles]
@@ -59,12 +59,12 @@ def space_meshes(bodies: tuple[NamedBody, ...], folder: str) -> dict[str, bytes]
     }
 
 
-def kept_meshes(problem: AnyProblem) -> dict[str, bytes]:
+def kept_meshes(problem: Problem) -> dict[str, bytes]:
     """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself; in space.
 
     Meshes that were made in Python are written as they stand.
     """
-    if not isinstance(problem, SpaceProblem):
+    if problem.dimension == 2:
         return {}
     return {
         name: obstacle.body.content or triangles_stl(obstacle.body.triangles)
@@ -83,7 +83,7 @@ def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
         yield BoxBody(np.where(own, high, low - thickness), high + thickness)
 
 
-def mesh_data(problem: SpaceProblem) -> list[dict[str, object]]:
+def mesh_data(problem: Problem) -> list[dict[str, object]]:
     """Of every mesh where it is from, what it was, and where it is kept."""
     kept = kept_meshes(problem)
     return [
@@ -100,9 +100,7 @@ def mesh_data(problem: SpaceProblem) -> list[dict[str, object]]:
     ]
 
 
-def space_urdf(
-    problem: SpaceProblem, bodies: tuple[NamedBody, ...], mesh_folder: str, *, bends_only: bool = False
-) -> str:
+def space_urdf(problem: Problem, bodies: tuple[NamedBody, ...], mesh_folder: str, *, bends_only: bool = False) -> str:
     """URDF of an arm and of bodies, which are links that are fixed to the world.
 
     Args:

@@ -50,7 +50,6 @@ from ccm_opt.io.schema import (
 from ccm_opt.io.schema_tables import Table
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing, Problem
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import MappingName
 
 IN_SPACE_KEY = 3
@@ -114,7 +113,7 @@ def check_data(
     folder: Path | None = None,
     *,
     allow_outside: bool = False,
-) -> AnyProblem | None:
+) -> Problem | None:
     """Check parsed data and build the problem.
 
     Args:
@@ -144,7 +143,7 @@ def check_data(
             return None
     # With the obstacles of a drawing written out the problem can be read again without that drawing.
     problem = build_problem(Tables(**found), source if whole is data else toml_with_obstacles(whole))
-    return replace(problem, drawing=drawing) if isinstance(problem, Problem) else problem
+    return replace(problem, drawing=drawing)
 
 
 def _unit_of(data: Mapping[str, object]) -> LengthUnit:

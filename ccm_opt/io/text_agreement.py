@@ -20,11 +20,10 @@ from ccm_opt.io.solution_json import goal_data, room_data
 from ccm_opt.io.space_scene import mesh_data, named_bodies
 from ccm_opt.io.trajectory_text import ROS_FIELDS, bending_joints, table_headings, trajectory_tables
 from ccm_opt.io.urdf import URDF_MESHES
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord
-from ccm_opt.solution.space_solution import goal_errors
+from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord, goal_errors
 from ccm_opt.verification.interpolated_message import Message
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
@@ -36,7 +35,7 @@ ROUNDING = 1e-6
 """By which a corner may be off, as a share of the mesh's size: the files have single precision."""
 
 
-def mesh_defects(folder: Path, text: str, problem: AnyProblem) -> Iterator[str]:
+def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
     """What of the meshes that a description names is otherwise than the problem says; of the plane nothing is known.
 
     Args:
@@ -44,7 +43,7 @@ def mesh_defects(folder: Path, text: str, problem: AnyProblem) -> Iterator[str]:
         text: of the description.
         problem: in space, whose meshes they are.
     """
-    if not isinstance(problem, SpaceProblem):
+    if problem.dimension == 2:
         return
     for named in named_bodies(problem):
         name = f"{URDF_MESHES}/{named.mesh_file}"
@@ -116,7 +115,7 @@ class _Points:
 class _Plan:
     """The motion in the arrays that points are held against."""
 
-    problem: AnyProblem
+    problem: Problem
     trajectory: JointTrajectory
     joints: JointStates
 
@@ -199,7 +198,7 @@ class _Plan:
 
 def checks_of_texts(
     folder: Path,
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     checks: Sequence[Check],
@@ -401,7 +400,7 @@ _OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed")
 
 def check_of_data(
     record: Mapping[str, object],
-    problem: AnyProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     room: RoomRecord,
     left_out: Sequence[str],
@@ -421,7 +420,7 @@ def check_of_data(
         "not_checked": list(left_out),
         "room": {name: _of_places(value) for name, value in room_data(room).items() if name in _OF_MOTION},
     }
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         wanted["goal"] = goal_data(goal_errors(problem, trajectory.positions[-1]))
         wanted["meshes"] = [{name: mesh[name] for name in _OF_MESHES} for mesh in mesh_data(problem)]
     # Least gaps are known to a resolution only; everything else is far less off.

@@ -30,7 +30,7 @@ from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.biarc import straight_at_exit
 from ccm_opt.solution import SpaceGoalPoseRecord
 
@@ -93,7 +93,7 @@ class Ending:
     record: SpaceGoalPoseRecord | None = None
 
 
-def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) -> Ending:
+def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
     """The motion, moved on to the best pose at its goal; as it is where no better pose is found, or none is reached.
 
     Args:

@@ -11,13 +11,13 @@ from ccm_opt.planning.limits.user_motion_rows import refuse_broken_goal, refuse_
 from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import ROOM_NAME
 
 
-def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
+def refuse_ends(problem: Problem, task: SpaceTask) -> None:
     """Refuse a start, or a goal of the whole arm, in contact, and a goal that is out of reach.
 
     Raises:
@@ -39,7 +39,7 @@ def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
         refuse_goal(problem, task, task.goal)
 
 
-def refuse_goal(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> None:
+def refuse_goal(problem: Problem, task: SpaceTask, goal: SpaceTipPose) -> None:
     """Refuse a goal for the tip that leaves it no room, or that is out of reach.
 
     Raises:
@@ -49,7 +49,7 @@ def refuse_goal(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> N
     _refuse_far_goal(task, goal)
 
 
-def _what_is_bad(problem: SpaceProblem, task: SpaceTask, q: FloatArray, motion: str) -> str:
+def _what_is_bad(problem: Problem, task: SpaceTask, q: FloatArray, motion: str) -> str:
     """Whether an end is in contact or has no room for a motion, in words; empty where neither."""
     contact = contact_words(problem, task, q)
     if contact:
@@ -58,7 +58,7 @@ def _what_is_bad(problem: SpaceProblem, task: SpaceTask, q: FloatArray, motion: 
     return f"has no room: {near} for a motion {motion} that can be proved" if near else ""
 
 
-def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
+def contact_words(problem: Problem, task: SpaceTask, q: FloatArray) -> str:
     """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
     contact = contact_of(task, q)
     joints = task.arm.joint_positions_at(q)
@@ -81,7 +81,7 @@ def _depth_words(found: Enclosure) -> str:
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
-def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> None:
+def _refuse_goal_without_room(problem: Problem, task: SpaceTask, goal: SpaceTipPose) -> None:
     """Refuse a goal for the tip inside of a body, or nearer to a surface than the arm may come."""
     found = deepest_enclosure(problem.workspace, goal.position[None])
     if found is not None:
@@ -170,7 +170,7 @@ class GapsAtSamples:
 
     @classmethod
     def of(
-        cls, problem: SpaceProblem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
+        cls, problem: Problem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
     ) -> "GapsAtSamples":
         """The gaps of poses.
 
@@ -192,7 +192,7 @@ class GapsAtSamples:
         return f"'{self.names[number]}'" if near is self.walls else f"link {number}"
 
 
-def _walls(problem: SpaceProblem, tree: SurfaceTree, points: FloatArray, reach: float) -> NearestOfSamples:
+def _walls(problem: Problem, tree: SurfaceTree, points: FloatArray, reach: float) -> NearestOfSamples:
     arm = problem.arm
     link, exposed = arm.exposed_links(points)
     count = len(points)
@@ -206,7 +206,7 @@ def _walls(problem: SpaceProblem, tree: SurfaceTree, points: FloatArray, reach: 
     return NearestOfSamples(gap[rows, best], np.where(owner >= 0, link + best + 1, 0), owner)
 
 
-def _itself(problem: SpaceProblem, points: FloatArray, reach: float) -> NearestOfSamples:
+def _itself(problem: Problem, points: FloatArray, reach: float) -> NearestOfSamples:
     arm = problem.arm
     if not arm.self_collision:
         return _nothing(len(points), reach)

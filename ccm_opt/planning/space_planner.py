@@ -29,8 +29,7 @@ from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
 from ccm_opt.planning.spline_path import spare_kept
-from ccm_opt.problem import JointPose
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
@@ -39,7 +38,7 @@ STRAIGHT = 1e-9
 """Bends up to which joints count as straight [rad]."""
 
 
-def with_clamped_base(problem: SpaceProblem, tree: SurfaceTree) -> SpaceProblem:
+def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
     """The problem for an arm whose first joints stay straight and belong to the mount, where it stands flush on a wall.
 
     Args:
@@ -53,7 +52,7 @@ def with_clamped_base(problem: SpaceProblem, tree: SurfaceTree) -> SpaceProblem:
     return replace(problem, arm=replace(arm, mount_length=count * arm.link_length, clamped_joints=count))
 
 
-def clamped_joints(problem: SpaceProblem, tree: SurfaceTree) -> int:
+def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     """How many joints from the base a wall at the end of the mount holds straight; 0 where there is none."""
     arm = problem.arm
     first, share = arm.mount_end
@@ -68,7 +67,7 @@ def clamped_joints(problem: SpaceProblem, tree: SurfaceTree) -> int:
     return count if _is_square(tree, end, points[first + 1] - points[first], kept, spare) else 0
 
 
-def told_of_clamped_base(failure: NoPlanFound, problem: SpaceProblem) -> NoPlanFound:
+def told_of_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
     """The failure with what would let the first joint bend among its advice, where the base is clamped."""
     if not problem.arm.clamped_joints:
         return failure
@@ -77,7 +76,7 @@ def told_of_clamped_base(failure: NoPlanFound, problem: SpaceProblem) -> NoPlanF
     return type(failure)(replace(found, advice=(own, *found.advice)))
 
 
-def _straight_at_ends(problem: SpaceProblem, count: int) -> bool:
+def _straight_at_ends(problem: Problem, count: int) -> bool:
     """Whether the first joints are straight at the start, and in a pose of the whole arm that is asked for."""
     arm = problem.arm
     poses = [problem.start, *([problem.goal] if isinstance(problem.goal, JointPose) else [])]
@@ -112,9 +111,9 @@ class SpacePlanner:
     stages: Stages = field(default_factory=Stages)
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     terms: UserTerms | None = None
-    refuse: Callable[[SpaceProblem], None] | None = None
+    refuse: Callable[[Problem], None] | None = None
 
-    def plan(self, problem: SpaceProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion to the problem's goal.
 
         Raises:
@@ -137,7 +136,7 @@ class SpacePlanner:
             path = joint_path(task, *planned.motions, legs=problem.planner.retiming == "paul")
         return replace(path, goal_pose=planned.end)
 
-    def _planned(self, problem: SpaceProblem, task: SpaceTask) -> "_Planned":
+    def _planned(self, problem: Problem, task: SpaceTask) -> "_Planned":
         """The optimised motion, and the one that was found, whose path may have room where the shorter one has none."""
         with self.stages("motion"):
             found = find_motion(task)
@@ -148,7 +147,7 @@ class SpacePlanner:
             motions = (optimise(motion, ending.task), found if motion.u is None else motion)
         return _Planned(motions, ending.record)
 
-    def _lifted(self, problem: SpaceProblem, task: SpaceTask) -> "_Planned | None":
+    def _lifted(self, problem: Problem, task: SpaceTask) -> "_Planned | None":
         """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
         few = coarse_task(task)
         if few is None:

@@ -17,8 +17,7 @@ from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_step import SpaceStepper
-from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -182,7 +181,7 @@ def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArr
 
 
 def space_task(
-    problem: SpaceProblem,
+    problem: Problem,
     tree: SurfaceTree,
     deadline: Deadline,
     settings: SpaceMotionSettings,
@@ -220,7 +219,7 @@ def space_task(
     )
 
 
-def coarse_problem(problem: SpaceProblem, few: SpaceTask) -> SpaceProblem:
+def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
     """The problem as the search for nominal links sees it; torques are left to the arm itself."""
     limits = problem.limits
     revolutes = 3 * few.arm.links
@@ -240,13 +239,13 @@ def coarse_problem(problem: SpaceProblem, few: SpaceTask) -> SpaceProblem:
     )
 
 
-def tip_pose(problem: SpaceProblem, goal: TipGoal) -> SpaceTipPose:
+def tip_pose(problem: Problem, goal: TipGoal) -> SpaceTipPose:
     """The goal of the tip; half of the tolerances is left to what comes after planning."""
     tolerances = problem.tolerances
     return SpaceTipPose(goal.position, goal.direction, 0.5 * tolerances.position, 0.5 * tolerances.heading)
 
 
-def slowness(problem: SpaceProblem) -> FloatArray:
+def slowness(problem: Problem) -> FloatArray:
     """How dear a unit of each coordinate is: the usual speed of a bend over that of the coordinate, shape (c,)."""
     arm = problem.arm
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity

@@ -22,8 +22,7 @@ from ccm_opt.planning.space_goal_poses import drawn_unknowns
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution.space_solution import SpaceReachSettings
 
@@ -58,7 +57,7 @@ class SpaceReachQuestion:
 
     @classmethod
     def about(
-        cls, problem: SpaceProblem, width: float, directions: FloatArray, settings: SpaceReachSettings
+        cls, problem: Problem, width: float, directions: FloatArray, settings: SpaceReachSettings
     ) -> "SpaceReachQuestion":
         """The question for a problem, whose last goal, if it is one for the tip, is where a motion may lead."""
         arm = problem.arm
@@ -140,7 +139,7 @@ def look_at_cell(question: SpaceReachQuestion, task: ReachTask) -> CellFound:
 
 @lru_cache(maxsize=2)  # a worker makes it once for all cells of a map
 def _looker(pickled: bytes, settings: SpaceReachSettings) -> "TipLooker":
-    problem: SpaceProblem = pickle.loads(pickled)  # noqa: S301 - made by this very program
+    problem: Problem = pickle.loads(pickled)  # noqa: S301 - made by this very program
     tree = SurfaceTree.of(problem.workspace.soup)
     return TipLooker(space_task(problem, tree, Deadline.never(), SpaceMotionSettings()), settings)
 

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, TypeAlias, get_args
 
 import numpy as np
 
+from ccm_opt.core.arguments import is_number
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.options import (
+    MOST_CONTACT_SHARE_OF_LENGTH,
     ControllerName,
     MethodName,
     OptimiserName,
@@ -16,29 +18,31 @@ from ccm_opt.problem.options import (
     SimulationOptions,
     Weights,
 )
-from ccm_opt.problem.planning_problem import MOST_CONTACT_SHARE_OF_LENGTH
-from ccm_opt.problem.poses import JointPose, TipGoal
+from ccm_opt.problem.poses import JointPose
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
+from ccm_opt.scene.bodies import Body, BoxBody, MeshBody, SphereBody
+from ccm_opt.scene.workspace import PlaneShape, Workspace
 
 if TYPE_CHECKING:
     from ccm_opt.problem.definition import Problem
 
+UNIT_ROUNDING = 1e-9
+"""By which the length of a unit vector, or a right angle's cosine, may be off."""
 _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
 
 
 def defects(problem: "Problem") -> Iterator[str]:
     """What is wrong with the data of a problem, whoever made it; files are checked more closely by ``problem_file``."""
-    arm = problem.arm
-    if arm.links < 2 or arm.links % 2:
-        yield f"arm.links must be even and at least 2, got {arm.links}"
-    if not (arm.link_length > 0.0 and arm.radius >= 0.0):
-        yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
-    if problem.workspace.dimension != 2:
-        yield "workspace.boundary must be a polygon that is not empty"
-    for name, value, shape in _plain_arrays(problem):
-        yield from array_defects(name, value, shape, positive=False)
+    d = problem.workspace.dimension
+    if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
+        yield "workspace.boundary must be a polygon that is not empty where the arm is in the plane"
+        return
+    yield from _arm_defects(problem.arm, d)
+    yield from _workspace_defects(problem.workspace)
     yield from _name_defects("planner.mapping", problem.planner.mapping, get_args(MappingName))
+    yield from drive_defects(problem.arm, problem.limits, problem.planner, problem.simulation)
+    yield from array_defects("simulation.gravity", problem.simulation.gravity, (3,), positive=False)
     if not 0.0 <= problem.joint_error < np.pi:
         yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
     if not 0.0 < problem.contact_tolerance <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length:
@@ -46,15 +50,96 @@ def defects(problem: "Problem") -> Iterator[str]:
             "verification.contact_tolerance must be positive and at most a thousandth of the arm's length, got "
             f"{problem.contact_tolerance}"
         )
+    yield from _pose_defects(problem, d)
+
+
+def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
+    if arm.links < 2 or arm.links % 2:
+        yield f"arm.links must be even and at least 2, got {arm.links}"
+    if not (arm.link_length > 0.0 and arm.radius >= 0.0):
+        yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
+    if not arm.mount_length >= 0.0:
+        yield f"arm.mount_length must not be negative, got {arm.mount_length}"
+    for name in ("joint_limit", "base_limit"):
+        if not getattr(arm, name) > 0.0:
+            yield f"arm.{name} must be positive, got {getattr(arm, name)}"
+    yield from array_defects("arm.base", arm.base, (d,), positive=False)
+    yield from _unit_defects("arm.direction", arm.direction, d)
+    if d == 2:
+        return
+    if arm.axes != "zyx":
+        yield f'arm.axes must be "zyx" in space, got {arm.axes!r}'
+    yield from _unit_defects("arm.up", arm.up, d)
+    vectors = [np.asarray(vector) for vector in (arm.direction, arm.up)]
+    if all(vector.shape == (3,) for vector in vectors) and abs(float(vectors[0] @ vectors[1])) > UNIT_ROUNDING:
+        yield "arm.up must be at right angles to arm.direction"
+
+
+def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:
+    found = tuple(array_defects(name, vector, (d,), positive=False))
+    yield from found
+    if not found and abs(float(np.linalg.norm(vector)) - 1.0) > UNIT_ROUNDING:
+        yield f"{name} must have the length 1, got {float(np.linalg.norm(vector)):g}"
+
+
+def _workspace_defects(workspace: Workspace) -> Iterator[str]:
+    if not workspace.clearance >= 0.0:
+        yield f"workspace.clearance must not be negative, got {workspace.clearance}"
+    if workspace.bounds is not None:
+        found = tuple(array_defects("workspace.bounds", workspace.bounds, (2, 3), positive=False))
+        yield from found
+        if not found and not np.all(workspace.bounds[0] < workspace.bounds[1]):
+            yield "workspace.bounds must have a lower corner below the upper one"
+    in_space = workspace.dimension == 3
+    for obstacle in workspace.obstacles:
+        if isinstance(obstacle.shape, PlaneShape) == in_space:
+            yield f"obstacle '{obstacle.name}': its shape must be {'a body in space' if in_space else 'a PlaneShape'}"
+        elif in_space:
+            yield from (f"obstacle '{obstacle.name}': {defect}" for defect in _body_defects(obstacle.body))
+
+
+def _body_defects(body: Body) -> Iterator[str]:
+    if isinstance(body, MeshBody):
+        if not (body.faces.ndim == 2 and body.faces.shape[1] == 3 and len(body.faces)):
+            yield f"faces must be rows of three vertices, got shape {body.faces.shape}"
+        elif body.faces.min() < 0 or body.faces.max() >= len(body.vertices):
+            yield "faces name a vertex that is not there"
+        yield from array_defects("vertices", body.vertices, (len(body.vertices), 3), positive=False)
+        return
+    if isinstance(body, BoxBody):
+        for name, corner in (("low", body.low), ("high", body.high)):
+            yield from array_defects(name, corner, (3,), positive=False)
+        if not np.all(np.asarray(body.low) < np.asarray(body.high)):
+            yield "low must be below high"
+        return
+    if not (is_number(body.radius) and body.radius > 0.0):
+        yield f"radius must be a positive number, got {body.radius}"
+    ends = ("center",) if isinstance(body, SphereBody) else ("start", "end")
+    for name in ends:
+        yield from array_defects(name, getattr(body, name), (3,), positive=False)
+    if not isinstance(body, SphereBody) and np.array_equal(body.start, body.end):
+        yield "start and end must differ"
+
+
+def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
+    links = problem.arm.links
     poses = [("start", problem.start), ("goal", problem.goal)]
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    placed = []
     for name, pose in poses:
-        if isinstance(pose, TipGoal) and pose.via:
+        if isinstance(pose, JointPose):
+            placed.append((name, float(pose.feed)))
+            yield from array_defects(f"{name}.bends", pose.bends, (links,) if d == 2 else (links, 2), positive=False)
+            continue
+        yield from array_defects(f"{name}.position", pose.position, (d,), positive=False)
+        if pose.direction is not None:
+            yield from _unit_defects(f"{name}.direction", pose.direction, d)
+        if d == 2 and pose.via:
             yield f"{name}.via is for arms in space; in the plane, make its places stops"
-    yield from feed_defects(
-        problem.arm, problem.limits, [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
-    )
-    yield from drive_defects(problem.arm, problem.limits, problem.planner, problem.simulation)
+            continue
+        for number, via in enumerate(pose.via, start=1):
+            yield from array_defects(f"{name}.via {number}", via, (d,), positive=False)
+    yield from feed_defects(problem.arm, problem.limits, placed)
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
@@ -124,18 +209,6 @@ def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
     for name in ("velocity", "acceleration", "torque", "jerk"):
         if getattr(limits, name) is not None:
             yield f"limits.{name}", getattr(limits, name), (3 * arm.links,)
-
-
-def _plain_arrays(problem: "Problem") -> Iterator[_Array]:
-    yield "arm.base", problem.arm.base, (2,)
-    yield "simulation.gravity", problem.simulation.gravity, (3,)
-    for end, pose in (("start", problem.start), ("goal", problem.goal)):
-        if isinstance(pose, JointPose):
-            yield f"{end}.bends", pose.bends, (problem.arm.links,)
-        elif isinstance(pose, TipGoal):
-            yield f"{end}.position", pose.position, (2,)
-            if pose.direction is not None:
-                yield f"{end}.direction", pose.direction, (2,)
 
 
 def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:

@@ -14,25 +14,13 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
-
-@dataclass(frozen=True)
-class PartTypes:
-    """What the parts of a problem are.
-
-    Attributes:
-        parts: of which type each part is, by its dotted name.
-        numbers: parts that are numbers.
-        entries: of which type all entries of a part are.
-    """
-
-    parts: Mapping[str, tuple[type, ...]]
-    numbers: tuple[str, ...]
-    entries: Mapping[str, type]
-
-
-COMMON_PARTS: Mapping[str, tuple[type, ...]] = {
+_PARTS: Mapping[str, tuple[type, ...]] = {
     "name": (str,),
+    "workspace": (Workspace,),
+    "arm": (Arm,),
     "limits": (Limits,),
+    "start": (JointPose,),
+    "goal": (TipGoal, JointPose),
     "description": (str,),
     "tolerances": (Tolerances,),
     "stops": (tuple,),
@@ -40,46 +28,36 @@ COMMON_PARTS: Mapping[str, tuple[type, ...]] = {
     "simulation": (SimulationOptions,),
     "verification": (VerificationOptions,),
     "source": (str,),
+    "workspace.boundary": (shapely.Polygon,),
+    "workspace.obstacles": (tuple,),
+    "arm.feed": (Feed, type(None)),
+    "planner.weights": (Weights,),
 }
-"""Parts that a problem in the plane and one in space have in common."""
-COMMON_NUMBERS = (
+"""Types of the parts of a problem, by their dotted names."""
+_NUMBERS = (
     *("joint_error", "workspace.clearance"),
     *(f"arm.{name}" for name in ("links", "link_length", "radius", "joint_limit", "base_limit")),
-    *("arm.mount_length", "arm.payload", "tolerances.position", "tolerances.heading"),
+    *("arm.mount_length", "arm.payload", "arm.base_heading", "tolerances.position", "tolerances.heading"),
     *("planner.time_limit", "planner.effort_share", "simulation.step", "simulation.bandwidth"),
 )
-"""Numbers that they have in common."""
-IN_THE_PLANE = PartTypes(
-    parts={
-        **COMMON_PARTS,
-        "workspace": (Workspace,),
-        "arm": (Arm,),
-        "start": (JointPose,),
-        "goal": (TipGoal, JointPose),
-        "workspace.boundary": (shapely.Polygon,),
-        "workspace.obstacles": (tuple,),
-        "arm.feed": (Feed, type(None)),
-        "planner.weights": (Weights,),
-    },
-    numbers=(*COMMON_NUMBERS, "arm.base_heading"),
-    entries={"stops": Stop, "workspace.obstacles": Obstacle},
-)
-"""Of a ``Problem``."""
+"""Its parts that are numbers."""
+_ENTRIES: Mapping[str, type] = {"stops": Stop, "workspace.obstacles": Obstacle}
+"""Types of all entries of a part."""
 
 
-def wrong_types(problem: object, types: PartTypes = IN_THE_PLANE) -> Iterator[str]:
+def wrong_types(problem: object) -> Iterator[str]:
     """A line for every part of a problem that is of another type than it has to be."""
     broken: set[str] = set()
-    for name, kinds in types.parts.items():
+    for name, kinds in _PARTS.items():
         value = _part(problem, name, broken)
         if value is not _NOTHING and not isinstance(value, kinds):
             broken.add(name)
             yield f"{name} must be a {' or '.join(kind.__name__ for kind in kinds)}, got {in_words(value)}"
-    for name in types.numbers:
+    for name in _NUMBERS:
         value = _part(problem, name, broken)
         if value is not _NOTHING and not is_number(value):
             yield f"{name} must be a finite number, got {in_words(value)}"
-    for name, kind in types.entries.items():
+    for name, kind in _ENTRIES.items():
         entries = _part(problem, name, broken)
         for k, entry in enumerate(entries if isinstance(entries, tuple) else ()):
             if not isinstance(entry, kind):

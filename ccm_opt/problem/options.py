@@ -8,6 +8,12 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import MappingName
 
+CONTACT_SHARE_OF_LENGTH = 1e-6
+"""Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
+to, and above what the certificate and the chords between samples leave to rounding."""
+MOST_CONTACT_SHARE_OF_LENGTH = 1e-3
+"""Greatest contact tolerance, as such a share: with more of it a plan may go through what it has to keep clear of."""
+
 MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]
 RetimingName = Literal["toppra", "paul"]

@@ -13,13 +13,14 @@ from ccm_opt.solution.records import (
     SurvivedError,
     TryRecord,
 )
-from ccm_opt.solution.solution import Solution, SolutionOf
+from ccm_opt.solution.solution import GoalErrors, Solution, goal_errors
 from ccm_opt.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, ReachMap, StaticPose
 
 __all__ = [
     "BindingSide",
     "Check",
+    "GoalErrors",
     "GoalPoseRecord",
     "JointPath",
     "JointStates",
@@ -36,9 +37,9 @@ __all__ = [
     "SimulationOutcome",
     "SimulationVerdict",
     "Solution",
-    "SolutionOf",
     "SpaceGoalPoseRecord",
     "StaticPose",
     "SurvivedError",
     "TryRecord",
+    "goal_errors",
 ]

@@ -1,21 +1,15 @@
 """Plans of one problem from the fastest to the roomiest, and which of them an engineer would run."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from ccm_opt.solution.solution import SolutionOf
-
-if TYPE_CHECKING:
-    from ccm_opt.problem.space_problem import AnyProblem
-
-SolutionT_co = TypeVar("SolutionT_co", bound=SolutionOf[Any], covariant=True)
-"""What solves the problem: a plan in the plane, or one in space."""
+from ccm_opt.problem import Problem
+from ccm_opt.solution.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)
-class ParetoPlan(Generic[SolutionT_co]):
+class ParetoPlan:
     """A plan for one wanted gap.
 
     Attributes:
@@ -28,7 +22,7 @@ class ParetoPlan(Generic[SolutionT_co]):
     """
 
     wanted_gap: float
-    solution: SolutionT_co | None
+    solution: Solution | None
     reason: str = ""
     cpu: float = 0.0
     dominated_by: int = 0
@@ -66,7 +60,7 @@ class ParetoPlan(Generic[SolutionT_co]):
 
 
 @dataclass(frozen=True, eq=False)
-class ParetoPlans(Generic[SolutionT_co]):
+class ParetoPlans:
     """The trade-off between time and room.
 
     Attributes:
@@ -76,13 +70,13 @@ class ParetoPlans(Generic[SolutionT_co]):
         most_time: share by which that plan may be slower than the fastest.
     """
 
-    problem: "AnyProblem"
-    plans: tuple[ParetoPlan[SolutionT_co], ...]
+    problem: Problem
+    plans: tuple[ParetoPlan, ...]
     recommended: int
     most_time: float
 
     @property
-    def best(self) -> SolutionT_co:
+    def best(self) -> Solution:
         """The plan to run."""
         solution = self.plans[self.recommended - 1].solution
         if solution is None:

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.length_words import LengthUnit, short_length, words_in
-from ccm_opt.problem import Problem
+from ccm_opt.core.length_words import short_length, words_in
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution.records import RoomRecord, SurvivedError, TryRecord
 from ccm_opt.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 
@@ -51,36 +51,25 @@ def presenter() -> Presenter:
     return _PRESENTERS[-1]
 
 
-class ArmOfLinks(Protocol):
-    """What a plan tells of its arm."""
+@dataclass(frozen=True)
+class GoalErrors:
+    """How the last link of a motion lies at its goal.
 
-    @property
-    def links(self) -> int:
-        """Number of links."""
+    Attributes:
+        position: distance of the tip from where it should be [m]; None for a goal of joints.
+        direction: angle between where the last link points and where it should [rad]; None where any will do.
+        roll: by which the last link is turned about its own axis, against the base turned to the same direction by the
+            shortest turn [rad]; it follows from the bends.
+    """
 
-
-class NamedProblem(Protocol):
-    """What a plan tells of its problem, in the plane or in space."""
-
-    @property
-    def name(self) -> str:
-        """Of the problem."""
-
-    @property
-    def arm(self) -> ArmOfLinks:
-        """The arm that moves."""
-
-    @property
-    def length_unit(self) -> LengthUnit:
-        """In which people are told lengths."""
-
-
-ProblemT = TypeVar("ProblemT", bound=NamedProblem)
+    position: float | None
+    direction: float | None
+    roll: float
 
 
 @dataclass(frozen=True, repr=False)
-class SolutionOf(Generic[ProblemT]):
-    """A verified plan for a kind of problem. What is not solved is an exception, never a solution.
+class Solution:
+    """A verified plan. What is not solved is an exception, never a solution.
 
     Attributes:
         problem: what was asked.
@@ -98,7 +87,7 @@ class SolutionOf(Generic[ProblemT]):
         not_checked: what nothing was held against, though one might think so, a clause each; none as a rule.
     """
 
-    problem: ProblemT
+    problem: Problem
     path: JointPath
     trajectory: JointTrajectory
     joints: JointStates
@@ -129,6 +118,21 @@ class SolutionOf(Generic[ProblemT]):
         head = "<tr><th>check</th><th>worst</th><th>limit</th><th>where</th></tr>"
         return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{''.join(cells)}</table>"
 
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint and tip positions at every sample, shape (T, links + 1, d) [m]."""
+        return self.problem.arm.joint_positions_at(self.trajectory.positions)
+
+    @property
+    def least_gap(self) -> float | None:
+        """Least gap of the motion beyond radius and clearance [m]; None where nobody measured it."""
+        return None if self.room is None or not self.room.nearest.link else self.room.nearest.gap
+
+    @property
+    def goal_errors(self) -> GoalErrors:
+        """How the last link lies at the end of a motion in space."""
+        return goal_errors(self.problem, self.trajectory.positions[-1])
+
     def with_room(self, room: RoomRecord) -> Self:
         """The same plan with another record of its room."""
         return replace(self, room=room)
@@ -146,11 +150,38 @@ class SolutionOf(Generic[ProblemT]):
         return presenter().save(self, folder)
 
 
-@dataclass(frozen=True, repr=False)
-class Solution(SolutionOf[Problem]):
-    """A verified plan in the plane; its attributes are those of ``SolutionOf``."""
+def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
+    """How the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
+    arm = problem.arm
+    turn = arm.link_rotations(last)[-1]
+    roll = roll_against(arm.base_rotation, turn)
+    if not isinstance(problem.goal, TipGoal):
+        return GoalErrors(None, None, roll)
+    off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - problem.goal.position))
+    wanted = problem.goal.direction
+    return GoalErrors(off, None if wanted is None else angle_between(turn[:, 0], wanted), roll)
 
-    @property
-    def joint_positions(self) -> FloatArray:
-        """Joint and tip positions at every sample, shape (T, links + 1, 2) [m]."""
-        return self.problem.arm.joint_positions_at(self.trajectory.positions)
+
+def angle_between(first: FloatArray, second: FloatArray) -> float:
+    """The angle between two vectors, shape (3,), exact for small ones too [rad]."""
+    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
+
+
+def roll_against(base: FloatArray, turn: FloatArray) -> float:
+    """Turn about x of a frame against another one that is turned to its x by the shortest turn [rad].
+
+    Args:
+        base: the other frame, its axes as columns, shape (3, 3).
+        turn: the frame, likewise.
+    """
+    start = base[:, 0]
+    end = turn[:, 0]
+    axis = np.cross(start, end)
+    cos = float(start @ end)
+    if 1.0 + cos < np.finfo(np.float64).eps:
+        # Every half turn is as short as any other: that about the base's z axis is taken.
+        moved = 2.0 * np.outer(base[:, 2], base[:, 2]) @ base - base
+    else:
+        cross = np.cross(np.eye(3), axis)  # the matrix of x ↦ axis × x
+        moved = base + cross @ base + cross @ cross @ base / (1.0 + cos)
+    return float(np.arctan2(turn[:, 1] @ moved[:, 2], turn[:, 1] @ moved[:, 1]))

@@ -7,41 +7,23 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import (
     JointTrajectory,
     PoseOutcome,
     ReachMap,
-    Solution,
-    SolutionOf,
     SpaceGoalPoseRecord,
     StaticPose,
 )
-
-
-@dataclass(frozen=True)
-class GoalErrors:
-    """How the last link of a motion lies at its goal.
-
-    Attributes:
-        position: distance of the tip from where it should be [m]; None for a goal of joints.
-        direction: angle between where the last link points and where it should [rad]; None where any will do.
-        roll: by which the last link is turned about its own axis, against the base turned to the same direction by the
-            shortest turn [rad]; it follows from the bends.
-    """
-
-    position: float | None
-    direction: float | None
-    roll: float
+from ccm_opt.solution.solution import GoalErrors, goal_errors
 
 
 class SpacePlan(Protocol):
     """What pictures show of a plan in space, whether it was just made or read."""
 
     @property
-    def problem(self) -> SpaceProblem:
+    def problem(self) -> Problem:
         """What was asked."""
         ...
 
@@ -61,67 +43,6 @@ class SpacePlan(Protocol):
         ...
 
 
-@dataclass(frozen=True, repr=False)
-class SpaceSolution(SolutionOf[SpaceProblem]):
-    """A verified plan in space; its attributes are those of ``SolutionOf``."""
-
-    @property
-    def joint_positions(self) -> FloatArray:
-        """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
-        return self.problem.arm.joint_positions_at(self.trajectory.positions)
-
-    @property
-    def least_gap(self) -> float | None:
-        """Least gap of the motion beyond radius and clearance [m]; None where nobody measured it."""
-        return None if self.room is None or not self.room.nearest.link else self.room.nearest.gap
-
-    @property
-    def goal_errors(self) -> GoalErrors:
-        """How the last link lies at the end of the motion."""
-        return goal_errors(self.problem, self.trajectory.positions[-1])
-
-
-AnySolution: TypeAlias = Solution | SpaceSolution
-"""A verified plan in the plane or in space."""
-
-
-def goal_errors(problem: SpaceProblem, last: FloatArray) -> GoalErrors:
-    """How the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
-    arm = problem.arm
-    turn = arm.link_rotations(last)[-1]
-    roll = roll_against(arm.base_rotation, turn)
-    if not isinstance(problem.goal, TipGoal):
-        return GoalErrors(None, None, roll)
-    off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - problem.goal.position))
-    wanted = problem.goal.direction
-    return GoalErrors(off, None if wanted is None else angle_between(turn[:, 0], wanted), roll)
-
-
-def angle_between(first: FloatArray, second: FloatArray) -> float:
-    """The angle between two vectors, shape (3,), exact for small ones too [rad]."""
-    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
-
-
-def roll_against(base: FloatArray, turn: FloatArray) -> float:
-    """Turn about x of a frame against another one that is turned to its x by the shortest turn [rad].
-
-    Args:
-        base: the other frame, its axes as columns, shape (3, 3).
-        turn: the frame, likewise.
-    """
-    start = base[:, 0]
-    end = turn[:, 0]
-    axis = np.cross(start, end)
-    cos = float(start @ end)
-    if 1.0 + cos < np.finfo(np.float64).eps:
-        # Every half turn is as short as any other: that about the base's z axis is taken.
-        moved = 2.0 * np.outer(base[:, 2], base[:, 2]) @ base - base
-    else:
-        cross = np.cross(np.eye(3), axis)  # the matrix of x ↦ axis × x
-        moved = base + cross @ base + cross @ cross @ base / (1.0 + cos)
-    return float(np.arctan2(turn[:, 1] @ moved[:, 2], turn[:, 1] @ moved[:, 1]))
-
-
 @dataclass(frozen=True, eq=False)
 class SpaceStaticPose:
     """The best pose that was found at the goal of a problem in space, whatever motion would lead to it.
@@ -136,7 +57,7 @@ class SpaceStaticPose:
         timings: CPU time of every stage [s].
     """
 
-    problem: SpaceProblem
+    problem: Problem
     pose: SpaceGoalPoseRecord
     curve: SpaceConfiguration
     nearest: str
@@ -189,7 +110,7 @@ class SpaceReachMap:
         timings: CPU time by stage [s].
     """
 
-    problem: SpaceProblem
+    problem: Problem
     step: float
     x: FloatArray
     y: FloatArray

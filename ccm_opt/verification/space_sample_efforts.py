@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.checked_problem import joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.newton_euler import of_bends
@@ -76,7 +76,7 @@ class SampleBounds:
         sample: number of the inner sample, from 0.
     """
 
-    problem: SpaceProblem
+    problem: Problem
     motion: SpaceChainMotion
     frames: LinkFrames
     bodies: FloatArray
@@ -230,7 +230,7 @@ def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def check_space_sample_efforts(
-    problem: SpaceProblem,
+    problem: Problem,
     motion: SpaceChainMotion,
     trajectory: JointTrajectory,
     holding: HoldingEfforts,
@@ -280,7 +280,7 @@ class SpaceSampleMeans:
         motion: the motion, of at least three samples.
     """
 
-    problem: SpaceProblem
+    problem: Problem
     motion: SpaceChainMotion
 
     @cached_property

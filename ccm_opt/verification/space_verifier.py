@@ -10,8 +10,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect
-from ccm_opt.problem import JointPose, Stop, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem, Stop, TipGoal
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
@@ -33,7 +32,7 @@ _ROUNDING = 1e-9
 
 
 def check_space_ends(
-    problem: SpaceProblem,
+    problem: Problem,
     motion: SpaceChainMotion,
     trajectory: JointTrajectory,
     settings: VerificationSettings,
@@ -52,14 +51,14 @@ def check_space_ends(
     return checks
 
 
-def _goals(problem: SpaceProblem, trajectory: JointTrajectory) -> Iterator[tuple[str, Stop, int]]:
+def _goals(problem: Problem, trajectory: JointTrajectory) -> Iterator[tuple[str, Stop, int]]:
     """The goals on the way, in order, and the last, each with its name and its sample."""
     samples = (*trajectory.stops, len(trajectory.time) - 1)
     for number, (stop, sample) in enumerate(zip(problem.goals, samples, strict=True), start=1):
         yield ("goal " if number == len(samples) else f"stop {number} "), stop, int(sample)
 
 
-def _rest(problem: SpaceProblem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
+def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
     """The arm rests at both ends and at every stop."""
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
     limits = problem.limits.velocity[revolutes_of_bends(trajectory.coordinates)]
@@ -79,7 +78,7 @@ def _rest(problem: SpaceProblem, trajectory: JointTrajectory, settings: Verifica
 
 def _goal(
     name: str,
-    problem: SpaceProblem,
+    problem: Problem,
     motion: SpaceChainMotion,
     trajectory: JointTrajectory,
     stop: Stop,
@@ -251,7 +250,7 @@ def _check(
 
 
 def verify_in_space(
-    problem: SpaceProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -270,7 +269,7 @@ def verify_in_space(
     Returns:
         One check a promise, each with its worst value and where it was met; malformed data end the list at once.
     """
-    expect(problem, SpaceProblem, "a SpaceProblem", "ccm_opt.load_problem reads one")
+    expect(problem, Problem, "a Problem", "ccm_opt.load_problem reads one")
     expect(trajectory, JointTrajectory, "a ccm_opt.solution.JointTrajectory", "solutions and loaded plans have one")
     expect(joints, JointStates, "ccm_opt.solution.JointStates", "solutions and loaded plans have them")
     expect(settings, VerificationSettings, "VerificationSettings for settings=")
@@ -306,7 +305,7 @@ def verify_in_space(
     return tuple(checks)
 
 
-def _holding(problem: SpaceProblem, trajectory: JointTrajectory) -> HoldingEfforts:
+def _holding(problem: Problem, trajectory: JointTrajectory) -> HoldingEfforts:
     """What holds the arm still at the samples: torques, and forces on the axes that carry the base."""
     rest = np.zeros_like(trajectory.positions)
     torques, force = efforts_in_space(problem.arm, problem.simulation.gravity, trajectory.positions, rest, rest)

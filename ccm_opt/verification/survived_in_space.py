@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
@@ -233,14 +233,14 @@ MODELS = (joint_errors, link_length_errors, base_heading_error, base_position_er
 
 
 def survived_errors_in_space(
-    problem: SpaceProblem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
+    problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
     """The largest errors of every kind, one kind at a time; arguments as for ``survived_error_in_space``."""
     return tuple(survived_error_in_space(problem, trajectory, make(problem.arm), settings) for make in MODELS)
 
 
 def survived_error_in_space(
-    problem: SpaceProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     model: ErrorModel,
     settings: ToleranceSettings = DEFAULT_TOLERANCE,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from ccm_opt.problem.planning_problem import CONTACT_SHARE_OF_LENGTH
+from ccm_opt.problem.options import CONTACT_SHARE_OF_LENGTH
 from ccm_opt.verification.checked_problem import CheckedProblem
 
 
@@ -14,7 +14,7 @@ class VerificationSettings:
 
     Attributes:
         contact_tolerance: gap that may be missing before a motion is refused, where the problem does not say.
-            Taste: see ``problem.planning_problem.CONTACT_SHARE_OF_LENGTH``.
+            Taste: see ``problem.options.CONTACT_SHARE_OF_LENGTH``.
         touch: gap that axes without width keep. Derived: rounding of positions in a room of some arm's lengths.
         goal_rounding: distance from the goal beyond its tolerance that is rounding. Derived: likewise.
         largest_step: largest time between two samples [s]; the promise of the file format.

@@ -16,12 +16,10 @@ from matplotlib.path import Path
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, Workspace
-from ccm_opt.solution import JointTrajectory, NearPlace
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import JointTrajectory, NearPlace, Solution
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import PICTURES, PictureSettings
 
@@ -234,7 +232,7 @@ class DrawnPlan:
             was not.
     """
 
-    problem: AnyProblem
+    problem: Problem
     trajectory: JointTrajectory
     points: FloatArray
     curves: tuple[Configuration, ...] = ()
@@ -242,7 +240,7 @@ class DrawnPlan:
     simulated: FloatArray | None = None
 
     @classmethod
-    def from_solution(cls, solution: AnySolution) -> "DrawnPlan":
+    def from_solution(cls, solution: Solution) -> "DrawnPlan":
         """What a solution shows."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
         return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
@@ -254,7 +252,7 @@ class DrawnPlan:
         Raises:
             TypeError: it is in space.
         """
-        if not isinstance(self.problem, Problem):
+        if self.problem.dimension == 3:
             raise TypeError(f"'{self.problem.name}' is in space, and this is drawn in the plane alone")
         return self.problem
 
@@ -262,7 +260,7 @@ class DrawnPlan:
     def nearest_point(self) -> FloatArray | None:
         """Half-way between the two bodies at the time of their least gap, shape (2,) [m]; None in space."""
         near = self.nearest
-        if near is None or not isinstance(self.problem, Problem):
+        if near is None or self.problem.dimension == 3:
             return None
         at = [np.interp(near.time, self.trajectory.time, column) for column in self.trajectory.positions.T]
         pose = self.problem.arm.joint_positions_at(np.array(at))

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import METRES
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import seen_triangles
@@ -45,7 +45,7 @@ class ArmSection:
     reach: float
 
 
-def section_along(problem: SpaceProblem, points: FloatArray, count: int, reach: float) -> ArmSection:
+def section_along(problem: Problem, points: FloatArray, count: int, reach: float) -> ArmSection:
     """The section of a pose.
 
     Args:
@@ -142,7 +142,7 @@ def _hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray) -> Float
 
 def draw_section(
     axes: Axes,
-    problem: SpaceProblem,
+    problem: Problem,
     pose: FloatArray,
     settings: SpacePictureSettings,
     title: str = "section along the arm at its goal",

@@ -4,9 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ccm_opt.problem.space_problem import SpaceProblem
-from ccm_opt.solution import Check, SimulationVerdict
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import Check, SimulationVerdict, Solution
 from ccm_opt.viz.document import Child, Markup, PageUnits, element, joined, table
 
 _WORDS = {
@@ -170,14 +168,14 @@ def _constraint_kept(check: Check) -> str:
     return "at its bound" if check.worst > -_BOUND else f"{-check.worst:.3g} to spare"
 
 
-def checks_section(solution: AnySolution, units: PageUnits) -> Markup:
+def checks_section(solution: Solution, units: PageUnits) -> Markup:
     """The section with its heading.
 
     Args:
         solution: the plan.
         units: of the page.
     """
-    checks = checks_in_words(solution.checks, units, in_space=isinstance(solution.problem, SpaceProblem))
+    checks = checks_in_words(solution.checks, units, in_space=solution.problem.dimension == 3)
     asked = [check for check in checks if not check.of_itself]
     own = [check for check in checks if check.of_itself]
     failed = sum(not check.passed for check in own)

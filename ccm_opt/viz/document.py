@@ -14,9 +14,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
-from ccm_opt.problem import LengthUnit
-from ccm_opt.problem.space_problem import AnyProblem
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.problem import LengthUnit, Problem
+from ccm_opt.solution import Solution
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
@@ -89,7 +88,7 @@ class PageUnits:
         return cls(length_unit, metres, min(max(finest, 0), 6))
 
     @classmethod
-    def of_page(cls, problem: AnyProblem) -> "PageUnits":
+    def of_page(cls, problem: Problem) -> "PageUnits":
         """The unit of a problem's page: that of its file; who counts in metres is told those that suit the arm."""
         length = problem.arm.length
         return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
@@ -272,7 +271,7 @@ Figure = tuple[str, str]
 """A value with its unit, and what it is."""
 
 
-def page_header(problem: AnyProblem, badges: Iterable[Markup], figures: Iterable[Figure], units: PageUnits) -> Markup:
+def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Figure], units: PageUnits) -> Markup:
     """Name, badges, description and figures.
 
     Args:
@@ -295,7 +294,7 @@ def badge(words: str, *, good: bool) -> Markup:
     return element("span", words, cls="badge" if good else "badge poor")
 
 
-def plan_badges(solution: AnySolution) -> Markup:
+def plan_badges(solution: Solution) -> Markup:
     """What the verifier and the simulation say of a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
@@ -304,7 +303,7 @@ def plan_badges(solution: AnySolution) -> Markup:
     return first if verdict.followed else joined((first, badge(f"simulation: {verdict.outcome}", good=False)))
 
 
-def plan_figures(solution: AnySolution, units: PageUnits) -> list[Figure]:
+def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
     """The figures of a plan that one looks for first; those that it does not have are left out."""
     metrics = solution.metrics
     found = [(f"{solution.trajectory.duration:.2f} s", "duration")]
@@ -337,7 +336,7 @@ def plan_figures(solution: AnySolution, units: PageUnits) -> list[Figure]:
     return found
 
 
-def _peak_torque(solution: AnySolution, units: PageUnits) -> Iterator[Figure]:
+def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
     """The greatest torque, with its limit where there is one."""
     peak = solution.metrics.get("peak_torque_Nm")
     if peak is None:
@@ -352,7 +351,7 @@ def _peak_torque(solution: AnySolution, units: PageUnits) -> Iterator[Figure]:
     yield units.shown(peak, "N m", limit), f"peak torque, of {allowed}"
 
 
-def _summary(problem: AnyProblem, units: PageUnits) -> str:
+def _summary(problem: Problem, units: PageUnits) -> str:
     arm = problem.arm
     count = len(problem.workspace.obstacles)
     among = "in an empty room" if count == 0 else f"among {count} obstacle{'s' if count > 1 else ''}"

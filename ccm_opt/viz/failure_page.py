@@ -9,7 +9,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.viz.document import (
     COMMON,
     COMMON_IN_SPACE,
@@ -68,7 +67,7 @@ def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> 
     return marks
 
 
-def best_attempt(problem: AnyProblem, diagnosis: Diagnosis) -> FloatArray | None:
+def best_attempt(problem: Problem, diagnosis: Diagnosis) -> FloatArray | None:
     """Return joints and tip where the best attempt of a search in vain ended, shape (links + 1, d) [m].
 
     Returns:
@@ -78,7 +77,7 @@ def best_attempt(problem: AnyProblem, diagnosis: Diagnosis) -> FloatArray | None
     if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
         return None
     pose = np.asarray(found, dtype=float)
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         fits = len(pose) == 2 * problem.arm.links + len(problem.arm.base_axes)
         return np.asarray(problem.arm.joint_positions_at(pose)) if fits else None
     return problem.arm.joint_positions(pose) if len(pose) == problem.arm.links else None
@@ -198,7 +197,7 @@ STATUS = {
 
 
 def failure_html(
-    problem: AnyProblem,
+    problem: Problem,
     status: str,
     diagnosis: Diagnosis,
     timings: Mapping[str, float] | None = None,
@@ -217,7 +216,7 @@ def failure_html(
         A whole HTML page that loads nothing.
     """
     units = PageUnits.of_page(problem)
-    in_space = isinstance(problem, SpaceProblem)
+    in_space = problem.dimension == 3
     data = failure_data(problem, diagnosis, units, settings)
     facts = (
         reason_section(diagnosis),
@@ -234,12 +233,12 @@ def failure_html(
 
 
 def failure_data(
-    problem: AnyProblem, diagnosis: Diagnosis, units: PageUnits, settings: ReportSettings = REPORT
+    problem: Problem, diagnosis: Diagnosis, units: PageUnits, settings: ReportSettings = REPORT
 ) -> dict[str, object]:
     """Everything that the scripts of a failure's page read."""
     blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
     common = {"unit": units.data(), "blocking": blocking}
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return common | _space_failure_data(problem, diagnosis, settings)
     start = pose_points(problem, problem.start)
     poses = [_end_pose(problem, goal) for goal in (*(stop.goal for stop in problem.stops), problem.goal)]
@@ -252,7 +251,7 @@ def failure_data(
     }
 
 
-def _space_failure_data(problem: SpaceProblem, diagnosis: Diagnosis, settings: ReportSettings) -> dict[str, object]:
+def _space_failure_data(problem: Problem, diagnosis: Diagnosis, settings: ReportSettings) -> dict[str, object]:
     arm = problem.arm
     goals = [
         goal.position if isinstance(goal, TipGoal) else np.asarray(arm.joint_positions_at(goal.configuration(arm))[-1])
@@ -324,7 +323,7 @@ def help_section(diagnosis: Diagnosis) -> Markup:
     return element("section", element("h2", "What would help"), *parts)
 
 
-def search_section(problem: AnyProblem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
+def search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
     """How a plan was looked for: options, times, the figures behind the reason."""
     evidence = None
     if diagnosis.evidence:

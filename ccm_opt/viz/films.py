@@ -19,7 +19,6 @@ from PIL import Image
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path, draw_workspace
 from ccm_opt.viz.plan import action_window, draw_goals
@@ -158,11 +157,11 @@ def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenSc
         scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
     """
     problem, points = plan.problem, plan.points
-    in_space = isinstance(problem, SpaceProblem)
+    in_space = problem.dimension == 3
     settings = settings or _usual_settings(plan)
     side = SLANTED if in_space else PLANE
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
-        if isinstance(problem, SpaceProblem):
+        if problem.dimension == 3:
             low, high = seen_window(side, window_of(problem, points))
             figure, axes = film_figure(low, high, settings)
             bodies = scene or SeenScene(problem)
@@ -181,7 +180,7 @@ def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenSc
 
 def _usual_settings(plan: DrawnPlan) -> FilmSettings:
     """Size and number of the frames of a film in the plane, or in space."""
-    return SPACE_FILM if isinstance(plan.problem, SpaceProblem) else FILM
+    return SPACE_FILM if plan.problem.dimension == 3 else FILM
 
 
 _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-movflags", "+faststart")

@@ -12,7 +12,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import GoalPoseRecord, Solution, SurvivedError
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
     COMMON,
@@ -366,7 +365,7 @@ SPACE_SCRIPTS = (*COMMON_IN_SPACE, *_TIMED, "player", "timed_page", "space_page"
 
 
 def report_html(
-    solution: AnySolution,
+    solution: Solution,
     settings: ReportSettings = REPORT,
     *,
     pictures: Sequence[str] = ("plan.png", "motion.gif"),
@@ -384,7 +383,7 @@ def report_html(
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
-    in_space = isinstance(solution, SpaceSolution)
+    in_space = solution.problem.dimension == 3
     units = PageUnits.of_page(problem)
     data = plan_data(solution, units, settings)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
@@ -395,7 +394,7 @@ def report_html(
         joints_section(keys, curvature=not in_space),
         simulation_section(keys),
         checks_section(solution, units),
-        None if isinstance(solution, SpaceSolution) else goal_pose_section(solution, units),
+        None if solution.problem.dimension == 3 else goal_pose_section(solution, units),
         tolerance_section(solution.tolerance, units, in_space=in_space),
         problem_section(problem, units),
         making_section(solution),
@@ -409,7 +408,7 @@ def report_html(
     return html_document(title, body, data, SPACE_SCRIPTS if in_space else SCRIPTS)
 
 
-def plan_data(solution: AnySolution, units: PageUnits, settings: ReportSettings = REPORT) -> dict[str, object]:
+def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = REPORT) -> dict[str, object]:
     """Everything that the scripts of a plan's page read.
 
     Args:
@@ -419,7 +418,7 @@ def plan_data(solution: AnySolution, units: PageUnits, settings: ReportSettings 
     """
     points = solution.joint_positions
     ends = points[[*solution.trajectory.stops, len(points) - 1]]
-    if isinstance(solution, SpaceSolution):
+    if solution.problem.dimension == 3:
         from ccm_opt.viz.scene_data import space_scene_data  # noqa: PLC0415 - likewise
 
         scene: dict[str, object] = {

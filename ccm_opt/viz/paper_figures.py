@@ -21,11 +21,9 @@ from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SLANTED, DrawnPlan, draw_body, draw_obstacle, draw_tip_path, draw_workspace
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
@@ -345,7 +343,7 @@ _MOST_THUMBNAIL = 2.6
 """Height of the picture of one plan, at most [inch]."""
 
 
-def pareto_png(found: ParetoPlans[AnySolution], settings: ParetoPictureSettings = PARETO_PICTURE) -> bytes:
+def pareto_png(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICTURE) -> bytes:
     """The picture of a trade-off.
 
     Args:
@@ -358,7 +356,7 @@ def pareto_png(found: ParetoPlans[AnySolution], settings: ParetoPictureSettings 
     return figure_png(lambda: pareto_figure(found, settings))
 
 
-def pareto_figure(found: ParetoPlans[AnySolution], settings: ParetoPictureSettings = PARETO_PICTURE) -> Figure:
+def pareto_figure(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICTURE) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
     draw_motion, tall = _thumbnails(found)
     count = len(found.plans)
@@ -378,10 +376,10 @@ def pareto_figure(found: ParetoPlans[AnySolution], settings: ParetoPictureSettin
     return figure
 
 
-def _thumbnails(found: ParetoPlans[AnySolution]) -> tuple[Callable[[Axes, AnySolution | None], None], float]:
+def _thumbnails(found: ParetoPlans) -> tuple[Callable[[Axes, Solution | None], None], float]:
     """What draws the scene with how a plan ends, where there is one; and how tall that is, in its own widths."""
     problem = found.problem
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
         limits = seen_window(SLANTED, window_of(problem, np.concatenate(ends)))
         wide, high = np.ptp(limits, axis=0)
@@ -390,7 +388,7 @@ def _thumbnails(found: ParetoPlans[AnySolution]) -> tuple[Callable[[Axes, AnySol
     return partial(_draw_in_plane, problem), (ymax - ymin) / (xmax - xmin)
 
 
-def _draw_front(axes: Axes, found: ParetoPlans[AnySolution]) -> None:
+def _draw_front(axes: Axes, found: ParetoPlans) -> None:
     """A point for each plan, a line through those that no other dominates, and what the recommended one may cost."""
     metres = METRES[found.problem.length_unit]
     plans = [(number, plan) for number, plan in enumerate(found.plans, start=1) if plan.solution is not None]
@@ -418,7 +416,7 @@ def _draw_front(axes: Axes, found: ParetoPlans[AnySolution]) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _draw_point(axes: Axes, plan: ParetoPlan[AnySolution], metres: float, number: int, *, recommended: bool) -> None:
+def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, recommended: bool) -> None:
     """A plan with its number: filled on the front, hollow when dominated, ringed when recommended."""
     place = (plan.duration, plan.gap / metres)
     face = "white" if plan.dominated_by else style.GOAL_ARM
@@ -435,7 +433,7 @@ def _draw_point(axes: Axes, plan: ParetoPlan[AnySolution], metres: float, number
     )  # fmt: skip
 
 
-def _dress_plan(axes: Axes, found: ParetoPlans[AnySolution], plan: ParetoPlan[AnySolution], number: int) -> None:
+def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -> None:
     """Name a plan in its picture with its figures, or that there is none, and frame the recommended one."""
     axes.set_xticks([])
     axes.set_yticks([])
@@ -454,10 +452,10 @@ def _dress_plan(axes: Axes, found: ParetoPlans[AnySolution], plan: ParetoPlan[An
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 
 
-def _draw_in_plane(problem: Problem, axes: Axes, solution: AnySolution | None) -> None:
+def _draw_in_plane(problem: Problem, axes: Axes, solution: Solution | None) -> None:
     """The room in the plane, how a plan ends and where its tip goes."""
     draw_workspace(axes, problem.workspace, replace(PICTURES, most_named_obstacles=0))
-    if not isinstance(solution, Solution):
+    if solution is None:
         return
     points = solution.joint_positions
     radius = problem.arm.radius
@@ -467,16 +465,14 @@ def _draw_in_plane(problem: Problem, axes: Axes, solution: AnySolution | None) -
     draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1, -1], "")
 
 
-def _pareto_picture_draw_in_space(
-    scene: SeenScene, limits: FloatArray, axes: Axes, solution: AnySolution | None
-) -> None:
+def _pareto_picture_draw_in_space(scene: SeenScene, limits: FloatArray, axes: Axes, solution: Solution | None) -> None:
     """The scene in space as a film shows it, how a plan ends and where its tip goes; limits of shape (2, 2) [m]."""
     axes.set_xlim(*limits[:, 0])
     axes.set_ylim(*limits[:, 1])
     scene.draw_room(axes, SLANTED)
     scene.draw(axes, SLANTED)
     axes.set_aspect("equal", adjustable="box")
-    if not isinstance(solution, SpaceSolution):
+    if solution is None:
         return
     points = solution.joint_positions
     radius = scene.problem.arm.radius

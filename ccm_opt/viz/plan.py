@@ -13,7 +13,6 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import Goal, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path, draw_workspace
 from ccm_opt.viz.arm_section import draw_section
@@ -208,7 +207,7 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
         plan: the plan.
         scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
     """
-    if isinstance(plan.problem, SpaceProblem):
+    if plan.problem.dimension == 3:
         return _figure_in_space(plan, plan.problem, scene or SeenScene(plan.problem))
     problem, points, settings = plan.problem, plan.points, PICTURES
     window = action_window(problem, points, settings)
@@ -223,7 +222,7 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
     return figure
 
 
-def _figure_in_space(plan: DrawnPlan, problem: SpaceProblem, scene: SeenScene) -> Figure:
+def _figure_in_space(plan: DrawnPlan, problem: Problem, scene: SeenScene) -> Figure:
     """Three views, and the section along the arm at its goal."""
     points = plan.points
     window = window_of(problem, points)

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import Goal, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.solution import ParetoPlan, ParetoPlans
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.viz.document import NONE, Child, Markup, PageUnits, element, joined, table, three_digits
 
 _FILES = {
@@ -26,7 +24,7 @@ _FILES = {
 Row = tuple[Child, Child]
 
 
-def problem_section(problem: AnyProblem, units: PageUnits) -> Markup:
+def problem_section(problem: Problem, units: PageUnits) -> Markup:
     """What was asked: arm, limits, room, start and goals.
 
     Args:
@@ -43,7 +41,7 @@ def problem_section(problem: AnyProblem, units: PageUnits) -> Markup:
     return element("section", element("h2", "The problem"), table((), rows, cls="pairs"))
 
 
-def _arm_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
+def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     arm = problem.arm
     yield "arm", f"{arm.links} links of {units.given(arm.link_length, 'm')}, {units.given(arm.length, 'm')} in all"
     yield "radius", units.given(arm.radius, "m")
@@ -62,7 +60,7 @@ def _arm_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
         yield "feed axis", f"{low} to {high}, hole at {units.given(arm.feed.hole, 'm')}"
 
 
-def _limit_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
+def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     """The limits that the motion keeps, and what plans use of them."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
@@ -89,7 +87,7 @@ def _bounds(values: FloatArray, unit: str) -> str:
     return f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"
 
 
-def _room_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
+def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     workspace = problem.workspace
     count, sides, meshes = len(workspace.obstacles), None, ""
     if workspace.dimension == 2:
@@ -104,7 +102,7 @@ def _room_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
     yield "wanted gap", f"{units.given(problem.wanted_gap, 'm')} beyond radius and clearance"
 
 
-def _goal_rows(problem: AnyProblem, units: PageUnits) -> Iterable[Row]:
+def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     asked = [*((stop.goal, stop.tolerances) for stop in problem.stops), (problem.goal, problem.tolerances)]
     for number, (goal, tolerances) in enumerate(asked, start=1):
         name = f"goal {number}" if len(asked) > 1 else "goal"
@@ -134,7 +132,7 @@ def _direction(vector: FloatArray) -> str:
     return f"({', '.join(three_digits(float(value), 2) for value in vector)})"
 
 
-def making_section(solution: AnySolution) -> Markup:
+def making_section(solution: Solution) -> Markup:
     """How the plan was made: method, tactic, seed, versions, and where the time went."""
     problem = solution.problem
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
@@ -155,7 +153,7 @@ def making_section(solution: AnySolution) -> Markup:
     )
 
 
-def tries_table(solution: AnySolution) -> Markup | None:
+def tries_table(solution: Solution) -> Markup | None:
     """What came of every try, where there were several."""
     if not solution.tries:
         return None
@@ -218,7 +216,7 @@ class PlanPages:
         links: to their pages, in their order; empty for that of the page itself, and where there is no plan.
     """
 
-    found: ParetoPlans[AnySolution]
+    found: ParetoPlans
     links: tuple[str, ...]
 
 
@@ -240,9 +238,7 @@ def plans_section(pages: PlanPages | None, units: PageUnits) -> Markup | None:
     )
 
 
-def _row(
-    number: int, plan: ParetoPlan[AnySolution], link: str, pages: PlanPages, units: PageUnits
-) -> Sequence[Markup | str]:
+def _row(number: int, plan: ParetoPlan, link: str, pages: PlanPages, units: PageUnits) -> Sequence[Markup | str]:
     wanted = units.length(plan.wanted_gap)
     if plan.solution is None:
         return str(number), wanted, NONE, NONE, plan.reason

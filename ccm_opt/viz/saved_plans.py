@@ -11,10 +11,8 @@ from ccm_opt.io.folder import solution_files, write_folder
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.solution.solution import present_with
-from ccm_opt.solution.space_solution import AnySolution, SpaceSolution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +32,7 @@ class SavedPlan:
     """
 
     folder: Path
-    problem: AnyProblem
+    problem: Problem
     trajectory: JointTrajectory
     joints: JointStates = field(repr=False)
 
@@ -61,7 +59,7 @@ def load(folder: str | Path) -> SavedPlan:
     return SavedPlan(place, problem, motion.trajectory, motion.joints)
 
 
-def save(solution: AnySolution, folder: str | Path) -> Path:
+def save(solution: Solution, folder: str | Path) -> Path:
     """Save a solution to a folder, as ``ccm-opt solve --no-pictures`` does.
 
     Args:
@@ -74,12 +72,12 @@ def save(solution: AnySolution, folder: str | Path) -> Path:
     Raises:
         ProblemError: it cannot be written, or holds something else.
     """
-    expect(solution, (Solution, SpaceSolution), "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect(folder, (str, Path), "the path of an output folder")
     return write_folder(Path(folder), solution_files(solution))
 
 
-def plot(plan: AnySolution | SavedPlan) -> "Figure":
+def plot(plan: Solution | SavedPlan) -> "Figure":
     """Draw a plan: room, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
@@ -93,7 +91,7 @@ def plot(plan: AnySolution | SavedPlan) -> "Figure":
     return plan_figure(drawn(plan))
 
 
-def animate(plan: AnySolution | SavedPlan, file: str | Path) -> Path:
+def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     """Write a film of a plan.
 
     Args:
@@ -117,14 +115,14 @@ def animate(plan: AnySolution | SavedPlan, file: str | Path) -> Path:
     return place
 
 
-def drawn(plan: AnySolution | SavedPlan) -> "DrawnPlan":
+def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
     """What pictures show of a plan; of one that was loaded the simulated arm too."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
 
-    expect(plan, (Solution, SpaceSolution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
+    expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
     if not isinstance(plan, SavedPlan):
         return DrawnPlan.from_solution(plan)
-    planar = plan.problem if isinstance(plan.problem, Problem) else None
+    planar = plan.problem if plan.problem.dimension == 2 else None
     return DrawnPlan(
         problem=plan.problem,
         trajectory=plan.trajectory,

@@ -11,7 +11,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import CcmError
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceProblem
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
@@ -179,7 +178,7 @@ _CORNER_STEPS = 65535
 
 
 def space_scene_data(
-    problem: SpaceProblem, points: FloatArray, ends: FloatArray, settings: ReportSettings = REPORT
+    problem: Problem, points: FloatArray, ends: FloatArray, settings: ReportSettings = REPORT
 ) -> SceneData:
     """Everything that the script of the view reads.
 
@@ -232,7 +231,7 @@ def _body_data(name: str, body: Body, share: int, extent: FloatArray, settings: 
     }
 
 
-def _goals_in_space(problem: SpaceProblem, ends: FloatArray) -> list[dict[str, object]]:
+def _goals_in_space(problem: Problem, ends: FloatArray) -> list[dict[str, object]]:
     found: list[dict[str, object]] = []
     for stop, end in zip(problem.goals, ends, strict=True):
         goal = stop.goal

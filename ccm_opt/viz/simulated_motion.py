@@ -12,7 +12,6 @@ from matplotlib.gridspec import GridSpec
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.verification.survived_in_space import moved_by_joint_errors
@@ -29,7 +28,7 @@ _SIMULATED_POSES = (0.25, 0.5, 0.75)
 
 
 def simulation_png(
-    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> bytes:
     """The picture of a simulated motion: the content of a PNG file.
 
@@ -39,7 +38,7 @@ def simulation_png(
         joints: the plan for all revolutes.
         simulated: what the arm did.
     """
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         return figure_png(lambda: _figure_in_space(problem, trajectory, joints, simulated))
 
     def draw() -> Figure:
@@ -113,7 +112,7 @@ _VIEWS = SIDES[:2]
 
 
 def _figure_in_space(
-    problem: SpaceProblem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> Figure:
     reached = simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
@@ -159,7 +158,7 @@ def _draw_poses(
 
 
 def space_tolerance_png(
-    problem: SpaceProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     error: SurvivedError,
     settings: SpacePictureSettings = SPACE_PICTURES,
@@ -229,7 +228,7 @@ def _draw_place(axes: Axes, side: Side, error: SurvivedError) -> None:
 
 
 def _draw_along(
-    axes: Axes, problem: SpaceProblem, points: FloatArray, moved: FloatArray, settings: SpacePictureSettings
+    axes: Axes, problem: Problem, points: FloatArray, moved: FloatArray, settings: SpacePictureSettings
 ) -> None:
     """The section along the arm, with how far errors take it."""
     draw_section(axes, problem, points, settings, "section along the arm, and how far errors take it")

@@ -1,6 +1,6 @@
 """The stage of a page: the scene with its buttons, and the bar that plays the motion."""
 
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import Solution
 from ccm_opt.viz.document import MINUS, Markup, element, joined
 
 _ZOOMS = (("zoom-in", "+", "zoom in (+)"), ("zoom-out", MINUS, "zoom out (-)"))
@@ -87,7 +87,7 @@ def player_bar() -> Markup:
     )
 
 
-def goal_times(solution: AnySolution) -> list[dict[str, object]]:
+def goal_times(solution: Solution) -> list[dict[str, object]]:
     """When the arm rests at a goal: those on the way, then the last."""
     time = solution.trajectory.time
     numbers = [*solution.trajectory.stops, len(time) - 1]

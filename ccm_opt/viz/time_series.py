@@ -14,7 +14,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.frames import bends_from_revolutes
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import Solution
 from ccm_opt.viz.document import PageUnits, coded, step_for
 from ccm_opt.viz.settings import REPORT, ReportSettings
 
@@ -98,7 +98,7 @@ class SeriesGroup:
     least: float = 0.0
 
 
-def series_data(solution: AnySolution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
+def series_data(solution: Solution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
     """All groups of a plan, thinned and coded, as the page's script reads them.
 
     Args:
@@ -110,7 +110,7 @@ def series_data(solution: AnySolution, settings: ReportSettings = REPORT) -> lis
     return [_coded_group(group, trajectory.time, always, settings) for group in series_groups(solution)]
 
 
-def series_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
+def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
     """All groups of a plan at every sample, those of the joints first."""
     arm = solution.problem.arm
     trajectory = solution.trajectory
@@ -125,7 +125,7 @@ def series_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
     yield from _simulated_groups(solution, joints)
 
 
-def _base_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
+def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
     """What carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
@@ -142,7 +142,7 @@ def _base_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
     yield SeriesGroup("feed-force", "Feed force", "N", names, solution.joints.base_forces, force)
 
 
-def _drive_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
+def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
     """Velocities, accelerations and torques of the revolutes that move or bear anything."""
     states = solution.joints
     limits = solution.problem.limits
@@ -169,7 +169,7 @@ def _drive_name(number: int) -> str:
     return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 
 
-def _tip_speed(solution: AnySolution) -> SeriesGroup:
+def _tip_speed(solution: Solution) -> SeriesGroup:
     """Speed of the tip by differences between samples, in the page's unit, with its limit where there is one."""
     time = solution.trajectory.time
     tips = solution.joint_positions[:, -1]
@@ -181,7 +181,7 @@ def _tip_speed(solution: AnySolution) -> SeriesGroup:
     return SeriesGroup("tip-speed", "Tip speed", f"{unit.name}/s", ("tip",), speed, bound)
 
 
-def _simulated_groups(solution: AnySolution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
+def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
     """How far the simulated arm is from its plan, and what its drives gave."""
     simulated = solution.simulation
     if len(simulated.angles) != len(solution.trajectory.time):
@@ -236,7 +236,7 @@ class LimitShare:
     drives: tuple[str, ...]
 
 
-def limit_shares(solution: AnySolution) -> list[LimitShare]:
+def limit_shares(solution: Solution) -> list[LimitShare]:
     """How much of every kind of limit a plan uses at each of its samples."""
     states = solution.joints
     limits = solution.problem.limits
@@ -272,7 +272,7 @@ def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str,
     return LimitShare(name, shares[np.arange(len(shares)), drive], drive, drives)
 
 
-def phase_data(solution: AnySolution, settings: ReportSettings = REPORT) -> dict[str, object]:
+def phase_data(solution: Solution, settings: ReportSettings = REPORT) -> dict[str, object]:
     """The phase plane and the shares of the limits, as the page's script reads them.
 
     Args:
@@ -301,7 +301,7 @@ def phase_data(solution: AnySolution, settings: ReportSettings = REPORT) -> dict
     }
 
 
-def path_and_speed(solution: AnySolution) -> tuple[FloatArray, FloatArray]:
+def path_and_speed(solution: Solution) -> tuple[FloatArray, FloatArray]:
     """Length of the path of the bends so far [rad], and the speed along it [rad/s], each of shape (T,)."""
     trajectory = solution.trajectory
     steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)

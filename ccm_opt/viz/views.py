@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import Side
@@ -35,7 +35,7 @@ class SeenScene:
         settings: how many.
     """
 
-    problem: SpaceProblem
+    problem: Problem
     settings: SpacePictureSettings = SPACE_PICTURES
 
     @cached_property
@@ -151,7 +151,7 @@ def _corners(box: FloatArray) -> FloatArray:
     return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
-def window_of(problem: SpaceProblem, points: FloatArray) -> FloatArray:
+def window_of(problem: Problem, points: FloatArray) -> FloatArray:
     """Corners of the box in which the arm moves, and of what is near it, shape (2, 3) [m]."""
     margin = 3.0 * max(problem.arm.radius, 0.5 * problem.arm.link_length)
     low = points.min(axis=(0, 1)) - margin
@@ -244,7 +244,7 @@ def points_a_metre(axes: Axes) -> float:
     return float(pixels_a_metre * 72.0 / axes.figure.dpi)
 
 
-def dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
+def dress_view(axes: Axes, side: Side, problem: Problem) -> None:
     """Name the axes of a view, in the unit of the problem's file."""
     # A title that is told its height need not look for the highest thing below it, which takes a fifth of the drawing.
     axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)

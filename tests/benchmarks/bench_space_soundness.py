@@ -24,7 +24,7 @@ from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointPath
 from tests.benchmarks.bench_planning import head, row
@@ -48,7 +48,7 @@ def suite(number: int) -> str:
 class FoundAlone:
     """A planner that leaves motions as they were found, which come nearer to everything."""
 
-    def plan(self, problem: SpaceProblem) -> JointPath:
+    def plan(self, problem: Problem) -> JointPath:
         """The path along the motion that the search finds."""
         deadline = Deadline.after(problem.planner.time_limit)
         tree = SurfaceTree.of(problem.workspace.soup)
@@ -57,7 +57,7 @@ class FoundAlone:
         return joint_path(task, find_motion(task))
 
 
-def outcome(problem: SpaceProblem, planner: PlannerOf[SpaceProblem]) -> str:
+def outcome(problem: Problem, planner: PlannerOf[Problem]) -> str:
     """What comes of a problem: "safe", "touches", "no plan", "refused" by the verifier, or "crash"."""
     try:
         trajectory = timed_and_verified(problem, plan_legs(problem, planner), Stages()).trajectory

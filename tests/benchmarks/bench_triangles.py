@@ -23,7 +23,7 @@ from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.timed_plan import failed_checks, timed_and_verified
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import SpacePlanner
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.verification.space_verifier import verify_in_space
 from tests.benchmarks.bench_planning import head, row
@@ -46,7 +46,7 @@ def main() -> None:
                 measure(job, seed, refined(problem_of(job, seed), count))
 
 
-def measure(job: str, seed: int, problem: SpaceProblem) -> None:
+def measure(job: str, seed: int, problem: Problem) -> None:
     """Plan and verify a problem, and print what that took [s]."""
     triangles = len(problem.workspace.soup)
     stages = Stages()
@@ -69,17 +69,17 @@ def measure(job: str, seed: int, problem: SpaceProblem) -> None:
     row(job, seed, triangles, *figures, f"{planned:.2f}", said, f"{1e3 * gap:.2f}")
 
 
-def problem_of(job: str, seed: int) -> SpaceProblem:
+def problem_of(job: str, seed: int) -> Problem:
     """A shipped problem, or one with its ends moved."""
     folder = shared_folder() / "space"
     if seed:
         return disturbed_job(seed, job, 24, folder, f"{job} {seed}")
     problem = ccm_opt.load_problem(folder / f"{job}.toml")
-    assert isinstance(problem, SpaceProblem)
+    assert problem.dimension == 3
     return problem
 
 
-def refined(problem: SpaceProblem, count: int) -> SpaceProblem:
+def refined(problem: Problem, count: int) -> Problem:
     """The problem with its meshes cut into about so many triangles."""
     meshes = [each.body for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
     cut = iter(np.split(*finer([mesh.triangles for mesh in meshes], count)))

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import JointPose
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
 from ccm_opt.solution import JointTrajectory
@@ -49,7 +48,7 @@ class CoalBody:
     reach: float
 
 
-def sweep_in_space(problem: SpaceProblem, trajectory: JointTrajectory) -> Sweep:
+def sweep_in_space(problem: Problem, trajectory: JointTrajectory) -> Sweep:
     """Look at a motion, linear between its samples, at poses so near each other that little can happen between."""
     arm = problem.arm
     rows = densely(arm, trajectory.positions)
@@ -96,7 +95,7 @@ def densely(arm: Arm, rows: FloatArray) -> FloatArray:
     return np.vstack((*parts, rows[-1:]))
 
 
-def least_wall_gap(problem: SpaceProblem, points: FloatArray) -> tuple[float, str]:
+def least_wall_gap(problem: Problem, points: FloatArray) -> tuple[float, str]:
     """Least gap between links beyond the mount and any wall, at most ``LOOK`` [m], and the wall's name."""
     arm = problem.arm
     bodies = [coal_body(each.name, each.body) for each in problem.workspace.obstacles]
@@ -219,7 +218,7 @@ def _from_segment(places: FloatArray, start: FloatArray, end: FloatArray) -> Flo
     return np.asarray(np.linalg.norm(start + share[:, None] * line - places, axis=1))
 
 
-def _reaches(problem: SpaceProblem, row: FloatArray, chain: FloatArray) -> bool:
+def _reaches(problem: Problem, row: FloatArray, chain: FloatArray) -> bool:
     """Whether a configuration, shape (c,), and its chain of joints are the goal, within its tolerances."""
     goal = problem.goal
     if isinstance(goal, JointPose):

@@ -13,19 +13,17 @@ from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.timed_plan import TermResults, VerifiedPlan, check
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.folder import write_solution
-from ccm_opt.problem import TipGoal
-from ccm_opt.problem.space_problem import AnyProblem, SpaceProblem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
-from ccm_opt.solution import JointPath, JointStates, JointTrajectory
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 
 from .plans import Folder, Generator, kind
 
 
 def write_anew(
-    folder: Folder, problem: AnyProblem | None = None, trajectory: JointTrajectory | None = None, **joints: FloatArray
+    folder: Folder, problem: Problem | None = None, trajectory: JointTrajectory | None = None, **joints: FloatArray
 ) -> bool:
     """Write another motion or another problem with all that follows from them made anew, so that it is true.
 
@@ -50,7 +48,7 @@ def write_anew(
     return True
 
 
-def told(problem: AnyProblem, path: JointPath, trajectory: JointTrajectory, states: JointStates) -> AnySolution:
+def told(problem: Problem, path: JointPath, trajectory: JointTrajectory, states: JointStates) -> Solution:
     """All that is said of a motion, whether it is a plan or not."""
     checks = check(problem, trajectory, states)
     plan = VerifiedPlan(path, trajectory, states, checks, TermResults())
@@ -163,7 +161,7 @@ def _(folder: Folder, rng: Generator) -> bool:
     points = folder.solution.joint_positions
     sample = int(rng.integers(len(points)))
     place = points[sample, int(rng.integers(2, points.shape[1]))]
-    if isinstance(problem, SpaceProblem):
+    if problem.dimension == 3:
         bodies = (*problem.workspace.obstacles, Obstacle("speck", SphereBody(place, 0.002)))
         return write_anew(folder, replace(problem, workspace=replace(problem.workspace, obstacles=bodies)))
     speck = Obstacle("speck", PlaneShape(shapely.Point(place), 0.002))
@@ -198,7 +196,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
     goal = problem.goal
-    if not isinstance(problem, SpaceProblem) or not isinstance(goal, TipGoal):
+    if problem.dimension == 2 or not isinstance(goal, TipGoal):
         return False
     way = rng.normal(size=3)
     tip = folder.solution.joint_positions[:, -1]
@@ -211,7 +209,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 @kind("a body about the arm's base")
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
-    if not isinstance(problem, SpaceProblem):
+    if problem.dimension == 2:
         return False
     half = np.full(3, rng.uniform(2.0, 3.0))  # all of the motion is inside
     around = Obstacle("around", BoxBody(problem.arm.base - half, problem.arm.base + half))
@@ -269,6 +267,6 @@ def _(folder: Folder, rng: Generator) -> bool:
 @kind("an error to survive that is too large")
 def _(folder: Folder, rng: Generator) -> bool:
     del rng
-    if isinstance(folder.solution.problem, SpaceProblem):
+    if folder.solution.problem.dimension == 3:
         return False
     return write_anew(folder, replace(folder.solution.problem, joint_error=0.3))

@@ -12,7 +12,7 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.solution.space_solution import AnySolution
+from ccm_opt.solution import Solution
 
 from .plans_in_space import PLANS_IN_SPACE, write_problem
 
@@ -143,10 +143,10 @@ class Folder:
     record: dict[str, Any]
     texts: dict[str, str]
     meshes: dict[str, bytes]
-    solution: AnySolution
+    solution: Solution
 
     @classmethod
-    def of(cls, place: Path, solution: AnySolution) -> "Folder":
+    def of(cls, place: Path, solution: Solution) -> "Folder":
         """Read a folder."""
         with np.load(place / "solution.npz", allow_pickle=False) as archive:
             arrays = {name: archive[name].copy() for name in archive.files}

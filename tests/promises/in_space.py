@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import JointPose, PlannerOptions, SimulationOptions, Stop, TipGoal, Tolerances
-from ccm_opt.problem.space_problem import SpaceProblem
+from ccm_opt.problem import JointPose, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
@@ -39,7 +38,7 @@ def between(start: FloatArray, end: FloatArray, arm: Arm) -> SpacePlan:
     limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, **on_axis)
     room = Workspace(bounds=np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), obstacles=())
     ends = [JointPose.from_configuration(place, arm.coordinates) for place in (start, end)]
-    problem = SpaceProblem("in space", room, arm, limits, *ends, planner=FULL)
+    problem = Problem("in space", room, arm, limits, *ends, planner=FULL)
     problem = replace(problem, simulation=SimulationOptions(gravity=np.array([0.0, 0.0, -9.81])))
     unknown = np.zeros((len(time), 3 * LINKS))
     plan = SpacePlan(problem, trajectory, JointStates((), unknown, unknown, unknown, unknown))

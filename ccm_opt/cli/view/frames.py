@@ -9,7 +9,7 @@ import shapely
 
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem.space_problem import AnyProblem
+from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import JointStates, JointTrajectory
 
@@ -28,7 +28,7 @@ class MotionFrames:
         settings: how many poses are looked at.
     """
 
-    problem: AnyProblem
+    problem: Problem
     trajectory: JointTrajectory
     joints: JointStates
     settings: ViewSettings = VIEW

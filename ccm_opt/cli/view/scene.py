@@ -16,7 +16,6 @@ from ccm_opt.cli.view.frames import Mesh, MotionFrames, ball, cylinder, extruded
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem.space_problem import AnyProblem
 from ccm_opt.scene.surfaces import seen_triangles, within
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
@@ -100,7 +99,7 @@ class Scene:
         self.draw_room(self.frames.problem)
         self.draw_motion()
 
-    def draw_room(self, problem: AnyProblem) -> None:
+    def draw_room(self, problem: Problem) -> None:
         """Draw obstacles and goals of a problem, which may be ahead of the motion."""
         self._draw_walls(problem)
         workspace = problem.workspace
@@ -118,7 +117,7 @@ class Scene:
             if isinstance(goal, TipGoal):
                 self._draw_goal(goal, str(number) if len(goals) > 1 else "")
 
-    def _draw_walls(self, problem: AnyProblem) -> None:
+    def _draw_walls(self, problem: Problem) -> None:
         """Draw the edges of the room."""
         workspace = problem.workspace
         if workspace.dimension == 2:
@@ -199,7 +198,7 @@ class Scene:
             mesh = extruded(swept, -0.2 * self.radius, 0.2 * self.radius)
             self._mesh(LAYERS["swept region"], mesh, colours.TUBE, opacity=0.35)
         problem = self.frames.problem
-        if self.shown & {"route", "regions"} and isinstance(problem, Problem):
+        if self.shown & {"route", "regions"} and problem.dimension == 2:
             self._draw_route(route_layers(problem, self.frames.points[-1]))
 
     def _draw_route(self, layers: dict[str, object]) -> None:
