@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.core.polyline import wrap
-from ccm_opt.planning.settings import LimitArcSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.strategies import ArcsAtLimits
 from ccm_opt.problem import TipGoal
@@ -34,7 +33,7 @@ def arc(arm: Arm, share: float, switch: int) -> np.ndarray:
 def arcs_to(arm: Arm, headings: np.ndarray, *, with_heading: bool) -> ArcsAtLimits:
     """Of the goal at the tip of a pose (links,) [rad]."""
     heading = float(headings[-1]) if with_heading else None
-    return ArcsAtLimits(arm, GoalPose(arm.joint_positions(headings)[-1], heading), LimitArcSettings())
+    return ArcsAtLimits(arm, GoalPose(arm.joint_positions(headings)[-1], heading))
 
 
 @given(

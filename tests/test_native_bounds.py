@@ -22,7 +22,6 @@ from ccm_opt.planning.followable_search import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import SamplingSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_pose import Chains
 from ccm_opt.planning.space_settings import FollowableWaySettings
@@ -137,7 +136,7 @@ def test_arms_in_the_plane(headings: FloatArray, reach: float) -> None:
     finder = ContactFinder(arm, room.flat_walls, 0.0, 0.0, min(abs(reach), 1e3))
     finder.find(arm.joint_positions(headings[0]))
     finder.find(np.resize(headings, (LINKS + 1, 2)))
-    shares = SampledCheck.of(arm, room, SamplingSettings()).free_shares(headings[:2], headings[1:])
+    shares = SampledCheck.of(arm, room).free_shares(headings[:2], headings[1:])
     assert np.all((shares >= 0.0) & (shares <= 1.0))
     walls = room.wall_segments
     free_half_planes(np.resize(headings, (2, 6, 2)), walls, abs(reach))

@@ -24,7 +24,7 @@ from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose import nearest_curve
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import ConnectSettings, SmoothPathSettings
+from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
@@ -61,8 +61,8 @@ class OmplSettings:
             stretch of it [rad]. Taste.
         beyond_tube: how far behind a guide tube joints begin to bend, in link lengths. Taste: so that a smooth path may
             begin to bend them a little earlier.
-        smooth: how the smooth path is found in the plane. Derived: a corner of legs of the longest turn is refined
-            until the tip leaves it by less than what is between the two gaps.
+        refinements: rounds in which the smooth path is refined in the plane. Derived: a corner of legs of the longest
+            turn is refined until the tip leaves it by less than what is between the two gaps.
         draws: how poses at a goal for the tip are drawn in the plane.
         motion: numbers of goal poses, certificate and smooth path in space.
     """
@@ -75,7 +75,7 @@ class OmplSettings:
     certified_gap: float = 1e-4
     longest_turn: float = 0.2
     beyond_tube: float = 0.2
-    smooth: SmoothPathSettings = field(default_factory=lambda: SmoothPathSettings(refinements=10))
+    refinements: int = 10
     draws: ConnectSettings = field(default_factory=ConnectSettings)
     motion: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
 
@@ -285,9 +285,9 @@ class _InPlane:
             yield arm.bends(self._ends.goal_headings)
             return
         rng = np.random.default_rng(self.problem.planner.seed)
-        check = SampledCheck.of(arm, self.problem.workspace, settings.draws.sampling)
+        check = SampledCheck.of(arm, self.problem.workspace)
         shapes = _any_shape(self.problem, self._ends, settings)
-        drawn = GoalDraws(shapes, self._ends.goal, check, settings.draws.goals).poses(rng)
+        drawn = GoalDraws(shapes, self._ends.goal, check).poses(rng)
         until = Deadline.after(settings.goal_share * self.problem.planner.time_limit)
         found = 0
         while found < settings.goal_poses and not until.passed() and not self.deadline.passed():
@@ -303,11 +303,11 @@ class _InPlane:
         arm = self.problem.arm
         legs = arm.headings(keyframes)
         certificate = _certificate(self.problem, self._ends, self._settings.certified_gap)
-        spline = certified_spline(legs, certificate, self._settings.smooth)
+        spline = certified_spline(legs, certificate, self._settings.refinements)
         if spline is None:
             return None
         curves = tuple(nearest_curve(arm, pose) for pose in legs)
-        spare = spare_kept(spline, certificate, self._settings.smooth)
+        spare = spare_kept(spline, certificate)
         return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), keyframes, curves, NAME, spare=spare)
 
 

@@ -24,6 +24,13 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
 
+_ROUTE_INFLATION = 0.001
+"""Inflation of free space for routes beyond radius and clearance, as a share of the arm's length. Taste."""
+_RUN_IN = (2.0, 1.0, 0.5, 0.0)
+"""Straight run onto the goal along its heading, in nominal links; the longest that is free. Taste."""
+_RUN_IN_SAMPLES = 9
+"""Places of the run that have to be free. Taste."""
+
 _LEAST_MARGIN = 1e-3
 """Share of that inflation that is always kept, so that free space is never empty of width. Taste."""
 _ROUNDING = 1e-9
@@ -52,7 +59,7 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
     their corners are drawn finely.
     """
     least = problem.arm.radius + problem.workspace.clearance
-    inflation = settings.route_inflation * problem.arm.length
+    inflation = _ROUTE_INFLATION * problem.arm.length
     kept = _LEAST_MARGIN * inflation
     wide = least + inflation
     workspace = route_workspace(problem, ends)
@@ -121,7 +128,7 @@ def routes_to(
 ) -> list[Route]:
     """Routes onto one member of the goal that are not too long, shortest first."""
     arm = problem.arm
-    entry = run_in(room, member, arm.length / NOMINAL_LINKS, settings)
+    entry = run_in(room, member, arm.length / NOMINAL_LINKS)
     longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
     shrink = settings.corner_distance * arm.length
     routes = room.routes(arm.base, entry, count, longest=longest, shrink=shrink)
@@ -140,23 +147,20 @@ def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
     return Route(room.sleeve_of(path), path, path_length(path), member.heading)
 
 
-def run_in(
-    room: FreeSpace, member: GoalMember, nominal_length: float, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
-) -> FloatArray:
+def run_in(room: FreeSpace, member: GoalMember, nominal_length: float) -> FloatArray:
     """Where the straight run onto a member of the goal along its heading begins, shape (2,) [m].
 
     Args:
         room: free space.
         member: where the run ends.
         nominal_length: of a nominal link [m].
-        settings: numbers.
     """
     if member.heading is None:
         return member.position
     direction = unit_vector(member.heading)
-    for links in settings.run_in:
+    for links in _RUN_IN:
         entry = member.position - links * nominal_length * direction
-        if room.contains(np.linspace(entry, member.position, settings.run_in_samples)).all():
+        if room.contains(np.linspace(entry, member.position, _RUN_IN_SAMPLES)).all():
             return entry
     return member.position
 

@@ -9,9 +9,20 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import wrap
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import ConnectSettings, GoalDrawSettings
+from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.robot.arm import Arm
+
+_GOAL_DRAWS = 64
+"""Random poses that Newton's method brings onto the goal, each time. Taste."""
+_NEWTON_STEPS = 15
+"""Of Newton's method. Measured: what has not arrived by then seldom does."""
+_NEWTON_TURN = 0.5
+"""Most that a link turns in one of its steps [rad]. Taste."""
+_ARRIVED = 1e-06
+"""Tip's distance [arm lengths] or turn [rad] that counts as arrived. Derived: well inside what the polish takes on."""
+_APART = 0.1
+"""Root mean square of the turns of all links by which two poses at the goal differ at least [rad]. Taste."""
 
 _RANGE = 1.5
 """Longest extension of arms of few links, the mean turn of the links [rad]. Measured: on scenes of 4 to 8 links half as
@@ -253,24 +264,22 @@ class GoalDraws:
         draws: random poses of the link space.
         goal: where the tip has to be.
         check: the cheap one.
-        settings: numbers.
     """
 
     draws: TargetDraws
     goal: GoalPose
     check: SampledCheck
-    settings: GoalDrawSettings
 
     def poses(self, rng: np.random.Generator) -> Iterator[FloatArray]:
         """Link headings of poses at the goal that nothing refutes, none twice, shape (m, links) [rad] at a time."""
         known = np.zeros((0, self.draws.arm.links))
         while True:
-            drawn = self._brought(self.draws.shapes(rng, self.settings.draws), self._members(rng, self.settings.draws))
+            drawn = self._brought(self.draws.shapes(rng, _GOAL_DRAWS), self._members(rng, _GOAL_DRAWS))
             drawn = drawn[~self.check.refuted(drawn)]
             new = []
             for pose in drawn:
                 apart = np.sqrt(np.mean((known - pose) ** 2, axis=1))
-                if apart.min(initial=np.inf) > self.settings.apart:
+                if apart.min(initial=np.inf) > _APART:
                     new.append(pose)
                     known = np.vstack((known, pose))
             yield np.array(new).reshape(-1, self.draws.arm.links)
@@ -288,15 +297,15 @@ class GoalDraws:
         """Those poses that Newton's method of least turns brings onto members of the goal, within the limits."""
         arm = self.draws.arm
         projector = self.draws.projector
-        for _ in range(self.settings.steps):
+        for _ in range(_NEWTON_STEPS):
             rows, error = self._equations(headings, members)
             spread = projector @ rows.transpose(0, 2, 1)
             square = rows @ spread + _RIDGE * np.eye(rows.shape[1])
             change = (spread @ np.linalg.solve(square, error[..., None]))[..., 0]
             most = np.abs(change).max(axis=1, keepdims=True)
-            headings = headings + change * np.minimum(1.0, self.settings.turn / np.maximum(most, self.settings.turn))
+            headings = headings + change * np.minimum(1.0, _NEWTON_TURN / np.maximum(most, _NEWTON_TURN))
         _, error = self._equations(headings, members)
-        arrived = np.abs(error).max(axis=1) < self.settings.arrived
+        arrived = np.abs(error).max(axis=1) < _ARRIVED
         within = np.all(np.abs(arm.bends(headings)) <= self.draws.limits, axis=1)
         brought: FloatArray = headings[arrived & within]
         return brought

@@ -30,6 +30,18 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import DEFAULT_GUIDES, InterpolationSettings, TipLedSettings
 
+_COORDINATE_WEIGHT = 0.0001
+"""Of the coordinates themselves, which ties down what no link heading shows. Taste."""
+
+_LONGEST_ERROR = 1.0
+"""Error of the tip that is asked to be mended in one step, in nominal links. Taste."""
+_LARGEST_TURN = 0.3
+"""Of a link onto the track that is asked for in one step [rad]. Taste."""
+_TURN_WEIGHT = 0.01
+"""Of every link's turn, per nominal link: the arm moves as little as it can. Taste."""
+_MOTION_WEIGHT = 0.01
+"""Of every joint's motion, per nominal link. Taste."""
+
 _INTERPOLATION_LEASH = 0.4
 """Largest turn that any link may lag behind before the target waits [rad]. Taste."""
 _ARRIVED = 0.1
@@ -164,7 +176,6 @@ class TipLed:
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """Draw the tip to the target, links on the track into its heading, and move the rest as little as may be."""
-        settings = self.settings
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.matrix
@@ -172,16 +183,16 @@ class TipLed:
         joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
 
         error = self.track.point(self.arc) - pose.points[-1]
-        error = shortened(error, settings.longest_error * self.nominal_length)
+        error = shortened(error, _LONGEST_ERROR * self.nominal_length)
         turn, on_track = self._following(pose)
-        turn = np.clip(turn, -settings.largest_turn, settings.largest_turn)
+        turn = np.clip(turn, -_LARGEST_TURN, _LARGEST_TURN)
         return [
             # The tip goes to its target, and links that lie on the track turn into it;
             Term(tip, error / self.nominal_length, 1.0),
             Term(turns, turn, _FOLLOWING_WEIGHT * per_link * on_track),
             # the others do what moves the arm least, which holds the step definite too.
-            Term(turns, np.zeros(links), settings.turn_weight * per_link),
-            Term(joints, np.zeros(2 * links), settings.motion_weight * per_link),
+            Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
+            Term(joints, np.zeros(2 * links), _MOTION_WEIGHT * per_link),
         ]
 
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
@@ -253,13 +264,12 @@ class Interpolation:
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """Pull every link to its target heading, and the surplus coordinates with them."""
         del jacobians
-        settings = self.settings
         change = self._target_coordinates() - pose.v
         change = np.clip(change, -_COORDINATE_STEP, _COORDINATE_STEP)
         return [
             Term(self.space.matrix, self.target() - pose.headings, self.space.nominal_per_link),
             # Arms of few links have fewer headings than coordinates: the rest would drift and bend the curve between.
-            Term(np.eye(len(change)), change, settings.coordinate_weight),
+            Term(np.eye(len(change)), change, _COORDINATE_WEIGHT),
         ]
 
     def lag(self, pose: Pose) -> float:

@@ -45,6 +45,17 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, HairpinSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
+_LONGEST_ERROR = 1.5
+"""Error of the tip that is asked to be mended in one step, in nominal links. Taste."""
+_HEADING_WEIGHT = 0.3
+"""Of every link's heading against the reference, per nominal link. Measured."""
+_TURN_WEIGHT = 0.002
+"""Of every link's turn, per nominal link. Measured."""
+_MOTION_WEIGHT = 0.02
+"""Of every joint's motion, per nominal link. Taste."""
+_STILL_WEIGHT = 4.0
+"""Of a joint's motion ahead of the fold in addition, where the arm should stay. Taste."""
+
 _PLACES = 400
 """Of the fold among which is the one where it would have led the tip to the end of its track. Taste."""
 
@@ -113,7 +124,6 @@ class Hairpin:
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
-        settings = self.settings
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.matrix
@@ -121,14 +131,14 @@ class Hairpin:
         joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
 
         error = self.target() - pose.points[-1]
-        error = shortened(error, settings.longest_error * self.nominal_length)
-        still = settings.still_weight * np.repeat(per_link * self._ahead(), 2) + settings.motion_weight * per_link
+        error = shortened(error, _LONGEST_ERROR * self.nominal_length)
+        still = _STILL_WEIGHT * np.repeat(per_link * self._ahead(), 2) + _MOTION_WEIGHT * per_link
         return [
             # The tip goes to its target and every link into its reference heading,
             Term(tip, error / self.nominal_length, 1.0),
-            Term(turns, self.reference() - pose.headings, settings.heading_weight * per_link),
+            Term(turns, self.reference() - pose.headings, _HEADING_WEIGHT * per_link),
             # all with little turning, and joints ahead of the fold stay where they are.
-            Term(turns, np.zeros(links), settings.turn_weight * per_link),
+            Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
             Term(joints, np.zeros(2 * links), still),
         ]
 

@@ -20,9 +20,24 @@ from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
 from ccm_opt.planning.hairpin import heading_window
 from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import SlidingSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
+
+_ADVANCE = 0.2
+"""By which the arm is drawn back in one step, in nominal links. Taste."""
+_LONGEST_ERROR = 1.0
+"""Error of a joint that is asked to be mended in one step, in nominal links. Taste."""
+_STRAND_WEIGHT = 1.0
+"""Of the joints that are drawn back, per nominal link, against their distance in nominal links. Taste."""
+_BENDING = 0.03
+"""Weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in one bow and
+does not crumple."""
+_EVENNESS = 0.03
+"""Weight of its differences from knot to knot. Taste."""
+_TURN_WEIGHT = 0.002
+"""Of every link's turn, per nominal link. Taste."""
+_BOW = 0.1
+"""Curvature to which it is then drawn, in nominal links. Taste."""
 
 _LEASH = 0.6
 """How far a joint may lag before the arm is drawn on, in nominal links. Taste."""
@@ -42,7 +57,6 @@ class SlidingOut:
         lying: joints and tip where the arm lay at first, shape (links + 1, 2) [m].
         mouth: arc length on that line, from the base, at which the arm is out of the gates [m].
         side: +1 to bow out to the left of the arm, -1 to its right.
-        settings: weights and advances.
         back: how far the arm has been drawn back [m].
     """
 
@@ -50,7 +64,6 @@ class SlidingOut:
     lying: FloatArray
     mouth: float
     side: int
-    settings: SlidingSettings
     back: float = 0.0
 
     def __post_init__(self) -> None:
@@ -63,13 +76,12 @@ class SlidingOut:
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """The strand in the gates back along itself, and curvature small and even."""
-        settings = self.settings
         unit = self.space.nominal_length
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         joints, errors = self._strand(pose)
         distance = np.linalg.norm(errors, axis=1)
-        longest = settings.longest_error * unit
+        longest = _LONGEST_ERROR * unit
         errors = errors * np.minimum(1.0, longest / np.maximum(distance, longest))[:, None]
 
         curvature = np.zeros((KNOTS, self.space.dimension))
@@ -79,23 +91,23 @@ class SlidingOut:
         if self.back < _BOWING * unit:
             # A straight arm that is pushed along itself may buckle to either side, or into many waves.
             behind = np.linspace(0.0, self._arcs[-1], KNOTS) < self.mouth - self.back
-            wanted = wanted + self.side * settings.bow * behind
+            wanted = wanted + self.side * _BOW * behind
         return [
             Term(
                 jacobians[joints].reshape(2 * len(joints), -1) / unit,
                 errors.ravel() / unit,
-                settings.strand_weight * per_link,
+                _STRAND_WEIGHT * per_link,
             ),
-            Term(curvature, wanted, settings.bending),
-            Term(even, -even @ pose.v, settings.evenness),
-            Term(self.space.matrix, np.zeros(links), settings.turn_weight * per_link),
+            Term(curvature, wanted, _BENDING),
+            Term(even, -even @ pose.v, _EVENNESS),
+            Term(self.space.matrix, np.zeros(links), _TURN_WEIGHT * per_link),
         ]
 
     def progress(self, pose: Pose) -> bool:
         """Draw back farther if the strand keeps up."""
         if self.back >= self.length or not self._keeps_up(pose):
             return False
-        self.back = min(self.length, self.back + self.settings.advance * self.space.nominal_length)
+        self.back = min(self.length, self.back + _ADVANCE * self.space.nominal_length)
         return True
 
     def finished(self, pose: Pose) -> bool:
@@ -139,7 +151,6 @@ def slid_out(
         whole_arm: coordinates of a goal for the whole arm, or None.
         paths: of the tip.
     """
-    settings = stepper.settings.guides.sliding
     mouths = [(path, mouth_of_gates(stepper, start, path)) for path in paths]
     for onward in ways_on(stepper, whole_arm):
         # What goes straight on from the gates does not ask along which path.
@@ -152,7 +163,7 @@ def slid_out(
                 if straight_on and (round(mouth, 6), side) in tried:
                     continue
                 tried.add((round(mouth, 6), side))
-                make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
+                make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side)
                 name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
                 resume = tuple(partial(each, path) for each in onward)
                 yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)

@@ -11,6 +11,9 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.settings import DEFAULT_GUIDES
 from ccm_opt.scene.walls import Walls
 
+_LEAST_MARGIN = 0.001
+"""Least planning margin, in nominal links. Taste."""
+
 _NARROW = 2.5
 """Passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in a passage is about a
 third of its width high, and should not be shorter than a nominal link."""
@@ -48,7 +51,6 @@ def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links:
 
     A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
     """
-    settings = task.settings.guides.passages
     gap = gap_beside_arm(task) * nominal_links / task.arm.length
     if gap <= 0.0:
         return margins
@@ -56,7 +58,7 @@ def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links:
     fitting = tuple(margin for margin in margins if margin <= _FITTING_SHARE * gap)
     if fitting:
         return fitting
-    return max(settings.least_margin, _MARGIN_SHARE * gap), margins[-1]
+    return max(_LEAST_MARGIN, _MARGIN_SHARE * gap), margins[-1]
 
 
 def gap_beside_arm(task: MotionTask) -> float:

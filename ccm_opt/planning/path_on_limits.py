@@ -15,8 +15,24 @@ from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import overbent
 from ccm_opt.planning.limits.motion_certificate import failed_intervals
 from ccm_opt.planning.limits.user_motion_rows import slope_norms
-from ccm_opt.planning.settings import SmoothPathSettings
-from ccm_opt.planning.spline_path import DEGREE, SMOOTH_PATH
+from ccm_opt.planning.spline_path import DEGREE
+
+_EQUATION_SAMPLES = 8
+"""Samples of a span at which limits are looked at that the path is laid through. Taste."""
+_FIRST_SPANS = 48
+"""Spans of the first such path. Taste."""
+_MOST_SPANS = 1200
+"""Spans at which it is given up. Taste."""
+_ROUNDS = 10
+"""Rounds of halving its spans. Taste."""
+_NEWTON_STEPS = 12
+"""Most steps of Newton's method that bring a knot onto the limits. Taste."""
+_MET = 1e-10
+"""By how much a knot may miss them, in their units. Derived: four orders below what the verifier allows."""
+_RANK = 1e-09
+"""Singular values below this share of the largest count as none. Taste."""
+_JOINT_SHARE = 0.995
+"""Share of a joint limit to which bends beyond that are brought back. Taste."""
 
 _CERTIFIED_SAMPLES = 12
 """Samples of a span through knots between which the certificate takes the path to be linear. Taste."""
@@ -41,39 +57,36 @@ class KnotJoints:
     free: Callable[[FloatArray], FloatArray]
 
 
-def spline_on_limits(
-    base: BSpline, limits: tuple[Limit, ...], joints: KnotJoints, settings: SmoothPathSettings = SMOOTH_PATH
-) -> BSpline | None:
+def spline_on_limits(base: BSpline, limits: tuple[Limit, ...], joints: KnotJoints) -> BSpline | None:
     """A spline through points of a base that are moved onto limits, refined until it keeps them throughout.
 
     Args:
         base: a smooth path near a certified motion that knows its path parameter.
         limits: that the path has to keep.
         joints: what knots may move.
-        settings: numbers.
 
     Returns:
         None when that does not converge.
     """
     # A constraint that begins inside a span would be met on one side of its beginning only.
-    knots = _first_knots(base, [u for limit in limits for u in limit.breaks], settings.first_spans)
+    knots = _first_knots(base, [u for limit in limits for u in limit.breaks], _FIRST_SPANS)
     values: dict[float, FloatArray] = {0.0: np.asarray(base(0.0)), 1.0: np.asarray(base(1.0))}
-    for _ in range(settings.rounds):
+    for _ in range(_ROUNDS):
         for u in knots:
             # Knots stay from round to round, so each is moved only once.
             if float(u) not in values:
-                moved = moved_onto(limits, joints, np.asarray(base(u)), float(u), settings)
+                moved = moved_onto(limits, joints, np.asarray(base(u)), float(u))
                 if moved is None:
                     return None
                 values[float(u)] = moved
 
         spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=DEGREE)
-        missed = _missed_spans(spline, knots, limits, settings.equation_samples)
+        missed = _missed_spans(spline, knots, limits, _EQUATION_SAMPLES)
         if not len(missed):
             missed = _short_spans(spline, knots, limits)
         if not len(missed):
             return spline
-        if len(knots) + len(missed) > settings.most_spans:
+        if len(knots) + len(missed) > _MOST_SPANS:
             return None
 
         # A spline is shaped by its neighbours as well; halving one span alone would leave uneven spans that ripple.
@@ -90,9 +103,7 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
     return knots
 
 
-def moved_onto(
-    limits: tuple[Limit, ...], joints: KnotJoints, q: FloatArray, u: float, settings: SmoothPathSettings = SMOOTH_PATH
-) -> FloatArray | None:
+def moved_onto(limits: tuple[Limit, ...], joints: KnotJoints, q: FloatArray, u: float) -> FloatArray | None:
     """A pose moved onto the equations, out of broken gaps and within joint limits, by least change.
 
     Args:
@@ -100,16 +111,15 @@ def moved_onto(
         joints: what may move.
         q: shape (c,).
         u: path parameter.
-        settings: of Newton's method.
 
     Returns:
         None when that does not converge.
     """
     held = np.zeros(len(joints.rows))
-    bounds = settings.joint_share * joints.limits
+    bounds = _JOINT_SHARE * joints.limits
     free = joints.free(q)
-    for _ in range(settings.newton_steps):
-        over, change = overbent(bounds, joints.bends(q), held, settings.met)
+    for _ in range(_NEWTON_STEPS):
+        over, change = overbent(bounds, joints.bends(q), held, _MET)
         slopes = joints.rows[over]
         for limit in limits:
             missed, by = limit.missed_on_path(q, u)
@@ -117,11 +127,11 @@ def moved_onto(
             change = np.append(by, change)
         if not np.isfinite(change).all():
             return None
-        if np.max(np.abs(change), initial=0.0) <= settings.met:
+        if np.max(np.abs(change), initial=0.0) <= _MET:
             return q
         # Rows of norm 1: units differ, and the rank has to be told from rounding.
         scale = slope_norms(slopes)
-        q = q + np.linalg.lstsq(slopes * free / scale[:, None], change / scale, rcond=settings.rank)[0]
+        q = q + np.linalg.lstsq(slopes * free / scale[:, None], change / scale, rcond=_RANK)[0]
     return None
 
 

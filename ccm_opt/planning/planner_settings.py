@@ -6,7 +6,7 @@ from ccm_opt.ik.configuration_task import ConfigurationSettings
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.planning.goal_members import GoalMemberSettings
-from ccm_opt.planning.settings import MotionSettings, SmoothPathSettings
+from ccm_opt.planning.settings import MotionSettings
 
 
 @dataclass(frozen=True)
@@ -14,12 +14,8 @@ class CurvePlannerSettings:
     """Numbers of the planner, from free space to the smooth path.
 
     Attributes:
-        route_inflation: inflation of free space for routes beyond radius and clearance, as a share of the arm's length.
-            Taste.
         corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
             length. Taste.
-        run_in: straight run onto the goal along its heading, in nominal links; the longest that is free. Taste.
-        run_in_samples: places of the run that have to be free. Taste.
         further_attempts: when the search asks for more configurations. Taste.
         curvature_share: share of the tightest bend (joint limit over link length) that the curve may use. Taste: links
             on a curve bend a little more than it does.
@@ -32,10 +28,7 @@ class CurvePlannerSettings:
         goal_pose: of the goal pose's NLP.
     """
 
-    route_inflation: float = 1e-3
     corner_distance: float = 0.016
-    run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)
-    run_in_samples: int = 9
     further_attempts: int = 4
     curvature_share: float = 0.9
     full_curvature_share: float = 1.0
@@ -95,7 +88,6 @@ class FollowingSettings:
             for motions of a fixed base.
         chords: of finding an arm's joints on a leader's path.
         band: of elastic bands.
-        smooth_path: of the smooth path through the keyframes.
     """
 
     samples_per_link: int = 32
@@ -104,7 +96,6 @@ class FollowingSettings:
     spare: float = 1e-4
     chords: ChordSettings = field(default_factory=ChordSettings)
     band: ElasticBandSettings = field(default_factory=ElasticBandSettings)
-    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)
 
 
 @dataclass(frozen=True)

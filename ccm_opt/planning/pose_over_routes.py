@@ -64,12 +64,9 @@ def brought_poses(
     space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
     share = settings.motion.step.limit_share
     shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share, connect)
-    check = SampledCheck.of(arm, problem.workspace, connect.sampling)
-    draws = [
-        GoalDraws(shapes, replace(ends.goal, position=each.position, heading=each.heading, room=(0.0, 0.0)), check,
-                  connect.goals).poses(rng)
-        for each in members
-    ]  # fmt: skip
+    check = SampledCheck.of(arm, problem.workspace)
+    goals = [replace(ends.goal, position=each.position, heading=each.heading, room=(0.0, 0.0)) for each in members]
+    draws = [GoalDraws(shapes, goal, check).poses(rng) for goal in goals]
     for _ in range(_BROUGHT_ROUNDS):
         for drawn in draws:
             yield from next(drawn)

@@ -13,10 +13,28 @@ from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
 from ccm_opt.planning.hairpin import pulled_over
 from ccm_opt.planning.link_space import fit_coordinates
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.settings import DEFAULT_TREES, ExtensionSettings
+from ccm_opt.planning.settings import DEFAULT_TREES
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, taut_round_base
 from ccm_opt.scene.free_space import FreeSpace
+
+_TO_SHAPE = 0.25
+"""How often, against the other kinds, the whole arm is led to a random shape. Taste, as all of these: scenes differ in
+what helps, so every kind has its turn."""
+_TO_BUMP = 0.15
+"""How often a part of the arm is bent aside."""
+_TO_PLACE = 0.15
+"""How often the tip is led to a random place."""
+_ALONG_ROUTE = 0.1
+"""How often the tip is led back along the arm and out along a route."""
+_FOLDED = 0.15
+"""How often the arm is pulled over to a route as a rope."""
+_TO_OTHER = 0.2
+"""How often the whole arm is led to a pose of the other tree."""
+_BUMP_WIDTHS = (0.05, 0.3)
+"""Least and greatest width of such a change, as shares of the arm's length. Taste."""
+_PLACES_DRAWN = 64
+"""Places drawn at once when a free one is looked for. Taste."""
 
 _SHAPE_KNOTS = 6
 """Curvature of a random shape is linear between so many knots. Taste."""
@@ -159,23 +177,17 @@ class ExtensionSampler:
     shrink: float
     rng: np.random.Generator
 
-    @property
-    def settings(self) -> ExtensionSettings:
-        """How often what is drawn, and how far it reaches."""
-        return self.stepper.settings.tree.extensions
-
     def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
         """An extension of a tree; the other tree attracts."""
-        settings = self.settings
         kinds: list[tuple[float, Callable[[], Extension]]] = [
-            (settings.to_shape, partial(self.to_shape, tree)),
-            (settings.to_bump, partial(self.to_bump, tree)),
-            (settings.to_place, partial(self.to_place, tree)),
-            (settings.along_route, partial(self.along_route, tree, other)),
-            (settings.folded, partial(self.folded, tree, other)),
+            (_TO_SHAPE, partial(self.to_shape, tree)),
+            (_TO_BUMP, partial(self.to_bump, tree)),
+            (_TO_PLACE, partial(self.to_place, tree)),
+            (_ALONG_ROUTE, partial(self.along_route, tree, other)),
+            (_FOLDED, partial(self.folded, tree, other)),
         ]
         if len(other):  # there may be no pose at the goal yet
-            kinds.append((settings.to_other, partial(self.to_other, tree, other)))
+            kinds.append((_TO_OTHER, partial(self.to_other, tree, other)))
         weights = np.array([weight for weight, _ in kinds])
         chosen = int(self.rng.choice(len(kinds), p=weights / weights.sum()))
         _, draw = kinds[chosen]
@@ -193,9 +205,8 @@ class ExtensionSampler:
 
     def to_bump(self, tree: PoseTree) -> Extension:
         """Part of the arm of a random node bent aside: its headings changed near a random link."""
-        settings = self.settings
         node = self._any(tree)
-        width = self.rng.uniform(*settings.bump_widths)
+        width = self.rng.uniform(*_BUMP_WIDTHS)
         at = self.rng.uniform(0.0, 1.0)
         turn = self.rng.normal(0.0, _BUMP_TURN)
         bump = turn * np.exp(-(((self._middles() - at) / width) ** 2))
@@ -281,7 +292,7 @@ class ExtensionSampler:
         """A free place within reach, shape (2,) [m]."""
         arm = self.stepper.space.arm
         while True:  # the tip of the start is free, so places about it are too
-            places = arm.base + self.rng.uniform(-arm.length, arm.length, (self.settings.places_drawn, 2))
+            places = arm.base + self.rng.uniform(-arm.length, arm.length, (_PLACES_DRAWN, 2))
             near = places[np.linalg.norm(places - arm.base, axis=1) < arm.length]
             free: FloatArray = near[self.free_space.contains(near)]
             if len(free):

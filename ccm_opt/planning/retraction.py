@@ -26,6 +26,17 @@ from ccm_opt.planning.settings import DEFAULT_GUIDES, WithdrawalSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
+_LONGEST_ERROR = 1.0
+"""Error of a joint that is asked to be mended in one step, in nominal links. Taste."""
+_STRAND_WEIGHT = 1.0
+"""Of the joints of the strand that is drawn back, per nominal link. Taste."""
+_HEADING_WEIGHT = 0.3
+"""Of every link's heading against the reference, per nominal link. Taste."""
+_TURN_WEIGHT = 0.002
+"""Of every link's turn, per nominal link. Taste."""
+_MOTION_WEIGHT = 0.02
+"""Of every joint's motion, per nominal link. Taste."""
+
 _BESIDE = 2.5
 """A place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste."""
 _LEASH = 0.3
@@ -62,7 +73,6 @@ class Withdrawal:
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """What draws the arm on from a pose."""
-        settings = self.settings
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
@@ -72,14 +82,14 @@ class Withdrawal:
 
         error = self._errors(pose)
         distance = np.linalg.norm(error, axis=1)
-        longest = settings.longest_error * unit
+        longest = _LONGEST_ERROR * unit
         error *= (longest / np.maximum(distance, longest))[:, None]
-        drawn = settings.strand_weight * np.repeat(per_link * self._on_strand(), 2)
+        drawn = _STRAND_WEIGHT * np.repeat(per_link * self._on_strand(), 2)
         return [
             Term(joints, error.ravel() / unit, drawn),
-            Term(turns, self.fold.reference() - pose.headings, settings.heading_weight * per_link),
-            Term(turns, np.zeros(links), settings.turn_weight * per_link),
-            Term(joints, np.zeros(2 * links), settings.motion_weight * per_link),
+            Term(turns, self.fold.reference() - pose.headings, _HEADING_WEIGHT * per_link),
+            Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
+            Term(joints, np.zeros(2 * links), _MOTION_WEIGHT * per_link),
         ]
 
     def _errors(self, pose: Pose) -> FloatArray:

@@ -213,7 +213,7 @@ class Connecting:
             seed: of every random choice.
         """
         task = self.task
-        check = SampledCheck.of(task.arm, task.workspace, self.settings.sampling)
+        check = SampledCheck.of(task.arm, task.workspace)
         # Most searches end soon or never: each begins anew.
         for number, budget in enumerate(budgets):
             rng = np.random.default_rng((*seed, number))
@@ -253,7 +253,7 @@ class Connecting:
         if self.goal.coordinates is not None:
             yield self.space.headings(self.goal.coordinates)[None]
             return
-        drawn = GoalDraws(draws, self.goal, check, self.settings.goals).poses(rng)
+        drawn = GoalDraws(draws, self.goal, check).poses(rng)
         yield next(drawn)
         # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
         for pose in self.known_goals():

@@ -11,10 +11,17 @@ import shapely
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
-from ccm_opt.planning.settings import SamplingSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import closest_on_segments, segments_cross
 from ccm_opt.scene.workspace import Obstacle, Workspace
+
+_STRIDE = 8
+"""Every so many poses are looked at first. Taste: most motions that touch do so in a wide stretch."""
+POSE_SPACING = 0.75
+"""How far the tip moves between two poses that are looked at, in the same unit. Taste: what is missed between them the
+certificate sees."""
+LEAST_SPACING = 0.005
+"""Least value of both spacings, as a share of the arm's length. Taste: for thin arms."""
 
 _CELLS = 2000
 """Of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some hundredths of a
@@ -138,7 +145,6 @@ class SampledCheck:
         raster: of places where its axis is too near to a wall.
         reach: how far each place that is looked up lies along each link, shape (links, places) [m].
         spacing: how far the tip moves between two poses that are looked at [m].
-        settings: numbers.
         parts: of a link between places that are looked up.
     """
 
@@ -146,22 +152,21 @@ class SampledCheck:
     raster: BlockedRaster
     reach: npt.NDArray[np.float32]
     spacing: float
-    settings: SamplingSettings
     parts: int
 
     @classmethod
-    def of(cls, arm: Arm, workspace: Workspace, settings: SamplingSettings) -> "SampledCheck":
+    def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
         """The check of an arm in a room."""
         gap = arm.radius + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
-        least = settings.least_spacing * arm.length
+        least = LEAST_SPACING * arm.length
         parts = int(np.ceil(arm.link_length / max(_POINT_SPACING * gap, least)))
         places = _places(arm, parts)
         # A place at arc length s takes the whole of every link before it and part of its own.
         before = arm.link_length * np.arange(arm.links)[:, None]
         reach = np.clip(places - before, 0.0, arm.link_length).astype(np.float32)
-        spacing = max(settings.pose_spacing * gap, least)
-        return cls(arm, raster, reach, spacing, settings, parts)
+        spacing = max(POSE_SPACING * gap, least)
+        return cls(arm, raster, reach, spacing, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
         """Which poses touch something for sure, link headings (m, links) [rad], result (m,)."""
@@ -193,7 +198,7 @@ class SampledCheck:
         shares = np.empty(len(start))
         NativeCall(
             "free_shares",
-            links=arm.links, mount_link=link, mount_at=at, parts=self.parts, stride=self.settings.stride,
+            links=arm.links, mount_link=link, mount_at=at, parts=self.parts, stride=_STRIDE,
             first_self_pair=arm.first_self_pair if arm.self_collision else 0,
             link_length=arm.link_length, radius=arm.radius, base_x=arm.base[0], base_y=arm.base[1],
             side=raster.blocked.shape[0], cell=raster.cell, corner_x=raster.corner[0], corner_y=raster.corner[1],

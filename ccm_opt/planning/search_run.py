@@ -55,10 +55,9 @@ def drawn_in(stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: 
     mouth = mouth_of_passage(stepper, start, path)
     if mouth is None:
         return
-    settings = stepper.settings.guides.sliding
     for onward in ways_on(stepper, whole_arm):
         for side in (path.side, -path.side):
-            make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
+            make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side)
             resume = tuple(partial(each, path) for each in onward)
             name = f"drawn in, bowed to the {'left' if side > 0 else 'right'}"
             yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)

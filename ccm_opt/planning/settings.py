@@ -12,42 +12,6 @@ from ccm_opt.scene.contact_finder import CertificateSettings, ContactSettings
 
 
 @dataclass(frozen=True)
-class SamplingSettings:
-    """Numbers of the sampled check that rejects most motions before any is certified.
-
-    Attributes:
-        pose_spacing: how far the tip moves between two poses that are looked at, in the same unit. Taste: what is
-            missed between them the certificate sees.
-        least_spacing: least value of both spacings, as a share of the arm's length. Taste: for thin arms.
-        stride: every so many poses are looked at first. Taste: most motions that touch do so in a wide stretch.
-    """
-
-    pose_spacing: float = 0.75
-    least_spacing: float = 0.005
-    stride: int = 8
-
-
-@dataclass(frozen=True)
-class GoalDrawSettings:
-    """Numbers of the poses at a goal for the tip that the tree at the goal begins with.
-
-    Attributes:
-        draws: random poses that Newton's method brings onto the goal, each time. Taste.
-        steps: of Newton's method. Measured: what has not arrived by then seldom does.
-        turn: most that a link turns in one of its steps [rad]. Taste.
-        arrived: tip's distance [arm lengths] or turn [rad] that counts as arrived. Derived: well inside what the polish
-            takes on.
-        apart: root mean square of the turns of all links by which two poses at the goal differ at least [rad]. Taste.
-    """
-
-    draws: int = 64
-    steps: int = 15
-    turn: float = 0.5
-    arrived: float = 1e-6
-    apart: float = 0.1
-
-
-@dataclass(frozen=True)
 class ShortcutSettings:
     """Numbers of replacing stretches of a way by straight motions.
 
@@ -72,15 +36,11 @@ class ConnectSettings:
         few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
             Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
         shortcuts: of shortening what is found, before it is optimised.
-        sampling: of the sampled check.
-        goals: of poses at a goal for the tip.
     """
 
     few_links: int = 10
     few_budgets: tuple[int, ...] = (5000, 10000, 20000)
     shortcuts: ShortcutSettings = field(default_factory=ShortcutSettings)
-    sampling: SamplingSettings = field(default_factory=SamplingSettings)
-    goals: GoalDrawSettings = field(default_factory=GoalDrawSettings)
 
 
 @dataclass(frozen=True)
@@ -111,11 +71,9 @@ class InterpolationSettings:
     Attributes:
         advance: turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own
             limit, so that the arm can keep up.
-        coordinate_weight: of the coordinates themselves, which ties down what no link heading shows. Taste.
     """
 
     advance: float = 0.1
-    coordinate_weight: float = 1e-4
 
 
 @dataclass(frozen=True)
@@ -124,17 +82,9 @@ class TipLedSettings:
 
     Attributes:
         advance: travel of the target in one step, in nominal links. Taste.
-        longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
-        largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
-        turn_weight: of every link's turn, per nominal link: the arm moves as little as it can. Taste.
-        motion_weight: of every joint's motion, per nominal link. Taste.
     """
 
     advance: float = 0.4
-    longest_error: float = 1.0
-    largest_turn: float = 0.3
-    turn_weight: float = 0.01
-    motion_weight: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -150,22 +100,12 @@ class HairpinSettings:
         passage_share: length of the hairpin that fits a passage, as a share of its width. Measured.
         advance: travel of the fold in one step, in nominal links. Measured.
         leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured.
-        longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
-        heading_weight: of every link's heading against the reference, per nominal link. Measured.
-        turn_weight: of every link's turn, per nominal link. Measured.
-        motion_weight: of every joint's motion, per nominal link. Taste.
-        still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
     """
 
     lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
     passage_share: float = 1.18
     advance: float = 0.3
     leash: float = 2.5
-    longest_error: float = 1.5
-    heading_weight: float = 0.3
-    turn_weight: float = 0.002
-    motion_weight: float = 0.02
-    still_weight: float = 4.0
 
 
 @dataclass(frozen=True)
@@ -174,44 +114,9 @@ class WithdrawalSettings:
 
     Attributes:
         advance: travel of the fold in one step, in nominal links. Taste.
-        longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
-        strand_weight: of the joints of the strand that is drawn back, per nominal link. Taste.
-        heading_weight: of every link's heading against the reference, per nominal link. Taste.
-        turn_weight: of every link's turn, per nominal link. Taste.
-        motion_weight: of every joint's motion, per nominal link. Taste.
     """
 
     advance: float = 0.15
-    longest_error: float = 1.0
-    strand_weight: float = 1.0
-    heading_weight: float = 0.3
-    turn_weight: float = 0.002
-    motion_weight: float = 0.02
-
-
-@dataclass(frozen=True)
-class SlidingSettings:
-    """Numbers of sliding out of narrow gates.
-
-    Attributes:
-        advance: by which the arm is drawn back in one step, in nominal links. Taste.
-        longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
-        strand_weight: of the joints that are drawn back, per nominal link, against their distance in nominal links.
-            Taste.
-        bending: weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in
-            one bow and does not crumple.
-        evenness: weight of its differences from knot to knot. Taste.
-        turn_weight: of every link's turn, per nominal link. Taste.
-        bow: curvature to which it is then drawn, in nominal links. Taste.
-    """
-
-    advance: float = 0.2
-    longest_error: float = 1.0
-    strand_weight: float = 1.0
-    bending: float = 0.03
-    evenness: float = 0.03
-    turn_weight: float = 0.002
-    bow: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -220,11 +125,9 @@ class PassageWidthSettings:
 
     Attributes:
         samples: places along a path at which its passage is measured. Taste.
-        least_margin: least planning margin, in nominal links. Taste.
     """
 
     samples: int = 96
-    least_margin: float = 0.001
 
 
 @dataclass(frozen=True)
@@ -239,7 +142,6 @@ class GuideSettings:
         tip_led: of tip-led continuation.
         hairpin: of the travelling hairpin.
         withdrawal: of drawing back.
-        sliding: of sliding out of narrow gates.
         passages: of how passages are measured.
     """
 
@@ -249,7 +151,6 @@ class GuideSettings:
     tip_led: TipLedSettings = field(default_factory=TipLedSettings)
     hairpin: HairpinSettings = field(default_factory=HairpinSettings)
     withdrawal: WithdrawalSettings = field(default_factory=WithdrawalSettings)
-    sliding: SlidingSettings = field(default_factory=SlidingSettings)
     passages: PassageWidthSettings = field(default_factory=PassageWidthSettings)
 
 
@@ -266,34 +167,6 @@ class LiftingSettings:
     """
 
     margin: float = 1.5e-3
-
-
-@dataclass(frozen=True)
-class LimitArcSettings:
-    """Numbers of the arcs that reach a goal with their joints at their limits.
-
-    Attributes:
-        places: joints at which the side to which an arc bends may change. Taste.
-        most_turn: arcs that turn by more than this begin bent less, so that they do not coil up [rad]. Taste.
-        tried: arcs that Newton's method begins from. Taste.
-        kept: poses at the goal that motions are looked for to. Taste.
-        alike: poses of which no joint differs by more than this share of its limit are one. Taste.
-        steps: of Newton's method. Taste.
-        turn: most that a joint turns in one of them [rad]. Taste.
-        ridge: added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings.
-        arrived: error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the
-            optimisation asks of a motion's end.
-    """
-
-    places: int = 24
-    most_turn: float = 7.0
-    tried: int = 16
-    kept: int = 4
-    alike: float = 0.3
-    steps: int = 30
-    turn: float = 0.3
-    ridge: float = 1e-13
-    arrived: float = 1e-11
 
 
 @dataclass(frozen=True)
@@ -418,43 +291,6 @@ class SearchSettings:
     lift_margin: float = 3e-3
     many_walls: int = 150
     spare: float = 1e-4
-
-
-@dataclass(frozen=True)
-class SmoothPathSettings:
-    """Numbers of the C² path through joint space.
-
-    Attributes:
-        least_samples: least samples of a span between which the certificate takes the headings to be linear. Taste.
-        most_samples: most samples of a span. Taste.
-        spare_share: share of the certificate's spare gap that linear interpolation between samples may err by; a path
-            keeps the rest. Taste.
-        least_error: share of the arm's length that it may err by, whatever the certificate spares. Derived: a few
-            times the depth that still counts as contact.
-        refinements: rounds of halving legs where a span fails. Taste.
-        equation_samples: samples of a span at which limits are looked at that the path is laid through. Taste.
-        first_spans: spans of the first such path. Taste.
-        most_spans: spans at which it is given up. Taste.
-        rounds: rounds of halving its spans. Taste.
-        newton_steps: most steps of Newton's method that bring a knot onto the limits. Taste.
-        met: by how much a knot may miss them, in their units. Derived: four orders below what the verifier allows.
-        rank: singular values below this share of the largest count as none. Taste.
-        joint_share: share of a joint limit to which bends beyond that are brought back. Taste.
-    """
-
-    least_samples: int = 4
-    most_samples: int = 96
-    spare_share: float = 0.5
-    least_error: float = 2e-6
-    refinements: int = 5
-    equation_samples: int = 8
-    first_spans: int = 48
-    most_spans: int = 1200
-    rounds: int = 10
-    newton_steps: int = 12
-    met: float = 1e-10
-    rank: float = 1e-9
-    joint_share: float = 0.995
 
 
 @dataclass(frozen=True)
@@ -647,32 +483,6 @@ class TipWalkSettings:
 
 
 @dataclass(frozen=True)
-class ExtensionSettings:
-    """Numbers by which extensions are drawn at random.
-
-    Attributes:
-        to_shape: how often, against the other kinds, the whole arm is led to a random shape. Taste, as all of these:
-            scenes differ in what helps, so every kind has its turn.
-        to_bump: how often a part of the arm is bent aside.
-        to_place: how often the tip is led to a random place.
-        along_route: how often the tip is led back along the arm and out along a route.
-        folded: how often the arm is pulled over to a route as a rope.
-        to_other: how often the whole arm is led to a pose of the other tree.
-        bump_widths: least and greatest width of such a change, as shares of the arm's length. Taste.
-        places_drawn: places drawn at once when a free one is looked for. Taste.
-    """
-
-    to_shape: float = 0.25
-    to_bump: float = 0.15
-    to_place: float = 0.15
-    along_route: float = 0.1
-    folded: float = 0.15
-    to_other: float = 0.2
-    bump_widths: tuple[float, float] = (0.05, 0.3)
-    places_drawn: int = 64
-
-
-@dataclass(frozen=True)
 class TreeSettings:
     """Numbers of the trees of poses.
 
@@ -682,14 +492,12 @@ class TreeSettings:
         heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
         most_extensions: extensions in all before the search is given up, however much time is left, so that what is
             found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
-        extensions: by which extensions are drawn.
     """
 
     patience: int = 12
     dispersion: float = 0.04
     heading_weight: float = 0.1
     most_extensions: int = 400
-    extensions: ExtensionSettings = field(default_factory=ExtensionSettings)
 
 
 DEFAULT_TREES = TreeSettings()
@@ -711,18 +519,10 @@ class UserLimitSettings:
         met_at_goal: by how much constraints may be missed at the goal and at keyframes, in the user's unit. Derived:
             two orders below what the verifier allows.
         allowed: by which a hard constraint may be missed, in the user's unit. Derived: what the verifier allows.
-        path_share: share of what is allowed by which the smooth path may miss a row between its knots. Taste.
-        pull_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste, as for
-            contacts.
-        urgency: scale of the rows of broken gaps, beside those inside their margin. Taste.
         newton_steps: most steps of Newton's method back onto equations. Taste: it converges in four or never.
-        rank: singular values below this share of the largest count as none, so that equations that follow from
-            others are left out. Taste.
         far: gaps that the whole arm has to turn by more than this to close make no rows on keyframes [rad]. Taste.
         keyframe_turn: a keyframe that needs a larger turn of a link to meet its equations does not meet them [rad].
             Taste.
-        reserve: share of the kept margin that a gap keeps between keyframes, for what lies between samples. Taste.
-        samples: samples of an interval between keyframes. Taste.
     """
 
     margin: float = 2e-3
@@ -730,15 +530,9 @@ class UserLimitSettings:
     met: float = 1e-10
     met_at_goal: float = 1e-8
     allowed: float = 1e-6
-    path_share: float = 0.2
-    pull_weight: float = 30.0
-    urgency: float = 10.0
     newton_steps: int = 12
-    rank: float = 1e-9
     far: float = 2.0
     keyframe_turn: float = 0.5
-    reserve: float = 0.02
-    samples: int = 4
 
 
 @dataclass(frozen=True)
@@ -759,14 +553,12 @@ class MotionSettings:
         tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
         connect: of RRT-Connect.
-        limit_arcs: of poses at the goal with joints at their limits.
         lifting: of taking a motion over to an arm of many links.
         straightening: of cutting a long motion short before it is optimised.
         optimisation: of the optimisation of a motion.
         objective: weights inside its objective.
         bottleneck: how much more the busiest joints count at last.
         interior_point: of the optimisation as one nonlinear program.
-        smooth_path: of the path through joint space.
     """
 
     ends: EndSettings = field(default_factory=EndSettings)
@@ -782,11 +574,9 @@ class MotionSettings:
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
-    limit_arcs: LimitArcSettings = field(default_factory=LimitArcSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     straightening: StraighteningSettings = field(default_factory=StraighteningSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)
     interior_point: InteriorPointSettings = field(default_factory=InteriorPointSettings)
-    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)

@@ -100,7 +100,7 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
     intervals = len(thinned(motion, task.certificate)[0]) - 1
     if intervals <= settings.many:
         return motion
-    check = SampledCheck.of(task.arm, task.workspace, task.settings.connect.sampling)
+    check = SampledCheck.of(task.arm, task.workspace)
     shortcuts = Shortcuts(check, task.certificate.failures, settings.shortcuts)
     way = shortcuts.shortened(motion.headings, np.random.default_rng((task.seed, _STREAM)))
     coordinates = _coordinates(motion.space, dense(way, _TURN), motion)

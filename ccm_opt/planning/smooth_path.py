@@ -26,7 +26,7 @@ def path_through_knots(motion: Motion, task: MotionTask) -> BSpline | None:
     rows = np.diff(np.eye(arm.links, motion.headings.shape[1]), axis=0, prepend=0.0)
     joints = KnotJoints(rows, lambda q: arm.bends(q[: arm.links]), arm.bend_limits, partial(_free, task))
     for base in _bases(motion, task):
-        spline = spline_on_limits(base, task.user_limits, joints, task.settings.smooth_path)
+        spline = spline_on_limits(base, task.user_limits, joints)
         if spline is not None and _within_limits(spline, task) and not len(_uncertified(spline, task)):
             return spline
     return None
@@ -36,7 +36,7 @@ def _bases(motion: Motion, task: MotionTask) -> list[BSpline]:
     """Smooth paths near the motion that know its path parameter, smoothest first."""
     bases = []
     if not task.parametric:
-        near = certified_spline(motion.headings, task.certificate, task.settings.smooth_path)
+        near = certified_spline(motion.headings, task.certificate)
         if near is not None:
             bases.append(near)
 
@@ -108,9 +108,8 @@ class SplineNearKeyframes:
 
     def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
         """The spline, refined until it is certified."""
-        settings = task.settings.smooth_path
-        spline = certified_spline(motion.headings, task.certificate, settings)
-        return None if spline is None else SmoothPath(spline, spare_kept(spline, task.certificate, settings))
+        spline = certified_spline(motion.headings, task.certificate)
+        return None if spline is None else SmoothPath(spline, spare_kept(spline, task.certificate))
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,24 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_pose import Chains
-from ccm_opt.planning.space_settings import LiftingSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+
+_COARSE_ROOM = 0.04
+"""Room that the coarse motion keeps beside the clearance [u]."""
+_OFFSET = 0.02
+"""Bends of the start that no curve shows, beyond which nothing is lifted [rad]."""
+_FITS = 20
+"""Most steps by which an arm is laid on another."""
+_RIDGE = 0.0001
+"""Least damping of them, in the squares of nominal links by unknowns."""
+_NEAR = 0.1
+"""How far its joints may be off for another beginning not to be tried [u]."""
+_WORTH = 0.01
+"""Share of the squared distances that a step gains, below which it is the last."""
 
 _MOST_LINKS = 36
 """Arms of no more links are planned as they are."""
@@ -39,13 +51,12 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     Args:
         task: with a goal for the tip, or else nothing is lifted.
     """
-    settings = task.settings.lifting
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
     if task.goal is None or task.user is not None or arm.links <= _MOST_LINKS:
         return None
     curve, start = CurveMap.through(arm, task.start)
-    if float(np.max(np.abs(curve.offset), initial=0.0)) > settings.offset:
+    if float(np.max(np.abs(curve.offset), initial=0.0)) > _OFFSET:
         return None
     coarse = coarse_arm(arm)
     straight = np.concatenate((np.zeros(2 * coarse.links), task.start[2 * arm.links :]))
@@ -53,8 +64,8 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     of_coarse = replace(task, arm=coarse, start=straight).stepper(through, 0.0)
     points = _Along.coarse_joints(arm.links).of(Chains(arm).places(task.start)[0])
     same_curve = start * curve.scale / of_coarse.curve.scale
-    kept = settings.clearance * task.unit
-    begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve, settings)
+    kept = _COARSE_ROOM * task.unit
+    begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve)
     return replace(
         task,
         arm=coarse,
@@ -75,7 +86,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     """
     curve, start = CurveMap.through(task.arm, task.start, found.curve.knots)
     stepper = task.stepper(curve, 0.0)
-    unknowns = _fitted(stepper, found, start, task.settings.lifting)
+    unknowns = _fitted(stepper, found, start)
     end = None if task.goal is None else onto_goal(stepper, task.goal, stepper.pose(unknowns[-1]))
     if end is None:
         return None
@@ -107,14 +118,13 @@ def coarse_arm(arm: Arm) -> Arm:
     )
 
 
-def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray, settings: LiftingSettings) -> FloatArray:
+def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> FloatArray:
     """Unknowns of the arm at the keyframes of a coarse motion, its joints nearest to where those of that are.
 
     Args:
         stepper: of the arm.
         found: the coarse motion.
         start: unknowns of the arm at its start, shape (p,).
-        settings: of lifting.
     """
     chains = Chains(found.curve.arm)
     along = _Along.coarse_joints(stepper.curve.arm.links)
@@ -126,10 +136,10 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray, settin
         places, _ = chains.places(q)
         # What the coarse arm changed is a good beginning where nothing is blended in to its bends. Where many joints
         # are bent, the curve that shows their bends best is a better one.
-        laid = _nearest(stepper, along, places, fitted[-1] + change, settings)
-        if laid.off > settings.near:
+        laid = _nearest(stepper, along, places, fitted[-1] + change)
+        if laid.off > _NEAR:
             same_curve = found.curve.fitted(q)[:shared] * scale
-            other = _nearest(stepper, along, places, same_curve, settings)
+            other = _nearest(stepper, along, places, same_curve)
             laid = min(laid, other, key=lambda each: each.off)
         fitted.append(laid.v)
     return np.stack(fitted)
@@ -179,9 +189,7 @@ class _Along:
         return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
 
 
-def _nearest(
-    stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray, settings: LiftingSettings
-) -> _Laid:
+def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray) -> _Laid:
     """The arm that comes nearest to places, fed as far, by the method of Levenberg and Marquardt.
 
     Args:
@@ -189,12 +197,11 @@ def _nearest(
         along: where on the arm.
         wanted: where these shall be, shape (m, 3) [m].
         v: unknowns to begin at, shape (p,).
-        settings: of lifting.
     """
     pose = stepper.pose(v)
     missing = ((wanted - along.of(pose.chain.points)) / stepper.unit).ravel()
-    ridge = settings.ridge
-    for _ in range(settings.fits):
+    ridge = _RIDGE
+    for _ in range(_FITS):
         rows = along.of(pose.chain.moving).reshape(len(missing), -1) / stepper.unit
         if stepper.curve.arm.base_axes:
             rows[:, stepper.curve.feed_column] = 0.0
@@ -205,10 +212,10 @@ def _nearest(
         if not gained > 0.0:
             ridge = _RIDGE_RISE * max(ridge, _RAISED_RIDGE)
             continue
-        settled = gained < settings.worth * float(missing @ missing)
+        settled = gained < _WORTH * float(missing @ missing)
         pose = trial
         missing = left
-        ridge = max(ridge / _RIDGE_RISE, settings.ridge)
+        ridge = max(ridge / _RIDGE_RISE, _RIDGE)
         if settled:
             break
     return _Laid(pose.v, float(np.max(np.linalg.norm(missing.reshape(-1, 3), axis=1))))

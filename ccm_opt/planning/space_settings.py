@@ -16,17 +16,6 @@ from functools import partial
 
 
 @dataclass(frozen=True)
-class ScheduleSettings:
-    """Of how fast the path parameter grows along a motion under constraints that depend on it.
-
-    Attributes:
-        price: of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste.
-    """
-
-    price: float = 1e4
-
-
-@dataclass(frozen=True)
 class GoalPoseSettings:
     """Of poses at the goal by drawn curves.
 
@@ -75,27 +64,6 @@ class SpaceConnectSettings:
 
     draws: int = 8000
     base_share: float = 0.0
-
-
-@dataclass(frozen=True)
-class LiftingSettings:
-    """Of arms of many links, whose motions are found for nominal ones.
-
-    Attributes:
-        clearance: room that the coarse motion keeps beside the clearance [u].
-        offset: bends of the start that no curve shows, beyond which nothing is lifted [rad].
-        fits: most steps by which an arm is laid on another.
-        ridge: least damping of them, in the squares of nominal links by unknowns.
-        near: how far its joints may be off for another beginning not to be tried [u].
-        worth: share of the squared distances that a step gains, below which it is the last.
-    """
-
-    clearance: float = 0.04
-    offset: float = 0.02
-    fits: int = 20
-    ridge: float = 1e-4
-    near: float = 0.1
-    worth: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -308,9 +276,7 @@ class SpaceMotionSettings:
         swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
             arms beside a post, where some hundred draws are enough.
         connect: trees as the last resort.
-        lifting: of arms of many links.
         ending: of the pose in which a motion ends.
-        schedule: of the path parameter along a motion.
         objective: of the optimisation.
         optimisation: of a found motion.
         smooth_path: through joint space.
@@ -325,9 +291,7 @@ class SpaceMotionSettings:
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
     swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
-    lifting: LiftingSettings = field(default_factory=LiftingSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
-    schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
     objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
     smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

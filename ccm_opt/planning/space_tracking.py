@@ -20,11 +20,13 @@ from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_pose import SpacePose
-from ccm_opt.planning.space_settings import ScheduleSettings
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+
+_PRICE = 10000.0
+"""Of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste."""
 
 _PLACES = 101
 """Of the motion that are looked at; taste."""
@@ -40,21 +42,20 @@ def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
     return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
 
 
-def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray, settings: ScheduleSettings) -> FloatArray:
+def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> FloatArray:
     """Path parameters of the configurations of a motion, increasing from 0 to 1, shape (K,).
 
     Args:
         motion: that knows nothing of u.
         user: the constraints.
         slowness: how dear a unit of each coordinate is, shape (c,).
-        settings: how finely is looked.
     """
     share = shares_of(motion, slowness)
     s = np.linspace(0.0, 1.0, _PLACES)
     q = np.column_stack([np.interp(s, share, column) for column in motion.configurations.T])
     u = np.union1d(np.linspace(0.0, 1.0, _STEPS), user.breaks)
     missed = np.stack([_missed(user, q, float(place)) for place in u], axis=1)
-    price = settings.price * missed + np.abs(s[:, None] - u[None, :])
+    price = _PRICE * missed + np.abs(s[:, None] - u[None, :])
     rows, columns = _cheapest(price)
     # Where u stands still in the plan it grows a little, and so does the motion where that stands still.
     grown = (1.0 - _EVEN) * u[columns] + _EVEN * s[rows]
@@ -107,7 +108,7 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
     """
     if task.user is None or not task.user.terms.parametric:
         return motion
-    u = schedule(motion, task.user, task.slowness, task.settings.schedule)
+    u = schedule(motion, task.user, task.slowness)
     if not task.user.terms.hard:
         return replace(motion, u=u)
     return _Tracking(task, task.user, motion, u).run()

@@ -7,7 +7,19 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
-from ccm_opt.planning.settings import SmoothPathSettings
+
+_LEAST_SAMPLES = 4
+"""Least samples of a span between which the certificate takes the headings to be linear. Taste."""
+_MOST_SAMPLES = 96
+"""Most samples of a span. Taste."""
+_SPARE_SHARE = 0.5
+"""Share of the certificate's spare gap that linear interpolation between samples may err by; a path keeps the rest.
+Taste."""
+_LEAST_ERROR = 2e-06
+"""Share of the arm's length that it may err by, whatever the certificate spares. Derived: a few times the depth that
+still counts as contact."""
+_REFINEMENTS = 5
+"""Rounds of halving legs where a span fails. Taste."""
 
 DEGREE = 3
 """Of the spline: the least with a continuous second derivative."""
@@ -55,12 +67,8 @@ def _beside(keyframes: int) -> FloatArray:
     return np.array([knots[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])
 
 
-SMOOTH_PATH = SmoothPathSettings()
-"""The settings unless others are given."""
-
-
 def certified_spline(
-    keyframes: FloatArray, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH
+    keyframes: FloatArray, certificate: IntervalCertificate, refinements: int = _REFINEMENTS
 ) -> BSpline | None:
     """A spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
 
@@ -70,12 +78,12 @@ def certified_spline(
     Args:
         keyframes: link headings, shape (K, links) [rad].
         certificate: of the arm among the walls.
-        settings: samples and refinements.
+        refinements: rounds of halving legs.
     """
     control = at_least_four(keyframes)
-    for _ in range(settings.refinements):
+    for _ in range(refinements):
         spline = clamped_spline(control)
-        failing = uncertified_spans(spline, certificate, settings)
+        failing = uncertified_spans(spline, certificate)
         if len(failing) == 0:
             return spline
         # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
@@ -84,29 +92,27 @@ def certified_spline(
     return None
 
 
-def uncertified_spans(
-    spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH
-) -> IntArray:
+def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
     """Spans of a clamped spline that are not certified when they are linear between enough samples, sorted."""
-    counts = _samples_a_span(spline, certificate, settings)
+    counts = _samples_a_span(spline, certificate)
     # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
     ends = np.concatenate(([0], np.cumsum(counts)))
     samples = np.interp(np.arange(ends[-1] + 1), ends, spline.t[DEGREE:-DEGREE])
     return np.unique(np.searchsorted(ends, certificate.failures(np.asarray(spline(samples))), side="right") - 1)
 
 
-def spare_kept(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH) -> float:
+def spare_kept(spline: BSpline, certificate: IntervalCertificate) -> float:
     """Gap beyond contact that a certified spline keeps: what is spared, less the error of linear interpolation [m]."""
-    errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate, settings) ** 2
+    errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
     return max(0.0, certificate.spare - float(np.max(errors)))
 
 
-def _samples_a_span(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings) -> IntArray:
+def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
     """Samples of each span that bring linear interpolation within its share of the gap that the certificate spares."""
-    allowed = max(settings.spare_share * certificate.spare, settings.least_error * certificate.arm.length)
+    allowed = max(_SPARE_SHARE * certificate.spare, _LEAST_ERROR * certificate.arm.length)
     # The error falls with the square of the number of samples.
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
-    return np.clip(wanted, settings.least_samples, settings.most_samples).astype(np.intp)
+    return np.clip(wanted, _LEAST_SAMPLES, _MOST_SAMPLES).astype(np.intp)
 
 
 def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:

@@ -21,12 +21,32 @@ from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.rrt_connect import CONNECT, Connecting
+from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search_run import SearchRun
-from ccm_opt.planning.settings import LimitArcSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
 from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.robot.arm import Arm
+
+_ARC_PLACES = 24
+"""Joints at which the side to which an arc bends may change. Taste."""
+_MOST_TURN = 7.0
+"""Arcs that turn by more than this begin bent less, so that they do not coil up [rad]. Taste."""
+_ARCS_TRIED = 16
+"""Arcs that Newton's method begins from. Taste."""
+_ARCS_KEPT = 4
+"""Poses at the goal that motions are looked for to. Taste."""
+_ALIKE = 0.3
+"""Poses of which no joint differs by more than this share of its limit are one. Taste."""
+_ARC_STEPS = 30
+"""Of Newton's method. Taste."""
+_ARC_TURN = 0.3
+"""Most that a joint turns in one of them [rad]. Taste."""
+_ARC_RIDGE = 1e-13
+"""Added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings."""
+_ARC_ARRIVED = 1e-11
+"""Error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the optimisation asks of a
+motion's end."""
 
 _MOST_LINKS = 48
 """Arms with more links are not planned so. Taste: a pose costs by the links."""
@@ -48,12 +68,10 @@ class ArcsAtLimits:
     Attributes:
         arm: on a fixed base.
         goal: for the tip.
-        settings: numbers.
     """
 
     arm: Arm
     goal: GoalPose
-    settings: LimitArcSettings
 
     def where_needed(self, full: float) -> tuple[FloatArray, ...]:
         """Poses that use the limits in full, none where an arc reaches the goal with less of them.
@@ -66,7 +84,7 @@ class ArcsAtLimits:
         """
         if self.poses(_AMPLE, 1):
             return ()
-        return self.poses(full, self.settings.kept)
+        return self.poses(full, _ARCS_KEPT)
 
     def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
         """Different poses at the goal that use a share of the limits, those of the nearest arcs first.
@@ -80,7 +98,7 @@ class ArcsAtLimits:
         """
         bounds = share * self.arm.bend_limits
         bounds[0] = self.arm.base_limit
-        apart = self.settings.alike * self.arm.joint_limit
+        apart = _ALIKE * self.arm.joint_limit
         found: list[FloatArray] = []
         for arc in self._nearest(bounds):
             bends = self._onto_goal(arc, bounds)
@@ -92,9 +110,8 @@ class ArcsAtLimits:
 
     def _nearest(self, bounds: FloatArray) -> FloatArray:
         """Bends of the arcs whose tip comes nearest to the goal, the base turned towards it, shape (m, links) [rad]."""
-        settings = self.settings
         arm = self.arm
-        bends = np.minimum(bounds, settings.most_turn / arm.links) * self._sides()
+        bends = np.minimum(bounds, _MOST_TURN / arm.links) * self._sides()
         bends[:, 0] = 0.0
         turned = np.cumsum(bends, axis=1)
         tip = arm.link_length * np.stack((np.cos(turned).sum(axis=1), np.sin(turned).sum(axis=1)), axis=1)
@@ -105,13 +122,13 @@ class ArcsAtLimits:
         if self.goal.heading is not None:
             missed = np.hypot(missed, _HEADING_LENGTH * wrap(first + turned[:, -1] - self.goal.heading))
         bends = bends[np.argsort(missed, kind="stable")]
-        nearest: FloatArray = bends[np.abs(bends[:, 0]) <= bounds[0]][: settings.tried]
+        nearest: FloatArray = bends[np.abs(bends[:, 0]) <= bounds[0]][:_ARCS_TRIED]
         return nearest
 
     def _sides(self) -> FloatArray:
         """To which side the joints of each arc bend, ±1, shape (m, links): to one but for a stretch of them."""
         links = self.arm.links
-        places = np.unique(np.linspace(1, links, min(links, self.settings.places)).astype(int))
+        places = np.unique(np.linspace(1, links, min(links, _ARC_PLACES)).astype(int))
         first, last = (np.ravel(each) for each in np.meshgrid(places, places))
         ordered = first <= last
         joint = np.arange(links)
@@ -122,7 +139,7 @@ class ArcsAtLimits:
     def _onto_goal(self, bends: FloatArray, bounds: FloatArray) -> FloatArray | None:
         """Bends within bounds that put the tip onto the goal, by Newton's method from given ones; None in vain."""
         arm = self.arm
-        for _ in range(self.settings.steps):
+        for _ in range(_ARC_STEPS):
             headings = arm.headings(bends)
             points = arm.joint_positions(headings)
             member = self.goal.nearest_member(points[-1], float(headings[-1]))
@@ -133,23 +150,22 @@ class ArcsAtLimits:
             if member.heading is not None:
                 rows = np.vstack((rows, np.ones(arm.links)))
                 error = np.append(error, wrap(member.heading - headings[-1]))
-            if np.abs(error).max() < self.settings.arrived:
+            if np.abs(error).max() < _ARC_ARRIVED:
                 return bends
             bends = np.clip(bends + self._step(rows, error, bends, bounds), -bounds, bounds)
         return None
 
     def _step(self, rows: FloatArray, error: FloatArray, bends: FloatArray, bounds: FloatArray) -> FloatArray:
         """Least change of the joints that are not held by their limits, shape (links,) [rad]."""
-        settings = self.settings
         free = np.ones(len(bends), dtype=bool)
-        ridge = settings.ridge * np.eye(len(error))
+        ridge = _ARC_RIDGE * np.eye(len(error))
         step = np.zeros(len(bends))
         for _ in range(_RELEASES):
             moving = rows * free
             step = moving.T @ np.linalg.solve(moving @ moving.T + ridge, error)
-            step *= min(1.0, settings.turn / max(float(np.abs(step).max()), TINY))
+            step *= min(1.0, _ARC_TURN / max(float(np.abs(step).max()), TINY))
             # A joint at its limit is held if it would go beyond; one that is on its way there is cut short.
-            held = free & (bends * np.sign(step) >= bounds * (1.0 - settings.ridge)) & (step != 0.0)
+            held = free & (bends * np.sign(step) >= bounds * (1.0 - _ARC_RIDGE)) & (step != 0.0)
             if not held.any():
                 break
             free &= ~held
@@ -303,7 +319,7 @@ class LimitArcStrategy:
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first motion to one of the poses that touch nothing."""
-        arcs = ArcsAtLimits(task.arm, task.goal, task.settings.limit_arcs)
+        arcs = ArcsAtLimits(task.arm, task.goal)
         poses = arcs.where_needed(task.settings.step.full_limit_share)
         ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
         for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
@@ -413,8 +429,7 @@ class TreeStrategy:
 def looked_at_slowly(task: MotionTask) -> bool:
     """Whether poses have to be looked at nearer to each other than the arm is wide, which takes RRT-Connect long."""
     gap = task.arm.radius + task.workspace.clearance
-    sampling = task.settings.connect.sampling
-    return sampling.pose_spacing * gap < sampling.least_spacing * task.arm.length
+    return POSE_SPACING * gap < LEAST_SPACING * task.arm.length
 
 
 def candidate_motions(

@@ -23,7 +23,7 @@ from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
 from ccm_opt.planning.pose import nearest_curves
-from ccm_opt.planning.settings import MotionSettings, SmoothPathSettings
+from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.smooth_path import SmoothPath, smooth_path
 from ccm_opt.planning.spline_path import DEGREE, certified_spline, clamped_spline, spare_kept
 from ccm_opt.planning.step import Stepper
@@ -59,7 +59,6 @@ def even_spline(
     travel: float,
     certificate: IntervalCertificate,
     finer: int,
-    settings: SmoothPathSettings,
 ) -> BSpline | None:
     """The certified spline of poses near keyframes; None when there is none.
 
@@ -69,7 +68,6 @@ def even_spline(
         travel: how far beyond the hole a joint stays straight [m].
         certificate: of the path.
         finer: samples to a keyframe.
-        settings: of the spline.
     """
     if len(poses) <= DEGREE:
         return None
@@ -77,7 +75,7 @@ def even_spline(
     straightened = arm.poses(_straight_in_tube(arm, arm.configurations(fine), travel))
     straightened[0] = poses[0]
     straightened[-1] = poses[-1]
-    return certified_spline(straightened, certificate, settings)
+    return certified_spline(straightened, certificate)
 
 
 def _straight_in_tube(arm: Arm, q: FloatArray, travel: float) -> FloatArray:
@@ -154,12 +152,11 @@ class FedPaths:
         """A path that is even where joints come out of the tube; none where it may not leave the keyframes."""
         if any(limit.shapes_path for limit in self.task.user_limits):
             return None
-        settings = self.task.settings.smooth_path
         finer = _FINER_SAMPLES
         certificate = self.task.certificate
         travel = self.query.motions.travel
-        spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer, settings)
-        return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate, settings))
+        spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer)
+        return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate))
 
     def _beside_keyframes(self, motion: Motion) -> SmoothPath | None:
         """A path beside the keyframes where it meets the user's equations all the same.
@@ -169,14 +166,13 @@ class FedPaths:
         """
         if not any(limit.shapes_path for limit in self.task.user_limits):
             return None
-        settings = self.task.settings.smooth_path
-        spline = certified_spline(motion.headings, self.task.certificate, settings)
+        spline = certified_spline(motion.headings, self.task.certificate)
         if spline is None:
             return None
         u = np.linspace(0.0, 1.0, _ROOM_SAMPLES)
         if any(limit.misses_path(spline(u), u).any() for limit in self.task.user_limits):
             return None
-        return SmoothPath(spline, spare_kept(spline, self.task.certificate, settings))
+        return SmoothPath(spline, spare_kept(spline, self.task.certificate))
 
     def plain(self, proposed: ProposedMotion) -> JointPath | None:
         """The path near the keyframes as they are."""

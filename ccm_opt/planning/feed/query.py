@@ -121,14 +121,14 @@ class FeedMotions:
         """
         if not self.within_limits(keyframes):
             return None
-        spline = certified_spline(self.arm.poses(keyframes), self.certificate, self.settings.smooth_path)
+        spline = certified_spline(self.arm.poses(keyframes), self.certificate)
         if spline is None:
             return None
         # Bends and feed are linear in the poses, so the control points can be turned into them one by one.
         path = BSpline(spline.t, self.arm.configurations(np.asarray(spline.c)), spline.k)
         if not straight_while_held(self.arm, path, self.travel):
             return None
-        return path, spare_kept(spline, self.certificate, self.settings.smooth_path)
+        return path, spare_kept(spline, self.certificate)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,20 @@ if TYPE_CHECKING:
     from ccm_opt.ik.row_set import RowSet, RowValues
     from ccm_opt.planning.swept_motion import Sweep
 
+_PATH_SHARE = 0.2
+"""Share of what is allowed by which the smooth path may miss a row between its knots. Taste."""
+_PULL_WEIGHT = 30.0
+"""Weight on mending gaps inside their margin, against a nominal link's distance. Taste, as for contacts."""
+_URGENCY = 10.0
+"""Scale of the rows of broken gaps, beside those inside their margin. Taste."""
+_RANK = 1e-09
+"""Singular values below this share of the largest count as none, so that equations that follow from others are left
+out. Taste."""
+_RESERVE = 0.02
+"""Share of the kept margin that a gap keeps between keyframes, for what lies between samples. Taste."""
+_SAMPLES = 4
+"""Samples of an interval between keyframes. Taste."""
+
 _JOINT_SHARE = 0.995
 """Share of a joint limit to which bends beyond that are brought back; what splines overshoot stays below the limit.
 Taste."""
@@ -174,10 +188,10 @@ class UserLimit(Limit):
         margin = self.settings.margin
         near = gaps < margin
         short = margin - gaps[near]
-        urgency = np.where(gaps[near] < 0.0, self.settings.urgency, 1.0)
+        urgency = np.where(gaps[near] < 0.0, _URGENCY, 1.0)
         # Half of a shortfall at a time moves the arm gently; a broken gap has to be opened at once.
         wanted = np.where(gaps[near] < 0.0, short, 0.5 * short)
-        return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
+        return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), _PULL_WEIGHT)
 
     def _independent(
         self, equations: FloatArray, slopes: FloatArray, turning: FloatArray, turn: float
@@ -192,7 +206,7 @@ class UserLimit(Limit):
         # Dependent equations would make the QP degenerate. With J = U S Vᵀ, J δ = −c becomes Vᵀ δ = −S⁻¹ Uᵀ c on the
         # directions whose singular value counts.
         left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
-        kept = sizes > self.settings.rank * max(float(sizes[0]), TINY)
+        kept = sizes > _RANK * max(float(sizes[0]), TINY)
         target = -(left.T @ equations)[kept] / sizes[kept]
 
         most = float(np.max(np.linalg.norm(turning @ (right[kept].T @ target), axis=1), initial=0.0))
@@ -281,7 +295,7 @@ class UserLimit(Limit):
         by_pose = np.vstack((values.equation_slopes, values.gap_slopes[short]))
         scale = self.turns(by_pose)
         wanted = np.append(-values.equations, margins[short] - values.gaps[short]) / scale
-        return Term(by_pose @ slopes / scale[:, None], np.clip(wanted, -most, most), self.settings.pull_weight)
+        return Term(by_pose @ slopes / scale[:, None], np.clip(wanted, -most, most), _PULL_WEIGHT)
 
     def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
@@ -376,12 +390,12 @@ class UserLimit(Limit):
             return np.zeros(0, dtype=np.intp)
         settings = self.settings
         rows = self.terms.path_rows
-        share = np.linspace(0.0, 1.0, settings.samples + 1)[:, None]
+        share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
         between = headings[:-1, None] + share * np.diff(headings, axis=0)[:, None]
         gaps = rows.table(between.reshape(-1, headings.shape[1]))[:, lasting].reshape(*between.shape[:2], -1)
         # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
         steepest = np.max([self.turns(np.asarray(rows.slopes(end, 0.0)[1])) for end in headings[[0, -1]]], axis=0)
-        reserve = settings.reserve * settings.keep_share * settings.margin * steepest[lasting]
+        reserve = _RESERVE * settings.keep_share * settings.margin * steepest[lasting]
         ends = np.minimum(gaps[:, 0], gaps[:, -1])
         floor = np.where(ends >= reserve, reserve, np.clip(ends, -settings.allowed, -self._slack))
         # Negated, so that NaN counts as short.
@@ -394,14 +408,14 @@ class UserLimit(Limit):
     @property
     def _slack(self) -> float:
         """By how much a gap may be missed between keyframes, in the user's unit."""
-        return self.settings.path_share * self.settings.allowed
+        return _PATH_SHARE * self.settings.allowed
 
     # ------------------------------------------------------------ the smooth path
     def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """Slopes by the link headings of equations and broken gaps, shape (k, links), and what they have to change."""
         values = self.terms.path_rows.at(headings, u)
         settings = self.settings
-        reserve = settings.reserve * settings.keep_share * settings.margin * self.turns(values.gap_slopes)
+        reserve = _RESERVE * settings.keep_share * settings.margin * self.turns(values.gap_slopes)
         # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
         # than at them.
         broken = values.gaps < 0.5 * _KNOT_RESERVES * reserve
