@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.built_solver import ProgramDerivatives
 from ccm_opt.ik.curve_program import equal_to_zero
+from ccm_opt.ik.pose_program import PoseSize
+from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.row_program import Repeated, RepeatedRows, RowProgram, repeated_rows
-from ccm_opt.ik.space_pose_program import SpacePoseProgram, SpacePoseSize, space_pose_program
-from ccm_opt.ik.space_pose_task import SpacePoseSettings
+from ccm_opt.ik.space_pose_program import SpacePoseProgram, space_pose_program
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -22,7 +23,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def program(links: int, segments: int, *, loaded: bool) -> SpacePoseProgram:
     """Of an arm with three sides a link."""
     return space_pose_program(
-        SpacePoseSize.from_settings(links, 3, SpacePoseSettings(segments=segments), loaded=loaded)
+        PoseSize.from_settings(links, 3, loaded=loaded, settings=SpacePoseSettings(segments=segments))
     )
 
 
@@ -79,6 +80,11 @@ class SmallProgram(RowProgram):
     """A program of a few variables."""
 
     symbols: ca.SX
+
+    @property
+    def pose(self) -> tuple[ca.SX, ca.SX]:
+        """Its symbols, and no feed."""
+        return self.symbols, ca.SX(0)
 
     @property
     def variables(self) -> ca.SX:

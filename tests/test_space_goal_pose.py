@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.bishop_shooting import axis, product, quaternions_of, turned_by
+from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, link_sides
 from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
-from ccm_opt.ik.space_pose_task import SpacePoseSettings
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.holding import HoldingLoads, holding_loads
-from ccm_opt.ik.space_pose_program import SPACE_PARTS, SpacePoseProgram, SpacePoseSize, space_pose_program
+from ccm_opt.ik.pose_program import PoseSize
+from ccm_opt.ik.pose_settings import SpacePoseSettings
+from ccm_opt.ik.space_pose_program import SPACE_PARTS, SpacePoseProgram, space_pose_program
 from ccm_opt.ik.space_pose_solver import CurveNumbers, SpacePoseQuestion, link_quaternions, start_values
-from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseSettings, SpacePoseTask
+from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseTask
 from ccm_opt.problem import TipGoal
 from ccm_opt.robot.curve_space import CurveSpace
 from tests.space_arms import FEED_OF_TESTS, turned_arm
@@ -24,7 +26,7 @@ SETTINGS = SpacePoseSettings(segments=2)
 
 def program() -> SpacePoseProgram:
     """Of a small arm, two sides a link."""
-    return space_pose_program(SpacePoseSize.from_settings(LINKS, 2, SETTINGS))
+    return space_pose_program(PoseSize.from_settings(LINKS, 2, loaded=False, settings=SETTINGS))
 
 
 def question(seed: int, *, fed: bool = False) -> SpacePoseQuestion:

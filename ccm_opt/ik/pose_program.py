@@ -6,16 +6,13 @@ Every term is a share: of the wanted gap, of the limits, of one radian. The weig
 of the problem's ``[planner.weights]``.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
-from ccm_opt.ik.functions import CompiledConstraint
 from ccm_opt.ik.lifted_curve import LiftedCurve, mapping_rows
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.row_program import RowProgram
@@ -75,13 +72,13 @@ def _repeated(columns: ca.SX, times: int) -> ca.SX:
     return columns[:, indices]
 
 
-def goal_rows(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
-    """|P_n - goal|² ≤ room²: the tip lies in a disc; over 2 room, so that at the edge the row is a length.
+def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
+    """|P_n - goal|² ≤ room²: the tip lies in a ball; over 2 room, so that at the edge the row is a length.
 
     Args:
-        tip: P_n, shape (2, 1).
-        goal: middle of the disc, shape (2, 1).
-        room: radius of the disc, scalar and positive.
+        tip: P_n, shape (d, 1).
+        goal: middle of the ball, shape (d, 1).
+        room: its radius, scalar and positive.
     """
     return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
 
@@ -177,7 +174,7 @@ class PoseSize:
     @classmethod
     def from_settings(cls, links: int, sides: int, *, loaded: bool, settings: PoseSettings) -> "PoseSize":
         """The size of a question."""
-        return cls(links, sides, loaded, settings.segments, _WINDOW, _LEAST_PIECE)
+        return cls(links, sides, loaded, settings.segments_for(links), _WINDOW, _LEAST_PIECE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,6 +257,11 @@ class PoseProgram(RowProgram):
     parameters: PoseParameters
 
     @property
+    def pose(self) -> tuple[ca.SX, ca.SX]:
+        """The headings of the links, and no feed."""
+        return self.link_headings, ca.SX(0)
+
+    @property
     def variables(self) -> ca.SX:
         """The curve, φ, P and g in one column."""
         return ca.vertcat(self.curve.variables, self.link_headings, ca.vec(self.points), self.gap)
@@ -280,7 +282,7 @@ def pose_program(size: PoseSize) -> PoseProgram:
         chain_rows(link_headings, points),
         joint_limit_rows(link_headings, given.base_heading, given.bend_limits),
         region_rows(points, given.first_shares, given.normals, given.offsets, gap),
-        goal_rows(points[:, size.links], given.goal, given.goal_room),
+        goal_row(points[:, size.links], given.goal, given.goal_room),
     ]
     parts = {
         "room": lack_of_room(gap, given.wanted_gap),
@@ -306,34 +308,3 @@ def pose_program(size: PoseSize) -> PoseProgram:
         parts=parts,
         objective=ca.dot(given.weights, ca.vertcat(*parts.values())),
     )
-
-
-GOAL = 1.0
-"""Path parameter of the goal."""
-
-
-@lru_cache(maxsize=4)  # the regions are drawn anew several times for one question; its solver is built once
-def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
-    """The program with the user's hard constraints as rows, and soft ones and costs in its objective.
-
-    Args:
-        program: without them.
-        terms: compiled for the same arm; those that do not cover the goal are left out.
-    """
-    rows = tuple(_rows_of(item, program.link_headings) for item in terms.hard_at_goal)
-    parts = dict(program.parts)
-    objective = program.objective
-    for item in terms.all_costs:
-        if bool(item.applies(np.array([GOAL]))[0]):
-            value = item.function(program.link_headings, 0.0, GOAL)
-            parts[f"user: {item.cost.name}"] = item.cost.weight * value
-            objective += item.cost.weight * value
-    return replace(program, rows=(*program.rows, *rows), parts=parts, objective=objective)
-
-
-def _rows_of(item: CompiledConstraint, link_headings: ca.SX) -> RowBlock:
-    """A hard constraint at the goal, one row an entry, in the user's unit."""
-    name = item.constraint.name
-    count = len(item.lower)
-    names = (f"user: {name}",) if count == 1 else tuple(f"user: {name}, entry {k + 1}" for k in range(count))
-    return RowBlock(names, item.function(link_headings, 0.0, GOAL), item.lower, item.upper)

@@ -1,7 +1,34 @@
 """The numbers of the goal-pose NLP: the size of the curve, weights of the objective, and the solver's limits."""
 
+import math
 import sys
 from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Weights
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+
+TORQUE_SHARE = 0.9
+"""Share of a torque limit that holding the pose may take, so that moving and feedback have the rest (taste)."""
+_ROOM_WEIGHT = 10.0
+"""Cost of having no room at all, of the wanted gap; beside it bending costs little (taste)."""
+_KNOT_WEIGHT = 4.0
+"""Of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP; measured: with
+0.05 clutter takes 28 iterations in the median, with 4 it takes 12, and the parts that say something of the pose grow by
+0.1 %)."""
+_BOW_WEIGHT = 1e-3
+"""Of what the curvature leaves its chords by between knots; likewise (taste)."""
+_TORQUE_WEIGHT = 0.1
+"""Of the mean square torque, as shares of its limits (taste)."""
+_STRAY_WEIGHT = 1.0
+"""Of the squared angles by which links in space point elsewhere than the curve [1/rad²] (taste)."""
+_LINKS_A_FURTHER_SEGMENT = 2.4
+"""In space arms of more links have one segment more for so many of them: with too few, most joints share a piece
+between knots, and arms of 36 links take a hundred iterations and more instead of fifteen (measured behind holes and in
+a tank with 36 and 60 links)."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +45,7 @@ class PoseSettings:
             any wanted gap, with 0.5 it is 2.4 % and 30 %; squared turns from the start of the motion instead made some
             last 40 % longer, for they know nothing of the way).
         tolerance: of the solver, relative (taste).
+        iterations: most of one solution (measured: clutter takes 8 to 25).
         rounds: most solutions, the regions drawn anew about the links between them (measured by
             ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
         worthwhile: a further round is worth its time when the one before brought this share of the cost or, where the
@@ -38,6 +66,7 @@ class PoseSettings:
     bending_weight: float = 0.01
     distance_weight: float = 2.0
     tolerance: float = 1e-4
+    iterations: int = 100
     rounds: int = 4
     worthwhile: float = 0.02
     reach: float = 0.25
@@ -48,9 +77,56 @@ class PoseSettings:
     more_sides: int = 16
     enough: float = 0.999
 
+    def segments_for(self, links: int) -> int:
+        """Curvature segments of the curve of an arm of so many links."""
+        del links
+        return self.segments
+
+    def weights_of(self, parts: tuple[str, ...], given: Weights) -> FloatArray:
+        """Weights of the parts of the objective by their names, times those that a problem gives."""
+        weights = {
+            "room": _ROOM_WEIGHT,
+            "bending": self.bending_weight * given.bending,
+            "distance": self.distance_weight * given.path_length,
+            "torque": _TORQUE_WEIGHT,
+            "knots": _KNOT_WEIGHT,
+            "bows": _BOW_WEIGHT,
+            "stray": _STRAY_WEIGHT,
+        }
+        return np.array([weights[part] for part in parts])
+
     @property
-    def widening(self) -> tuple["PoseSettings", ...]:
+    def widening(self) -> tuple[Self, ...]:
         """These settings, then with more sides, then with all of them, those to walls far away too."""
         more = replace(self, most_sides=self.more_sides)
         everything = replace(self, most_sides=sys.maxsize, reach=self.far_reach)
         return self, more, everything
+
+
+@dataclass(frozen=True)
+class SpacePoseSettings(PoseSettings):
+    """The same in space.
+
+    Attributes:
+        segments: of the curve of an arm of up to 24 links (measured by ``tests.benchmarks.bench_space_poses``: in
+            clutter two to five find the same room; with three, arms that are straight up to a hole take three times the
+            iterations).
+        distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
+            the plane, for the same change of shape is one of both bends (taste).
+        far_reach: ``reach`` where a link has strayed farther than that and met a surface there.
+        more_sides: ``most_sides`` where a pose has less room than its rows say, for a side that was left out (taste).
+    """
+
+    segments: int = 5
+    distance_weight: float = 1.0
+    far_reach: float = 1.0
+    more_sides: int = 24
+
+    def segments_for(self, links: int) -> int:
+        """Curvature segments of the curve of an arm of so many links."""
+        return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / _LINKS_A_FURTHER_SEGMENT)
+
+    @property
+    def widening(self) -> tuple[Self, ...]:
+        """These settings, then with more sides, those to surfaces far away too."""
+        return self, replace(self, most_sides=self.more_sides, reach=self.far_reach)

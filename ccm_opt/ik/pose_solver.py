@@ -19,23 +19,15 @@ from ccm_opt.robot.segment import PIECES, second_derivatives
 
 _LIMIT_SHARE = 0.98
 """Share of a joint limit that a pose may use (as the steps of the motion have it)."""
-_ITERATIONS = 100
-"""Most iterations of one solution (measured: clutter takes 8 to 25)."""
 _FIRST_BARRIER = 1e-2
 """Where the barrier starts; small, for a pose of the arm is known (taste)."""
-
-
-def free_from(arm: Arm) -> FloatArray:
-    """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
-    shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
-    return shares
 
 
 def held_points(first_shares: FloatArray, points: FloatArray) -> FloatArray:
     """The points that regions hold: where the free part of every link begins, and the tip, shape (links + 1, 2) [m].
 
     Args:
-        first_shares: as of ``free_from``, shape (links,).
+        first_shares: of the arm, shape (links,).
         points: joint and tip positions, shape (links + 1, 2) [m].
     """
     starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
@@ -127,6 +119,11 @@ class ArmPose:
     gap: float
     answer: RowAnswer
 
+    @property
+    def at(self) -> FloatArray:
+        """The headings."""
+        return self.headings
+
 
 @dataclass(frozen=True, eq=False)
 class PoseQuestion:
@@ -178,7 +175,7 @@ class PoseQuestion:
             task.near,
             [arm.base_heading],
             limits,
-            free_from(arm),
+            arm.free_shares,
             (task.position - arm.base) / self._length,
             # A tip that is held at its goal by its bounds lies in any disc about it.
             [task.room[0] / self._length or 1.0],
@@ -229,7 +226,7 @@ class PoseQuestion:
         headings = curve.heading_at(curve.breakpoints)
         integrals = curve.heading_integral_at(curve.breakpoints) / self._length
         points = task.arm.joint_positions(task.start)
-        gap = min(task.regions.gap(free_from(task.arm), points), task.wanted_gap) / self._length
+        gap = min(task.regions.gap(task.arm.free_shares, points), task.wanted_gap) / self._length
         from_base = (points - task.arm.base) / self._length
         knots = (arcs, curvatures, headings, integrals, bows)
         return np.concatenate((*knots, task.start, from_base.ravel(), [gap]))
@@ -268,7 +265,7 @@ def _options(settings: PoseSettings) -> dict[str, Any]:
     """The settings in IPOPT's names."""
     return {
         **_SWITCHES,
-        "ipopt.max_iter": _ITERATIONS,
+        "ipopt.max_iter": settings.iterations,
         "ipopt.tol": settings.tolerance,
         "ipopt.mu_init": _FIRST_BARRIER,
     }

@@ -45,6 +45,11 @@ class RowProgram(ABC):
 
     @property
     @abstractmethod
+    def pose(self) -> tuple[ca.SX, ca.SX]:
+        """What users' functions are asked with: headings or bends [rad], and the feed over the arm's length."""
+
+    @property
+    @abstractmethod
     def variables(self) -> ca.SX:
         """All variables in one column."""
 

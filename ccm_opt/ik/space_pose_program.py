@@ -15,14 +15,8 @@ from ccm_opt.ik import pose_program as pose_costs
 from ccm_opt.ik.bishop_shooting import DIRECTIONS, BishopShooting, axis, mean_direction, product
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.ik.holding import HoldingLoads
+from ccm_opt.ik.pose_program import PoseSize, goal_row
 from ccm_opt.ik.row_program import Repeated, RowProgram, repeated_rows
-from ccm_opt.ik.space_pose_task import SpacePoseSettings
-
-_WINDOW = 1
-"""Spline pieces on either side of the one in which a joint lies at first, among which the joint may come to lie while
-knots move (as in the plane)."""
-_LEAST_PIECE = 0.08
-"""Least share of its segment that a piece between knots keeps (as in the plane)."""
 
 
 def turning_rows(bends: ca.SX, links: ca.SX) -> tuple[RowBlock, RowBlock]:
@@ -98,11 +92,6 @@ def side_rows(
     return repeated_rows(not_negative, names, Repeated(_inside, columns, given))
 
 
-def tip_place_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
-    """|P_n − goal|² ≤ room²: the tip lies in a ball; over 2 room, so that at the edge the row is a length."""
-    return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
-
-
 def tip_direction_rows(last: ca.SX, across: ca.SX, parts: ca.SX) -> RowBlock:
     """What the last link has of the two axes across the goal's direction; bounds keep it within the tolerance.
 
@@ -166,34 +155,6 @@ SPACE_PARTS = ("room", "bending", "distance", "knots", "bows", "stray", "torque"
 """Names of the parts of the objective, in the order of their weights among the parameters."""
 
 
-@dataclass(frozen=True)
-class SpacePoseSize:
-    """What the symbolic part depends on.
-
-    Attributes:
-        links: number of links.
-        sides: sides of every link's region, padded.
-        segments: curvature segments of the curve.
-        window: pieces about a joint.
-        least_piece: least share of its segment that a piece keeps.
-        loaded: whether torques are limited.
-    """
-
-    links: int
-    sides: int
-    segments: int
-    window: int
-    least_piece: float
-    loaded: bool
-
-    @classmethod
-    def from_settings(
-        cls, links: int, sides: int, settings: SpacePoseSettings, *, loaded: bool = False
-    ) -> "SpacePoseSize":
-        """The size of a question."""
-        return cls(links, sides, settings.segments_for(links), _WINDOW, _LEAST_PIECE, loaded)
-
-
 @dataclass(frozen=True, eq=False)
 class SpacePoseParameters:
     """Symbols of what changes from question to question; lengths in units of the arm's length, axes of its base.
@@ -231,7 +192,7 @@ class SpacePoseParameters:
     torque_limits: ca.SX
 
     @classmethod
-    def symbols(cls, size: SpacePoseSize) -> "SpacePoseParameters":
+    def symbols(cls, size: PoseSize) -> "SpacePoseParameters":
         """Fresh symbols."""
         loaded = size.links if size.loaded else 0
         return cls(
@@ -274,7 +235,7 @@ class SpacePoseProgram(RowProgram):
         gap: g, scalar.
     """
 
-    size: SpacePoseSize
+    size: PoseSize
     curve: BishopShooting
     bends: ca.SX
     links: ca.SX
@@ -285,6 +246,11 @@ class SpacePoseProgram(RowProgram):
     loads: HoldingLoads
     gap: ca.SX
     parameters: SpacePoseParameters
+
+    @property
+    def pose(self) -> tuple[ca.SX, ca.SX]:
+        """The bends in the order of the coordinates, and the feed over the arm's length."""
+        return ca.vec(self.bends), self.feed
 
     @property
     def variables(self) -> ca.SX:
@@ -312,7 +278,7 @@ class SpacePoseProgram(RowProgram):
 
 # Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
 @lru_cache(maxsize=4)
-def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
+def space_pose_program(size: PoseSize) -> SpacePoseProgram:
     """Symbols, rows and objective for a size; nothing is solved."""
     curve = BishopShooting(size.segments, size.links)
     bends = ca.SX.sym("bend", 2, size.links)
@@ -330,7 +296,7 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         *place_rows(links, points, feed),
         mapping_rows_in_space(curve, links, stray, given.offsets_from_curve),
         side_rows(points, given.first_shares, given.normals, given.offsets, given.gap_shares, gap),
-        tip_place_row(points[:, size.links], given.goal, given.goal_room),
+        goal_row(points[:, size.links], given.goal, given.goal_room),
         tip_direction_rows(links[:, size.links - 1], given.across, tip_parts),
     ]
     first, second = curve.parts

@@ -12,9 +12,10 @@ from ccm_opt.core.ipopt_call import ipopt_answer
 from ccm_opt.ik.bishop_shooting import chained_quaternions, quaternions_of
 from ccm_opt.ik.built_solver import IPOPT_SWITCHES, built_solver
 from ccm_opt.ik.holding import holding_loads
+from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.row_program import RowAnswer, RowReading
 from ccm_opt.ik.space_pose_program import SpacePoseProgram
-from ccm_opt.ik.space_pose_task import SpacePoseSettings, SpacePoseTask
+from ccm_opt.ik.space_pose_task import SpacePoseTask
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.curve_space import CurveSpace
@@ -184,6 +185,11 @@ class SpaceArmPose:
     curve: SpaceConfiguration
     gap: float
     answer: RowAnswer
+
+    @property
+    def at(self) -> FloatArray:
+        """The configuration."""
+        return self.q
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,6 @@
 """What a goal pose in space is asked for."""
 
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,7 +8,6 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_shares_of_bends
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ class SpacePoseTask:
     @property
     def first_shares(self) -> FloatArray:
         """Where on each link the part begins that may touch nothing, shape (links,)."""
-        return free_shares(self.arm)
+        return self.arm.free_shares
 
     @property
     def first_bending(self) -> int:
@@ -116,66 +114,3 @@ class SpacePoseTask:
         if not self.arm.base_axes or first >= self.arm.links:
             return low, high
         return min(max(low, self.arm.hole - first * self.arm.link_length), high), high
-
-
-def free_shares(arm: Arm) -> FloatArray:
-    """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
-    shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
-    return shares
-
-
-@dataclass(frozen=True)
-class SpacePoseSettings:
-    """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
-
-    Attributes:
-        segments: curvature segments of the curve of an arm of up to 24 links (measured by
-            ``tests.benchmarks.bench_space_poses``: in clutter two to five find the same room; with three, arms that are
-            straight up to a hole take three times the iterations).
-        links_per_further_segment: arms of more links have one segment more for so many of them: with too few, most
-            joints share a piece between knots, and arms of 36 links take a hundred iterations and more instead of
-            fifteen (measured behind holes and in a tank with 36 and 60 links).
-        bending_weight: of ∫(κ1² + κ2²) ds (as in the plane).
-        distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
-            the plane, for the same change of shape is one of both bends (taste).
-        tolerance: of the solver, relative (as in the plane).
-        iterations: most iterations of one solution (taste).
-        rounds: most solutions, the planes drawn anew about the links between them (as in the plane).
-        worthwhile: a further round is worth its time when the one before brought this share of the cost, or of the
-            wanted gap (as in the plane).
-        reach: surfaces farther away than this from a link make no side of its region (as in the plane).
-        most_sides: of a link's region, the nearest (as in the plane).
-        pair_reach: links whose axes are farther apart than this have no side between them (taste).
-        far_reach: ``reach`` where a link has strayed farther than that and met a surface there (as in the plane).
-        more_sides: ``most_sides`` where a pose has less room than its rows say, for a side that was left out (taste).
-        feasible: largest violation of a row that counts as kept; one millionth of the arm (as in the plane).
-        binding: a multiplier above this marks a row that shapes the pose (as in the plane).
-        enough: share of the wanted gap at which no further round is worth its time (as in the plane).
-    """
-
-    segments: int = 5
-    links_per_further_segment: float = 2.4
-    bending_weight: float = 0.01
-    distance_weight: float = 1.0
-    tolerance: float = 1e-4
-    iterations: int = 100
-    rounds: int = 4
-    worthwhile: float = 0.02
-    reach: float = 0.25
-    most_sides: int = 8
-    pair_reach: float = 0.1
-    far_reach: float = 1.0
-    more_sides: int = 24
-    feasible: float = 1e-6
-    binding: float = 1e-4
-    enough: float = 0.999
-
-    def segments_for(self, links: int) -> int:
-        """Curvature segments of the curve of an arm of so many links."""
-        further = max(links - NOMINAL_LINKS, 0) / self.links_per_further_segment
-        return self.segments + math.ceil(further)
-
-    @property
-    def widening(self) -> tuple["SpacePoseSettings", ...]:
-        """These settings, then with more sides, those to surfaces far away too."""
-        return self, replace(self, most_sides=self.more_sides, reach=self.far_reach)

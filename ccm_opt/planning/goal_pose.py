@@ -8,8 +8,9 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program, with_user_terms
-from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.goal_poses import GoalPoses, bounded, with_user_terms
+from ccm_opt.ik.pose_program import PARTS, PoseProgram, PoseSize, pose_program
+from ccm_opt.ik.pose_settings import TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion, PoseTask
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.joint_regions import joint_regions
@@ -21,19 +22,6 @@ from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import ContactFinder
-
-_TORQUE_SHARE = 0.9
-"""Share of a torque limit that holding the pose may take, so that moving and feedback have the rest (taste)."""
-_ROOM_WEIGHT = 10.0
-"""Cost of having no room at all, of the wanted gap; beside it bending costs little (taste)."""
-_KNOT_WEIGHT = 4.0
-"""Of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP; measured: with
-0.05 clutter takes 28 iterations in the median, with 4 it takes 12, and the parts that say something of the pose grow by
-0.1 %)."""
-_BOW_WEIGHT = 1e-3
-"""Of what the curvature leaves its chords by between knots; likewise (taste)."""
-_TORQUE_WEIGHT = 0.1
-"""Of the mean square torque, as shares of its limits (taste)."""
 
 _CLOSE_ENOUGH = 0.03
 """A pose that costs no more than this share above what it would cost without walls is not improved upon (taste)."""
@@ -59,7 +47,7 @@ class PoseCandidate:
 
 
 @dataclass(frozen=True, eq=False)
-class GoalPoseSearch:
+class GoalPoseSearch(GoalPoses[ArmPose, PoseSettings]):
     """Finds good poses at the goal of one problem.
 
     Attributes:
@@ -159,7 +147,7 @@ class GoalPoseSearch:
         """A pose solved for again in regions drawn anew about it, as long as that pays."""
         best = pose
         for _ in range(_FURTHER_ROUNDS):
-            if not _bounded(best) or best.answer.cost <= enough or (deadline is not None and deadline.passed()):
+            if not bounded(best) or best.answer.cost <= enough or (deadline is not None and deadline.passed()):
                 break
             again = self._feasible_pose(best.headings)
             if again is None or again.answer.cost >= best.answer.cost:
@@ -193,51 +181,17 @@ class GoalPoseSearch:
         points = self.problem.arm.joint_positions(headings)
         return goal.nearest_member(points[-1], float(headings[-1]))
 
-    def improved(self, start: FloatArray) -> tuple[ArmPose, ...]:
-        """Solutions of the NLP from a pose, each from the one before with its regions drawn anew about it.
-
-        Args:
-            start: link headings of a pose at or near the goal, shape (links,) [rad].
-
-        Returns:
-            At least one; the last is the best when it is feasible. One that is not says why.
-        """
-        settings = self.settings
-        found: list[ArmPose] = []
-        gain = np.inf
-        growth = np.inf
-        for _ in range(settings.rounds):
-            pose = self.solved(start)
-            if found:
-                gain = 1.0 - pose.answer.cost / found[-1].answer.cost
-                growth = pose.gap - found[-1].gap
-            found.append(pose)
-            wide = pose.gap >= settings.enough * self.wanted_gap
-            idle = gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
-            if not self.feasible(pose) or idle or (wide and not _bounded(pose)):
-                break
-            start = pose.headings
-        return tuple(found)
-
-    def best(self, start: FloatArray) -> ArmPose | None:
-        """The best feasible pose of ``improved``; None when there is none."""
-        return self.best_of(self.improved(start))
-
-    def best_of(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
-        """The feasible pose that costs least; None when there is none."""
-        feasible = [pose for pose in poses if self.feasible(pose)]
-        return min(feasible, key=lambda pose: pose.answer.cost, default=None)
-
-    def solved(self, start: FloatArray) -> ArmPose:
+    def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
         """One solution of the NLP, feasible or not, with regions about the pose that it starts from.
 
         Args:
             start: link headings of the pose to start from, shape (links,) [rad].
+            seed: does not matter in the plane.
         """
         # Searches that follow one another begin from the same poses.
         key = start.tobytes()
         if key not in self._known:
-            self._known[key] = self._solved_anew(start)
+            self._known[key] = super().solved(start, seed)
         return self._known[key]
 
     @cached_property
@@ -245,21 +199,16 @@ class GoalPoseSearch:
         """Solutions by the headings that they begin from."""
         return {}
 
-    def _solved_anew(self, start: FloatArray) -> ArmPose:
-        """One solution, in regions that know of everything near it."""
-        allowed = self.settings.feasible * self.problem.arm.length
-        for settings in self.settings.widening:
-            pose = self._solved_within(start, settings)
-            # Else a link has strayed beyond what its region was drawn for, and met something there.
-            if pose.answer.violation > settings.feasible or self.gap(pose.headings) >= pose.gap - allowed:
-                break
-        return pose
+    def strays(self, pose: ArmPose) -> bool:
+        """Whether a link has strayed beyond what its region was drawn for, and met something there."""
+        return self.gap(pose.headings) < pose.gap - self.allowed
 
-    def _solved_within(self, start: FloatArray, region_settings: PoseSettings) -> ArmPose:
+    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
         """One solution, its regions drawn with settings of their own."""
+        del seed
         problem = self.problem
         arm = problem.arm
-        regions = joint_regions(arm, problem.workspace, start, region_settings, problem.workspace.wall_segments)
+        regions = joint_regions(arm, problem.workspace, start, drawn_with, problem.workspace.wall_segments)
         torque = problem.limits.torque
         goal = self.ends.goal
         task = PoseTask(
@@ -273,22 +222,16 @@ class GoalPoseSearch:
             wanted_gap=self.wanted_gap,
             clamped=self.ends.clamped,
             gravity=problem.simulation.gravity[[0, 2]],
-            torque_limits=None if torque is None else _TORQUE_SHARE * torque[1::3],
+            torque_limits=None if torque is None else TORQUE_SHARE * torque[1::3],
         )
         question = PoseQuestion(
             self._program(regions.sides, loaded=torque is not None), task, self._weights, self.settings
         )
         return question.solve(nearest_curve(arm, start))
 
-    def feasible(self, pose: ArmPose) -> bool:
-        """Whether a pose keeps every row, and touches nothing by the contacts that motions are planned with."""
-        if pose.answer.violation > self.settings.feasible:
-            return False
-        return self.gap(pose.headings) > -self.settings.feasible * self.problem.arm.length
-
-    def gap(self, headings: FloatArray) -> float:
+    def gap(self, at: FloatArray) -> float:
         """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
-        points = self.problem.arm.joint_positions(headings)
+        points = self.problem.arm.joint_positions(at)
         if self._finder.crosses(points):
             return -np.inf
         return float(self._finder.find(points).gap.min(initial=self._finder.reach))
@@ -309,39 +252,15 @@ class GoalPoseSearch:
         return ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach)
 
     @property
-    def wanted_gap(self) -> float:
-        """Room beyond radius and clearance above which more is worth nothing [m].
-
-        That of the problem; where its motion is to keep none, still what a pose would keep by default.
-        """
-        return self.problem.wanted_gap or self.problem.default_gap
+    def _weights(self) -> FloatArray:
+        """Of the parts of the objective."""
+        return self.settings.weights_of(PARTS, self.problem.planner.weights)
 
     def _program(self, sides: int, *, loaded: bool) -> PoseProgram:
         program = pose_program(
             PoseSize.from_settings(self.problem.arm.links, sides, loaded=loaded, settings=self.settings)
         )
         return program if self.terms is None else with_user_terms(program, self.terms)
-
-    @property
-    def _weights(self) -> FloatArray:
-        """Of the parts of the objective: the settings' times those that the problem gives."""
-        settings = self.settings
-        given = self.problem.planner.weights
-        return np.array(
-            [
-                _ROOM_WEIGHT,
-                settings.bending_weight * given.bending,
-                settings.distance_weight * given.path_length,
-                _TORQUE_WEIGHT,
-                _KNOT_WEIGHT,
-                _BOW_WEIGHT,
-            ]
-        )
-
-
-def _bounded(pose: ArmPose) -> bool:
-    """Whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
-    return any("of its region" in name for name in pose.answer.multipliers)
 
 
 def _winding_of(heading: float | None, headings: FloatArray) -> float | None:

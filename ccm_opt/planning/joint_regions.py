@@ -5,7 +5,7 @@ from scipy.spatial import ConvexHull
 
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.ik.pose_settings import PoseSettings
-from ccm_opt.ik.pose_solver import JointRegions, free_from, held_points
+from ccm_opt.ik.pose_solver import JointRegions, held_points
 from ccm_opt.planning.limits.clearance_rows import sweep_regions
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.swept_motion import Sweep
@@ -50,7 +50,7 @@ def joint_regions(
     if arm.self_collision:
         parts.append(_link_sides(arm, headings, reach))
     sides = _of_joints(_beyond_mount(arm, _joined(parts)))
-    places = held_points(free_from(arm), arm.joint_positions(headings))
+    places = held_points(arm.free_shares, arm.joint_positions(headings))
     sides = _needed(places, sides, reach + arm.link_length)
     sides = _nearest(places, sides, settings.most_sides)
     return _padded(arm, *sides, _REGION_SIZES)
@@ -94,7 +94,7 @@ def _joined(parts: list[Sides]) -> Sides:
 def _beyond_mount(arm: Arm, sides: Sides) -> Sides:
     """The sides of links that do not belong to the mount altogether, which may lie anywhere."""
     link, normal, offset = sides
-    free = free_from(arm)[link] < 1.0
+    free = arm.free_shares[link] < 1.0
     return link[free], normal[free], offset[free]
 
 

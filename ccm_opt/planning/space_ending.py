@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.ik.space_pose_solver import SpaceArmPose
-from ccm_opt.ik.space_pose_task import SpacePoseSettings
 from ccm_opt.planning.space_continuation import (
     SpaceStalled,
     SpaceTipPose,

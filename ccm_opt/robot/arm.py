@@ -423,6 +423,11 @@ class Arm:
         link = min(int(length + 1e-9), self.links - 1)
         return link, min(max(length - link, 0.0), 1.0)
 
+    @property
+    def free_shares(self) -> FloatArray:
+        """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
+        return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
+
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
         """Index of the first link beyond the mount, and the axes of the links from its end on.
 

@@ -8,8 +8,8 @@ import sys
 
 import numpy as np
 
+from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.ik.space_pose_task import SpacePoseSettings
 from tests.space_clutter import clutter
 
 
