@@ -20,11 +20,10 @@ from pathlib import Path
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.arrays_npz import arrays_npz, solution_arrays
 from ccm_opt.io.controller_points import controller_points
-from ccm_opt.io.mjcf import mjcf_text, space_mjcf
-from ccm_opt.io.problem_data import KEPT_MESHES
+from ccm_opt.io.mjcf import mjcf_text
+from ccm_opt.io.problem_data import KEPT_MESHES, kept_meshes
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.io.solution_json import solution_json
-from ccm_opt.io.space_scene import kept_meshes, named_bodies, space_meshes, space_urdf
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.io.urdf import URDF_MESHES, scene_meshes, urdf_text
 from ccm_opt.problem import Problem
@@ -268,8 +267,6 @@ def solution_files(solution: Solution) -> dict[str, bytes]:
 
 def model_meshes(problem: Problem, folder: str = URDF_MESHES) -> dict[str, bytes]:
     """Meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
-    if problem.dimension == 3:
-        return space_meshes(named_bodies(problem), folder)
     return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
 
 
@@ -290,17 +287,11 @@ def model_texts(
     problem: Problem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
 ) -> dict[str, str]:
     """Descriptions of a problem's arm and obstacles for other programs, by file name; meshes are in a folder."""
-    if problem.dimension == 3:
-        bodies = named_bodies(problem) if obstacles else ()
-        return {
-            "arm.urdf": space_urdf(problem, bodies, meshes, bends_only=bends_only),
-            "arm.mjcf.xml": space_mjcf(problem, bodies, meshes, bends_only=bends_only),
-        }
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
     return {
         "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits, scene, meshes, bends_only=bends_only),
-        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, gravity, scene, bends_only=bends_only),
+        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, gravity, scene, meshes, bends_only=bends_only),
     }
 
 

@@ -27,7 +27,6 @@ from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
-from ccm_opt.scene.workspace import BOUNDARY_NAME
 from ccm_opt.solution import JointTrajectory
 
 _FILM_RATE = 30.0
@@ -171,13 +170,10 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
 
 def _obstacles(problem: Problem, settings: ExportSettings) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
     """Names and surfaces of what stands still."""
-    if problem.dimension == 3:
-        for each in problem.workspace.obstacles:
-            yield each.name, seen_triangles(each.body, settings.round_sides)
-        return
     scene = solid_scene(problem.workspace, problem.arm, settings)
-    for obstacle in scene.obstacles:
-        if obstacle.solids and not obstacle.name.startswith(BOUNDARY_NAME):
+    # What is outside the room comes behind its obstacles, and would hide them.
+    for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
+        if obstacle.solids:
             yield obstacle.name, _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
 
 
@@ -214,7 +210,7 @@ def _mesh(solid: Solid, half_depth: float, settings: ExportSettings) -> tuple[Fl
         angles = np.linspace(0.0, 2.0 * np.pi, 2 * settings.round_sides, endpoint=False)
         ring = solid.center + solid.radius * np.column_stack((np.cos(angles), np.sin(angles)))
         return prism_mesh(Prism(ring), half_depth)
-    return prism_mesh(solid, half_depth)
+    return prism_mesh(solid, half_depth) if isinstance(solid, Prism) else seen_triangles(solid, settings.round_sides)
 
 
 def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:

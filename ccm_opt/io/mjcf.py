@@ -4,8 +4,6 @@ MuJoCo meets a mesh as its convex hull, through which no arm would go. So a mesh
 corners do not move; it is met triangle by triangle, grown by the flex's radius.
 """
 
-from collections.abc import Callable
-from functools import partial
 from itertools import groupby
 from xml.etree import ElementTree as ET
 
@@ -13,37 +11,45 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.arm_description import FEED, Revolute, checked_share, number, numbers, revolutes, visual_radius
-from ccm_opt.io.scene_solids import Drum, Prism, Solid, SolidScene, prism_mesh
-from ccm_opt.io.settings import EXPORT, ExportSettings
-from ccm_opt.io.space_scene import NamedBody
-from ccm_opt.problem import Problem
+from ccm_opt.io.scene_solids import Drum, Prism, SolidScene, prism_mesh
+from ccm_opt.io.urdf import URDF_MESHES, mesh_file
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 
 _COLOUR = "0.55 0.57 0.6 1"
+_GLASS = "0.55 0.57 0.6 0.4"
+"""Of bodies in space, which would hide the arm."""
+_CONTACT = {"contype": "2", "conaffinity": "1"}
+"""What the arm is made of has the bit 1 in contype alone."""
 
 
-def add_scene(model: ET.Element, worldbody: ET.Element, scene: SolidScene) -> None:
+def add_scene(model: ET.Element, worldbody: ET.Element, scene: SolidScene, folder: str) -> None:
     """Add the obstacles of a scene, which stand still and touch the arm but not each other.
 
     Args:
-        model: the element ``mujoco``; meshes go into an element ``asset`` of it.
+        model: the element ``mujoco``; meshes of solids of the plane go into an element ``asset`` of it.
         worldbody: receives a geom for every solid, named by its obstacle; further ones have ``/2`` and so on behind.
         scene: the obstacles.
+        folder: of the meshes of space, as ``scene_meshes`` writes them, relative to the MJCF.
     """
     asset = ET.Element("asset")
     for obstacle in scene.obstacles:
-        for k, solid in enumerate(obstacle.solids, start=1):
-            name = obstacle.name if k == 1 else f"{obstacle.name}/{k}"
-            geom = _geom(solid, scene.half_depth, name, asset)
-            worldbody.append(geom)
+        for k, solid in enumerate(obstacle.solids):
+            name = obstacle.name if k == 0 else f"{obstacle.name}/{k + 1}"
+            if isinstance(solid, MeshBody):
+                _add_mesh(
+                    worldbody, name, max(solid.rounding, 0.5 * scene.thinnest), f"{folder}/{mesh_file(obstacle, k)}"
+                )
+            elif isinstance(solid, (Drum, Prism)):
+                worldbody.append(_extruded_geom(solid, scene.half_depth, name, asset))
+            else:
+                worldbody.append(_body_geom(solid, name))
     if len(asset):
         model.insert(list(model).index(worldbody), asset)
 
 
-def _geom(solid: Solid, half_depth: float, name: str, asset: ET.Element) -> ET.Element:
-    # What the arm is made of has the bit 1 in contype alone.
-    geom = ET.Element("geom", name=name, contype="2", conaffinity="1", rgba=_COLOUR)
+def _extruded_geom(solid: Drum | Prism, half_depth: float, name: str, asset: ET.Element) -> ET.Element:
+    geom = ET.Element("geom", {"name": name, **_CONTACT, "rgba": _COLOUR})
     if isinstance(solid, Drum):
         x, z = solid.center
         geom.set("type", "cylinder")
@@ -54,8 +60,9 @@ def _geom(solid: Solid, half_depth: float, name: str, asset: ET.Element) -> ET.E
     if box is None:
         geom.set("type", "mesh")
         geom.set("mesh", name)
+        vertices = numbers(prism_mesh(solid, half_depth)[0].reshape(-1))
         # Any solid may be this thin, and nothing here has a mass.
-        ET.SubElement(asset, "mesh", name=name, vertex=_vertices(solid, half_depth), inertia="shell")
+        ET.SubElement(asset, "mesh", name=name, vertex=vertices, inertia="shell")
         return geom
     center, heading, length, width = box
     geom.set("type", "box")
@@ -65,12 +72,41 @@ def _geom(solid: Solid, half_depth: float, name: str, asset: ET.Element) -> ET.E
     return geom
 
 
-def _vertices(prism: Prism, half_depth: float) -> str:
-    return numbers(prism_mesh(prism, half_depth)[0].reshape(-1))
+def _body_geom(body: BoxBody | SphereBody | CylinderBody | CapsuleBody, name: str) -> ET.Element:
+    geom = ET.Element("geom", _CONTACT, name=name, rgba=_GLASS)
+    if isinstance(body, BoxBody):
+        geom.set("type", "box")
+        geom.set("pos", numbers(body.placement.points(0.5 * (body.low + body.high))))
+        geom.set("quat", numbers(RigidPlacement(rotation=body.placement.rotation).quaternion))
+        geom.set("size", numbers(0.5 * (body.high - body.low)))
+    elif isinstance(body, SphereBody):
+        geom.set("type", "sphere")
+        geom.set("pos", numbers(body.center))
+        geom.set("size", number(body.radius))
+    else:
+        geom.set("type", "capsule" if isinstance(body, CapsuleBody) else "cylinder")
+        geom.set("fromto", numbers(np.concatenate((body.start, body.end))))
+        geom.set("size", number(body.radius))
+    return geom
+
+
+def _add_mesh(worldbody: ET.Element, name: str, radius: float, file: str) -> None:
+    """A mesh as triangles that do not move; a flex needs some radius, and a mass that then is of no matter."""
+    flex = ET.SubElement(worldbody, "flexcomp", name=name, type="mesh", dim="2", rigid="true", mass="1")
+    flex.set("file", file)
+    flex.set("radius", number(radius))
+    flex.set("rgba", _GLASS)
+    ET.SubElement(flex, "contact", _CONTACT, selfcollide="none")
 
 
 def mjcf_text(
-    arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None = None, *, bends_only: bool = False
+    arm: Arm,
+    name: str,
+    gravity: FloatArray,
+    scene: SolidScene | None = None,
+    mesh_folder: str = URDF_MESHES,
+    *,
+    bends_only: bool = False,
 ) -> str:
     """MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
 
@@ -83,27 +119,16 @@ def mjcf_text(
         name: of the model.
         gravity: in the world, shape (3,) [m/s²].
         scene: the obstacles; None writes the arm alone.
-        bends_only: whether a link has one hinge, which bends in the plane, in place of three.
+        mesh_folder: of the meshes of obstacles in space, relative to the file.
+        bends_only: whether a link has one hinge, which bends in the plane, or the two that bend it in space, in place
+            of three.
     """
-    furnish = None if scene is None else partial(add_scene, scene=scene)
-    return arm_mjcf(arm, name, gravity, furnish, bends_only=bends_only)
-
-
-def arm_mjcf(
-    arm: Arm,
-    name: str,
-    gravity: FloatArray,
-    furnish: Callable[[ET.Element, ET.Element], None] | None,
-    *,
-    bends_only: bool = False,
-) -> str:
-    """The text of the file of an arm among whatever ``furnish`` adds to the elements ``mujoco`` and ``worldbody``."""
     model = ET.Element("mujoco", model=name)
     ET.SubElement(model, "compiler", angle="radian", autolimits="true")
     ET.SubElement(model, "option", gravity=numbers(gravity), timestep="0.001", integrator="RK4")
     parent = ET.SubElement(model, "worldbody")
-    if furnish is not None:
-        furnish(model, parent)
+    if scene is not None:
+        add_scene(model, parent, scene, mesh_folder)
     actuators = ET.SubElement(model, "actuator")
     for ball, group in groupby(revolutes(arm, bends_only=bends_only), key=lambda revolute: revolute.ball):
         parent = _add_body(parent, arm, ball)
@@ -168,67 +193,3 @@ def _add_capsule(body: ET.Element, arm: Arm, span: tuple[float, float], contype:
     ends = numbers((span[0], 0.0, 0.0, span[1], 0.0, 0.0))
     size = number(visual_radius(arm))
     ET.SubElement(body, "geom", type="capsule", fromto=ends, size=size, contype=contype, conaffinity="0")
-
-
-_SPACE_MJCF_COLOUR = "0.55 0.57 0.6 0.4"
-_CONTACT = {"contype": "2", "conaffinity": "1"}
-"""What the arm is made of has the bit 1 in contype alone."""
-
-
-def space_mjcf(
-    problem: Problem,
-    bodies: tuple[NamedBody, ...],
-    mesh_folder: str,
-    *,
-    bends_only: bool = False,
-    settings: ExportSettings = EXPORT,
-) -> str:
-    """MJCF of an arm and of bodies, which stand still and touch the arm but not each other.
-
-    Args:
-        problem: whose arm it is.
-        bodies: what it can touch; meshes are files, as ``space_meshes`` writes them.
-        mesh_folder: of these, relative to the MJCF.
-        bends_only: whether a link has the two hinges that bend it, in place of three.
-        settings: sizes.
-    """
-    thinnest = settings.thin_wall * problem.arm.length
-    furnish = partial(_furnish, bodies=bodies, mesh_folder=mesh_folder, thinnest=thinnest)
-    return arm_mjcf(problem.arm, problem.name, problem.simulation.gravity, furnish, bends_only=bends_only)
-
-
-def _furnish(
-    _model: ET.Element, worldbody: ET.Element, *, bodies: tuple[NamedBody, ...], mesh_folder: str, thinnest: float
-) -> None:
-    for named in bodies:
-        if isinstance(named.body, MeshBody):
-            _add_mesh(worldbody, named, named.body, mesh_folder, thinnest)
-        else:
-            worldbody.append(_space_mjcf_geom(named, named.body))
-
-
-def _add_mesh(worldbody: ET.Element, named: NamedBody, body: MeshBody, folder: str, thinnest: float) -> None:
-    """A mesh as triangles that do not move; a flex needs some radius, and a mass that then is of no matter."""
-    flex = ET.SubElement(worldbody, "flexcomp", name=named.name, type="mesh", dim="2", rigid="true", mass="1")
-    flex.set("file", f"{folder}/{named.mesh_file}")
-    flex.set("radius", number(max(body.rounding, 0.5 * thinnest)))
-    flex.set("rgba", _SPACE_MJCF_COLOUR)
-    ET.SubElement(flex, "contact", _CONTACT, selfcollide="none")
-
-
-def _space_mjcf_geom(named: NamedBody, body: BoxBody | SphereBody | CylinderBody | CapsuleBody) -> ET.Element:
-    geom = ET.Element("geom", _CONTACT, name=named.name, rgba=_SPACE_MJCF_COLOUR)
-    if isinstance(body, BoxBody):
-        geom.set("type", "box")
-        geom.set("pos", numbers(body.placement.points(0.5 * (body.low + body.high))))
-        geom.set("quat", numbers(RigidPlacement(rotation=body.placement.rotation).quaternion))
-        geom.set("size", numbers(0.5 * (body.high - body.low)))
-    elif isinstance(body, SphereBody):
-        geom.set("type", "sphere")
-        geom.set("pos", numbers(body.center))
-        geom.set("size", number(body.radius))
-    else:
-        geom.set("type", "capsule" if isinstance(body, CapsuleBody) else "cylinder")
-        geom.set("fromto", numbers(np.concatenate((body.start, body.end))))
-        geom.set("size", number(body.radius))
-    return geom

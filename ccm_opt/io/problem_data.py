@@ -1,5 +1,6 @@
 """Problems as data of a problem file."""
 
+import hashlib
 import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -17,6 +18,7 @@ from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.scene_solids import told_apart
 from ccm_opt.io.settings import READING
+from ccm_opt.io.urdf import triangles_stl
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -362,3 +364,34 @@ def _suffix(body: Body) -> str:
     """Of the file of a mesh; those that have none are written as STL."""
     kept = isinstance(body, MeshBody) and body.content
     return PurePosixPath(body.file).suffix.lower() if isinstance(body, MeshBody) and kept else ".stl"
+
+
+def kept_meshes(problem: Problem) -> dict[str, bytes]:
+    """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself; in space.
+
+    Meshes that were made in Python are written as they stand.
+    """
+    if problem.dimension == 2:
+        return {}
+    return {
+        name: obstacle.body.content or triangles_stl(obstacle.body.triangles)
+        for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True)
+        if isinstance(obstacle.body, MeshBody)
+    }
+
+
+def mesh_data(problem: Problem) -> list[dict[str, object]]:
+    """Of every mesh where it is from, what it was, and where it is kept."""
+    kept = kept_meshes(problem)
+    return [
+        {
+            "obstacle": obstacle.name,
+            "file": obstacle.body.file,
+            "kept": name,
+            "sha256": hashlib.sha256(kept[name]).hexdigest(),
+            "triangles": len(obstacle.body.faces),
+            "closed": obstacle.body.closed,
+        }
+        for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True)
+        if isinstance(obstacle.body, MeshBody)
+    ]

@@ -21,9 +21,8 @@ from ccm_opt.io.folder import (
     solution_files,
     write_folder,
 )
-from ccm_opt.io.problem_data import recorded_data
+from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
 from ccm_opt.io.solution_json import SCHEMA, failure_json, place_data, pose_failure_json, pose_json
-from ccm_opt.io.space_scene import kept_meshes, mesh_data
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans
 from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose

@@ -1,7 +1,7 @@
-"""Obstacles as solids.
+"""Obstacles as solids: those of the plane extruded, those of space as they are.
 
-The plane is world x-z; every obstacle reaches as far before it as behind it. Engines know convex solids only, so that
-polygons are divided into convex parts, and what is outside the room is a solid of several parts too.
+The plane is world x-z; every obstacle of it reaches as far before it as behind it. Engines know convex solids only, so
+that polygons are divided into convex parts, and what is outside the room is a solid of several parts too.
 """
 
 import re
@@ -16,7 +16,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import BOUNDARY_NAME, Obstacle, PlaneShape, Workspace
+from ccm_opt.scene.bodies import Body, BoxBody
+from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
 
 
 def told_apart(names: Iterable[str]) -> list[tuple[str, str]]:
@@ -77,7 +78,8 @@ class Drum:
     radius: float
 
 
-Solid: TypeAlias = Prism | Drum
+Solid: TypeAlias = Prism | Drum | Body
+"""Extruded from the plane, or a body of space."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +103,13 @@ class SolidScene:
 
     Attributes:
         obstacles: in the order of the workspace; what is outside the room is the last.
-        half_depth: how far solids reach before and behind the plane [m].
+        half_depth: how far solids of the plane reach before and behind it [m].
+        thinnest: what has no thickness may be this thick [m].
     """
 
     obstacles: tuple[SolidObstacle, ...]
     half_depth: float
+    thinnest: float
 
 
 def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPORT) -> SolidScene:
@@ -116,16 +120,34 @@ def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPOR
         arm: whose size gives the depth of the solids and the thickness of walls that have none.
         settings: sizes.
     """
-    boundary = workspace.boundary
-    walls = _frame(boundary.bounds, settings.room_wall * arm.length)
-    walls.append(shapely.difference(shapely.box(*boundary.bounds), boundary))
-    everything = [*workspace.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.GeometryCollection(walls)))]
-    thinnest = 0.5 * settings.thin_wall * arm.length
-    obstacles = []
-    for obstacle, (name, slug) in zip(everything, told_apart([each.name for each in everything]), strict=True):
-        obstacles.append(SolidObstacle(name, slug, tuple(_solids(obstacle, thinnest))))
+    thickness = settings.room_wall * arm.length
+    thinnest = settings.thin_wall * arm.length
+    everything: list[tuple[str, tuple[Solid, ...]]]
+    if workspace.dimension == 3:
+        everything = [(each.name, (each.body,)) for each in workspace.obstacles]
+        everything += (
+            [] if workspace.bounds is None else [(ROOM_NAME, (s,)) for s in _slabs(workspace.bounds, thickness)]
+        )
+    else:
+        boundary = workspace.boundary
+        walls = _frame(boundary.bounds, thickness)
+        walls.append(shapely.difference(shapely.box(*boundary.bounds), boundary))
+        outside = Obstacle(BOUNDARY_NAME, PlaneShape(shapely.GeometryCollection(walls)))
+        everything = [(each.name, tuple(_solids(each, 0.5 * thinnest))) for each in (*workspace.obstacles, outside)]
+    names = told_apart([name for name, _ in everything])
+    obstacles = tuple(SolidObstacle(*name, solids) for name, (_, solids) in zip(names, everything, strict=True))
     depth = max(settings.depth * arm.radius, settings.least_depth * arm.length)
-    return SolidScene(tuple(obstacles), depth)
+    return SolidScene(obstacles, depth, thinnest)
+
+
+def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
+    """The six sides of a room, outside it."""
+    low, high = bounds
+    for axis in range(3):
+        # Each reaches past the room by the thickness all round, so that the corners are closed.
+        own = np.arange(3) == axis
+        yield BoxBody(low - thickness, np.where(own, low, high + thickness))
+        yield BoxBody(np.where(own, high, low - thickness), high + thickness)
 
 
 def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shapely.Geometry]:

@@ -11,8 +11,7 @@ import numpy as np
 
 from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis
-from ccm_opt.io.problem_data import recorded_data
-from ccm_opt.io.space_scene import mesh_data
+from ccm_opt.io.problem_data import mesh_data, recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import segment_words

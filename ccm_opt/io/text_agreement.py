@@ -16,10 +16,11 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.files import read_plain
 from ccm_opt.io.controller_points import message_checks, slowed, spared
 from ccm_opt.io.folder import model_texts
+from ccm_opt.io.problem_data import mesh_data
+from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.io.solution_json import goal_data, room_data
-from ccm_opt.io.space_scene import mesh_data, named_bodies
 from ccm_opt.io.trajectory_text import ROS_FIELDS, bending_joints, table_headings, trajectory_tables
-from ccm_opt.io.urdf import URDF_MESHES
+from ccm_opt.io.urdf import URDF_MESHES, mesh_file
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.scene.bodies import MeshBody
@@ -45,10 +46,10 @@ def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
     """
     if problem.dimension == 2:
         return
-    for named in named_bodies(problem):
-        name = f"{URDF_MESHES}/{named.mesh_file}"
-        if isinstance(named.body, MeshBody) and name in text:
-            yield from _defects_of_file(folder / name, name, named.body.triangles)
+    for obstacle in solid_scene(problem.workspace, problem.arm).obstacles:
+        name = f"{URDF_MESHES}/{mesh_file(obstacle, 0)}"
+        if isinstance(body := obstacle.solids[0], MeshBody) and name in text:
+            yield from _defects_of_file(folder / name, name, body.triangles)
 
 
 def _defects_of_file(path: Path, name: str, triangles: FloatArray) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Arms and scenes as URDF."""
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,6 +20,8 @@ from ccm_opt.io.arm_description import (
 from ccm_opt.io.scene_solids import Drum, Prism, SolidObstacle, SolidScene, prism_mesh
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
+from ccm_opt.scene.surfaces import turned_to
 
 MESHES = ".meshes"
 """Added to the name of a URDF file for that of the folder of its meshes."""
@@ -40,11 +42,11 @@ def add_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> None:
         link = ET.SubElement(robot, "link", name=name)
         for purpose in ("visual", "collision"):
             for k, solid in enumerate(obstacle.solids):
-                body = ET.SubElement(link, purpose)
-                if isinstance(solid, Drum):
-                    _add_drum(body, solid, scene.half_depth)
+                mesh = f"{folder}/{mesh_file(obstacle, k)}"
+                if isinstance(solid, (Drum, Prism)):
+                    _add_extruded(ET.SubElement(link, purpose), solid, scene.half_depth, mesh)
                 else:
-                    _add_prism(body, solid, scene.half_depth, f"{folder}/{_mesh_name(obstacle, k)}")
+                    _add_body(link, purpose, solid, mesh)
         joint = ET.SubElement(robot, "joint", name=f"{name}_mount", type="fixed")
         ET.SubElement(joint, "parent", link="world")
         ET.SubElement(joint, "child", link=name)
@@ -57,7 +59,21 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
         scene: the obstacles.
         folder: in front of their names.
     """
-    return {f"{folder}/{name}": stl(prism, scene.half_depth) for name, prism in _meshed(scene)}
+    found = {}
+    for obstacle in scene.obstacles:
+        for k, solid in enumerate(obstacle.solids):
+            name = f"{folder}/{mesh_file(obstacle, k)}"
+            if isinstance(solid, MeshBody):
+                found[name] = triangles_stl(solid.triangles)
+            elif isinstance(solid, Prism) and solid.as_box() is None:
+                found[name] = stl(solid, scene.half_depth)
+    return found
+
+
+def mesh_file(obstacle: SolidObstacle, k: int) -> str:
+    """Name of the file of a solid's mesh; of no matter where it has none."""
+    extruded = isinstance(obstacle.solids[k], (Prism, Drum))
+    return f"{obstacle.slug}-{k + 1}.stl" if extruded else f"{obstacle.slug}.stl"
 
 
 def stl(prism: Prism, half_depth: float) -> bytes:
@@ -76,34 +92,48 @@ def triangles_stl(corners: FloatArray) -> bytes:
     return b"ccm_opt".ljust(80) + struct.pack("<I", len(corners)) + rows.tobytes()
 
 
-def _meshed(scene: SolidScene) -> Iterator[tuple[str, Prism]]:
-    """The prisms that are no boxes, with the names of their files."""
-    for obstacle in scene.obstacles:
-        for k, solid in enumerate(obstacle.solids):
-            if isinstance(solid, Prism) and solid.as_box() is None:
-                yield _mesh_name(obstacle, k), solid
-
-
-def _mesh_name(obstacle: SolidObstacle, k: int) -> str:
-    return f"{obstacle.slug}-{k + 1}.stl"
-
-
-def _add_drum(body: ET.Element, drum: Drum, half_depth: float) -> None:
-    x, z = drum.center
-    # Cylinders stand along their z; a quarter turn about x lays it along world y.
-    ET.SubElement(body, "origin", xyz=numbers((x, 0.0, z)), rpy=numbers((0.5 * np.pi, 0.0, 0.0)))
-    shape = ET.SubElement(body, "geometry")
-    ET.SubElement(shape, "cylinder", radius=number(drum.radius), length=number(2.0 * half_depth))
-
-
-def _add_prism(body: ET.Element, prism: Prism, half_depth: float, mesh: str) -> None:
-    box = prism.as_box()
+def _add_extruded(purpose: ET.Element, solid: Drum | Prism, half_depth: float, mesh: str) -> None:
+    """A solid of the plane: a cylinder, a box, or a mesh."""
+    if isinstance(solid, Drum):
+        x, z = solid.center
+        # Cylinders stand along their z; a quarter turn about x lays it along world y.
+        ET.SubElement(purpose, "origin", xyz=numbers((x, 0.0, z)), rpy=numbers((0.5 * np.pi, 0.0, 0.0)))
+        shape = ET.SubElement(purpose, "geometry")
+        ET.SubElement(shape, "cylinder", radius=number(solid.radius), length=number(2.0 * half_depth))
+        return
+    box = solid.as_box()
     if box is None:
-        ET.SubElement(ET.SubElement(body, "geometry"), "mesh", filename=mesh)
+        ET.SubElement(ET.SubElement(purpose, "geometry"), "mesh", filename=mesh)
         return
     center, heading, length, width = box
-    ET.SubElement(body, "origin", xyz=numbers((center[0], 0.0, center[1])), rpy=numbers((0.0, -heading, 0.0)))
-    ET.SubElement(ET.SubElement(body, "geometry"), "box", size=numbers((length, 2.0 * half_depth, width)))
+    ET.SubElement(purpose, "origin", xyz=numbers((center[0], 0.0, center[1])), rpy=numbers((0.0, -heading, 0.0)))
+    ET.SubElement(ET.SubElement(purpose, "geometry"), "box", size=numbers((length, 2.0 * half_depth, width)))
+
+
+def _add_body(link: ET.Element, purpose: str, body: Body, mesh: str) -> None:
+    """A body of space."""
+    upright = roll_pitch_yaw(np.eye(3))
+    if isinstance(body, BoxBody):
+        place = body.placement.points(0.5 * (body.low + body.high))
+        shape = _add_shape(link, purpose, place, roll_pitch_yaw(body.placement.rotation))
+        ET.SubElement(shape, "box", size=numbers(body.high - body.low))
+    elif isinstance(body, SphereBody):
+        ET.SubElement(_add_shape(link, purpose, body.center, upright), "sphere", radius=number(body.radius))
+    elif isinstance(body, (CylinderBody, CapsuleBody)):
+        _add_bar(link, purpose, body)
+    else:
+        ET.SubElement(_add_shape(link, purpose, np.zeros(3), upright), "mesh", filename=mesh)
+
+
+def _add_bar(link: ET.Element, purpose: str, body: CylinderBody | CapsuleBody) -> None:
+    """A cylinder along z, turned to its axis; URDF has no capsules, which get a ball at either end."""
+    axis = body.end - body.start
+    # Cylinders stand along their z: the columns of the rotation that turns x to the axis, moved on by one.
+    turn = roll_pitch_yaw(np.roll(turned_to(axis), -1, axis=1))
+    shape = _add_shape(link, purpose, 0.5 * (body.start + body.end), turn)
+    ET.SubElement(shape, "cylinder", radius=number(body.radius), length=number(float(np.linalg.norm(axis))))
+    for end in (body.start, body.end) if isinstance(body, CapsuleBody) else ():
+        ET.SubElement(_add_shape(link, purpose, end, turn), "sphere", radius=number(body.radius))
 
 
 UNLIMITED_EFFORT = 1e6
@@ -142,7 +172,8 @@ def urdf_text(
         limits: bounds on the revolutes; without torque limits an effort of 1e6 N m is written.
         scene: the obstacles; None writes the arm alone.
         mesh_folder: of the meshes of obstacles, relative to the file.
-        bends_only: whether a link has one revolute, which bends in the plane, in place of three.
+        bends_only: whether a link has one revolute, which bends in the plane, or the two that bend it in space, in
+            place of three.
     """
     robot = arm_urdf(arm, name, limits, bends_only=bends_only)
     if scene is not None:
@@ -251,9 +282,12 @@ def _add_capsule(link: ET.Element, arm: Arm, purpose: str, begin: float) -> None
         ET.SubElement(_add_shape(link, purpose, (x, 0.0, 0.0)), "sphere", radius=radius)
 
 
-def _add_shape(link: ET.Element, purpose: str, centre: tuple[float, float, float]) -> ET.Element:
+def _add_shape(
+    link: ET.Element, purpose: str, centre: Iterable[float], angles: Iterable[float] = (0.0, 0.5 * np.pi, 0.0)
+) -> ET.Element:
+    """What a link looks like or is met as, and where; turned so that z is along the link unless it is said."""
     body = ET.SubElement(link, purpose)
-    ET.SubElement(body, "origin", xyz=numbers(centre), rpy=numbers((0.0, 0.5 * np.pi, 0.0)))  # z along the link
+    ET.SubElement(body, "origin", xyz=numbers(centre), rpy=numbers(angles))
     return ET.SubElement(body, "geometry")
 
 
