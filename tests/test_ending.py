@@ -18,7 +18,7 @@ from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem
 from tests.scenes import clutter, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 
@@ -56,8 +56,8 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
     rng = np.random.default_rng(seed)
     space, start = LinkSpace.through(make_arm(), rng.normal(0.0, 0.5, 24).cumsum() / 4.0)
     steps = 0.2 * rng.normal(size=(intervals, len(start)))
-    sweep = Sweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
-    smooth = Sweep(space, smoothing_matrix(intervals + 1) @ sweep.coordinates)
+    sweep = PlanarSweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
+    smooth = PlanarSweep(space, smoothing_matrix(intervals + 1) @ sweep.unknowns)
     workspace = mixed_walls()
     segments = workspace.wall_segments
     contact = motion_rows(sweep, workspace, segments, MARGIN, 0.3)
@@ -67,7 +67,7 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
     known = contact.values(sweep)
     assert np.all(asked >= known - 1e-12)
 
-    keyframe = room.interval + room.side
+    keyframe = room.interval + room.share.astype(np.intp)
     assert asked[keyframe == 0] == pytest.approx(known[keyframe == 0])
     walls = (room.minus == 0) & (keyframe > 0) & (room.low == 0)
     apart = smooth.points - sweep.points

@@ -12,7 +12,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.settings import RailSettings
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.scenes import ROOM, make_arm
 
@@ -111,11 +111,11 @@ def test_a_step_takes_a_crossing_towards_the_middle(bow: tuple[float, float, flo
     after = lines.crossings(space.positions(moved)[None], 1.0).aside[0]
     # To first order: what is left is of second order, and of the kink where a line is crossed by another link.
     assert np.max(np.abs(after)) <= 0.5 * np.max(np.abs(before)) + 1e-5
-    sweep = Sweep(space, np.array([v, v, v, v]))
+    sweep = PlanarSweep(space, np.array([v, v, v, v]))
     (equations,) = limit.keyframe_equations(sweep, np.linspace(0.0, 1.0, 4))
     assert set(equations.keyframe) <= {1, 2}
-    kept = limit.restored_keyframes(space, sweep.coordinates, np.linspace(0.0, 1.0, 4))
-    np.testing.assert_array_equal(kept[[0, -1]], sweep.coordinates[[0, -1]])
+    kept = limit.restored_keyframes(space, sweep.unknowns, np.linspace(0.0, 1.0, 4))
+    np.testing.assert_array_equal(kept[[0, -1]], sweep.unknowns[[0, -1]])
 
 
 def test_links_in_a_gate_are_told_from_those_beside_it() -> None:

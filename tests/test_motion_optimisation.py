@@ -9,20 +9,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.planning.limits.clearance_rows import (
-    IntervalRows,
-    joined_rows,
-    motion_rows,
-    representatives,
-    sweep_regions,
-)
+from ccm_opt.planning.limits.clearance_rows import motion_rows, sweep_regions
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
 from ccm_opt.planning.optimisation.optimise import optimise, thinned, travel
-from ccm_opt.planning.optimisation.quadratic_step import KeyframeProgram, RowCurvature
+from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
 from ccm_opt.planning.search import find_motion
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import JointPose, OptimiserName
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 
@@ -30,15 +25,15 @@ SEEDS = (0, 5, 14)
 SEQUENTIAL: OptimiserName = "sequential-convex"
 
 
-def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> Sweep:
+def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> PlanarSweep:
     """A wandering motion of the arm among nothing."""
     rng = np.random.default_rng(seed)
     space, start = LinkSpace.through(make_arm(), rng.normal(0.0, 0.5, 24).cumsum() / 4.0)
     steps = size * rng.normal(size=(intervals, len(start)))
-    return Sweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
+    return PlanarSweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
 
 
-def some_rows(sweep: Sweep) -> IntervalRows:
+def some_rows(sweep: PlanarSweep) -> IntervalRows:
     """Rows of a sweep among walls of every kind."""
     workspace = mixed_walls()
     return motion_rows(sweep, workspace, workspace.wall_segments, 1e-3, 0.3)
@@ -126,9 +121,9 @@ def test_slopes_of_rows_match_differences(seed: int) -> None:
     """Derivatives of the rows by the coordinates agree with central differences."""
     sweep = random_sweep(seed)
     rows = some_rows(sweep)
-    direction = np.random.default_rng(seed).normal(size=sweep.coordinates.shape)
+    direction = np.random.default_rng(seed).normal(size=sweep.unknowns.shape)
     h = 1e-6
-    ahead, behind = (rows.values(Sweep(sweep.space, sweep.coordinates + s * h * direction)) for s in (1.0, -1.0))
+    ahead, behind = (rows.values(PlanarSweep(sweep.space, sweep.unknowns + s * h * direction)) for s in (1.0, -1.0))
     start, end = rows.slopes(sweep)
     along = np.einsum("mp,mp->m", start, direction[rows.interval])
     along += np.einsum("mp,mp->m", end, direction[rows.interval + 1])
@@ -144,15 +139,15 @@ def test_curvature_of_rows_matches_second_differences(seed: int) -> None:
     rows = some_rows(sweep)
     weights = rng.uniform(size=len(rows))
     pull = rng.normal(size=2)
-    direction = rng.normal(size=sweep.coordinates.shape)
+    direction = rng.normal(size=sweep.unknowns.shape)
 
     def lagrangian(step: float) -> float:
-        moved = Sweep(sweep.space, sweep.coordinates + step * direction)
+        moved = PlanarSweep(sweep.space, sweep.unknowns + step * direction)
         return float(weights @ rows.values(moved) + pull @ moved.points[-1, sweep.space.arm.links])
 
     h = 1e-4
     wanted = (lagrangian(h) - 2.0 * lagrangian(0.0) + lagrangian(-h)) / h**2
-    bend, sag = rows.curvature(sweep, weights, pull)
+    bend, sag = sweep.heading_curvature(rows, weights, pull)
     turn = direction @ sweep.space.matrix.T
     got = np.sum(bend * turn**2) + np.sum(sag * np.diff(turn, axis=0) ** 2)
     assert got == pytest.approx(wanted, rel=1e-3, abs=1e-3 * float(np.abs(weights).sum()))
@@ -164,12 +159,12 @@ def test_objective_is_a_quadratic_form_of_its_blocks(seed: int) -> None:
     """Value, gradient and Hessian blocks describe one quadratic."""
     sweep = random_sweep(seed, 4)
     objective = Objective(sweep.space, 4)
-    v = sweep.coordinates
+    v = sweep.unknowns
     k, m = np.indices((5, 5)).reshape(2, -1)
-    blocks = objective.blocks(k, m).reshape(5, 5, *objective.shape.shape)
+    blocks = objective.blocks(sweep, k, m).reshape(5, 5, *objective.shape.shape)
     gradient = np.einsum("kmpq,mq->kp", blocks, v)
-    assert np.allclose(objective.gradient(v), gradient)
-    assert objective.value(v) == pytest.approx(0.5 * float(np.vdot(v, gradient)))
+    assert np.allclose(objective.gradient(sweep), gradient)
+    assert objective.value(sweep) == pytest.approx(0.5 * float(np.vdot(v, gradient)))
 
 
 def test_step_in_free_space_straightens_the_motion() -> None:
@@ -177,15 +172,15 @@ def test_step_in_free_space_straightens_the_motion() -> None:
     sweep = random_sweep(3, 6, size=0.01)
     objective = Objective(sweep.space, 6)
     rows = some_rows(sweep).take(np.zeros(0, dtype=np.intp))
-    _, task, _ = found(0)
-    problem = KeyframeProgram(
-        sweep, objective, rows, np.full(6, 30.0), RowCurvature.none(sweep), 0.0, task.goal, end_fixed=True
+    ends = np.eye(sweep.unknowns.shape[1])
+    motion = LinearMotion(
+        sweep, objective, (), rows, rows, (), (), ends, end_fixed=True, unit=sweep.space.nominal_length
     )
-    step = problem.solve()
-    gradient = objective.gradient(sweep.coordinates + step.change)[1:-1]
-    assert step.solved
+    step = KeyframeProgram(motion, np.full(6, 30.0), None, 0.0).solve()
+    assert step is not None
+    gradient = objective.gradient(replace(sweep, unknowns=sweep.unknowns + step.change))[1:-1]
     assert np.allclose(step.change[[0, -1]], 0.0, atol=1e-6)
-    assert np.abs(gradient).max() < 1e-3 * np.abs(objective.gradient(sweep.coordinates)).max()
+    assert np.abs(gradient).max() < 1e-3 * np.abs(objective.gradient(sweep)).max()
 
 
 @settings(max_examples=20, deadline=None)
@@ -224,6 +219,6 @@ def test_representatives_are_the_tightest() -> None:
     looser = replace(rows, constant=rows.constant - 1.0)
     both = joined_rows([looser, rows])
     sweep = random_sweep(1)
-    kept = representatives(both, both.values(sweep), 1, 12)
+    kept = representatives(both, both.values(sweep), 1)
     assert np.all(kept >= len(rows))
     assert len(np.unique(kept)) == len(kept)

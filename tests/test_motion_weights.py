@@ -14,12 +14,12 @@ from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.limits.clearance_rows import motion_rows
-from ccm_opt.planning.motion_task import JointSlowness, Motion, MotionTask
+from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation import interior_point
-from ccm_opt.planning.optimisation.objective import WallNearness
+from ccm_opt.planning.optimisation.objective import JointSlowness, WallNearness
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.search import find_motion
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import TipGoal, Weights
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -113,7 +113,7 @@ def test_duration_spares_slow_joints() -> None:
 def test_interior_point_weighs_the_same() -> None:
     """The cost of nearness that IPOPT sees has the value that the sequential programming sees."""
     _, task, motion = found()
-    sweep = Sweep(motion.space, thinned(motion, task.certificate)[0])
+    sweep = PlanarSweep(motion.space, thinned(motion, task.certificate)[0])
     near = nearness(sweep)
     l = motion.space.arm.link_length
     points = sweep.points[..., 0].T, sweep.points[..., 1].T
@@ -121,22 +121,22 @@ def test_interior_point_weighs_the_same() -> None:
     assert float(seen) == pytest.approx(near.value(sweep))
 
 
-def nearness(sweep: Sweep) -> WallNearness:
+def nearness(sweep: PlanarSweep) -> WallNearness:
     """What nearness to walls costs along a motion."""
     workspace = found()[0].workspace
     rows = motion_rows(sweep, workspace, workspace.wall_segments, 1e-3, 0.08)
-    return WallNearness(rows.take(rows.minus == 0), 2.0, 0.04)
+    return WallNearness(rows.take(rows.against_walls), 2.0, 0.04, 1.0)
 
 
 def test_model_of_nearness_matches_differences() -> None:
     """The gradient of the cost of nearness agrees with central differences of its value."""
     _, task, motion = found()
-    sweep = Sweep(motion.space, thinned(motion, task.certificate)[0])
+    sweep = PlanarSweep(motion.space, thinned(motion, task.certificate)[0])
     near = nearness(sweep)
     model = near.model(sweep)
-    change = np.random.default_rng(3).normal(size=sweep.coordinates.shape)
+    change = np.random.default_rng(3).normal(size=sweep.unknowns.shape)
     step = 1e-6
-    ahead, behind = (near.value(Sweep(motion.space, sweep.coordinates + s * step * change)) for s in (1.0, -1.0))
+    ahead, behind = (near.value(PlanarSweep(motion.space, sweep.unknowns + s * step * change)) for s in (1.0, -1.0))
     assert np.vdot(model.gradient, change) == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5)
     assert near.foreseen(sweep, np.zeros_like(change)) == pytest.approx(near.value(sweep))
 

@@ -39,7 +39,7 @@ def test_slopes_of_rows_are_their_differences(seed: int) -> None:
     rows = motion_rows(sweep, WANTED, 0.0, replace(numbers, active=5.0))
     step = 1e-6
     for side in (0, 1):
-        slopes = rows.slopes(sweep, side)
+        slopes = rows.slopes(sweep)[side]
         for unknown in (0, 5, sweep.unknowns.shape[1] - 1):
             for keyframe in range(len(sweep.unknowns)):
                 moved = np.zeros_like(sweep.unknowns)

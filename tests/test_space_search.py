@@ -11,9 +11,9 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.grid_ways import shortened
+from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceTipPose
-from ccm_opt.planning.space_cost import SpaceMotionCost
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
@@ -154,7 +154,7 @@ def test_what_is_blended_in_costs_where_it_does_not_show() -> None:
     costs, swings = [], []
     for stray in (1.0, -8.0):
         task, motion = fed_motion(stray)
-        cost = SpaceMotionCost(task.slowness, task.settings.objective)
+        cost = Objective(motion.curve, len(motion.unknowns) - 1, scale=task.slowness)
         costs.append(cost.value(SpaceSweep(task.stepper(motion.curve, 0.0), motion.unknowns)))
         dense = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(motion.unknowns)])
         swings.append(np.abs(np.diff(motion.curve.configurations(dense)[:, :40], axis=0)).sum(axis=0))

@@ -101,16 +101,16 @@ def test_a_cost_that_is_not_finite_somewhere_makes_no_model_there() -> None:
     """Where derivatives are not finite, the model of the costs is that of the others, and stays finite."""
     from ccm_opt.planning.limits.user_motion_rows import UserCosts
     from ccm_opt.planning.link_space import LinkSpace
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.swept_motion import PlanarSweep
 
     arm = camera_room().arm
     root = ccm_opt.Cost("root", lambda q: ca.sqrt(q.tip[1] - 0.3), weight=1.0)
     start = arm.headings(np.full(arm.links, -0.1))
     space, v = LinkSpace.through(arm, start)
-    sweep = Sweep(space, np.stack((v, v, v)))
+    sweep = PlanarSweep(space, np.stack((v, v, v)))
     u = np.linspace(0.0, 1.0, 3)
-    both = UserCosts(space, compile_terms(arm, [], [root, high_tip]), u).model(sweep)
-    one = UserCosts(space, compile_terms(arm, [], [high_tip]), u).model(sweep)
+    both = UserCosts(compile_terms(arm, [], [root, high_tip]), u).model(sweep)
+    one = UserCosts(compile_terms(arm, [], [high_tip]), u).model(sweep)
     assert arm.joint_positions(start)[-1, 1] < 0.3
     assert np.array_equal(both.gradient, one.gradient)
     assert np.array_equal(both.diagonal, one.diagonal)

@@ -19,7 +19,7 @@ from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.objective import even_parameters
 from ccm_opt.planning.path_on_limits import KnotJoints, moved_onto
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
@@ -224,12 +224,12 @@ def test_models_of_costs_are_those_of_differences() -> None:
     space, v = LinkSpace.through(arm(), np.linspace(1.4, 0.6, arm().links))
     soft = Constraint("right", lambda q: q.tip, lower=[0.9, 0.0], upper=[1.0, 2.0], soft=True, weight=3.0)
     cost = Cost("turn", lambda q: q.path_parameter * q.tip_heading**2, weight=0.7, where=Interval(0.4, 1.0))
-    costs = UserCosts(space, compile_terms(arm(), [soft], [cost]), np.linspace(0.0, 1.0, 4))
+    costs = UserCosts(compile_terms(arm(), [soft], [cost]), np.linspace(0.0, 1.0, 4))
     rng = np.random.default_rng(5)
     coordinates = v + 0.02 * rng.normal(size=(4, len(v)))
     step = 1e-5 * rng.normal(size=coordinates.shape)
     step[0] = 0.0
-    sweeps = [Sweep(space, coordinates + sign * step) for sign in (-1, 0, 1)]
+    sweeps = [PlanarSweep(space, coordinates + sign * step) for sign in (-1, 0, 1)]
     before, at, after = (costs.value(sweep) for sweep in sweeps)
     model = costs.model(sweeps[1])
     assert float(np.vdot(model.gradient, step)) == pytest.approx(0.5 * (after - before), rel=1e-5)

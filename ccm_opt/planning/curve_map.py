@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends
@@ -210,6 +210,31 @@ class CurveMap:
         rows = np.zeros((count, self.dimension))
         rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
         return rows
+
+    @property
+    def affine(self) -> bool:
+        """Whether configurations are affine in the unknowns: joints of a fed arm slide along the curve."""
+        return not self.arm.base_axes
+
+    @cached_property
+    def drive_rows(self) -> FloatArray:
+        """Slopes where they are the same everywhere, shape (c, p)."""
+        return self.slopes(np.zeros(self.dimension))
+
+    @property
+    def heading_metric(self) -> FloatArray:
+        """Nothing: how far links turn depends on the pose, shape (p, p)."""
+        return np.zeros((self.dimension, self.dimension))
+
+    @property
+    def of_shape(self) -> BoolArray:
+        """Which unknowns shape the curve or carry the base, shape (p,); one more may blend a goal in."""
+        return np.arange(self.dimension) < len(self.scale)
+
+    @property
+    def following_rows(self) -> FloatArray:
+        """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; no rows for a fixed base."""
+        return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property
     def change_rows(self) -> FloatArray:

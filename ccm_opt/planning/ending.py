@@ -15,7 +15,8 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.guides import Interpolation
-from ccm_opt.planning.motion_task import JointSlowness, Motion, MotionTask
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import (
     keeps_limits,
     lacks_room,

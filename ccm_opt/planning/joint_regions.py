@@ -8,7 +8,7 @@ from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import JointRegions, held_points
 from ccm_opt.planning.limits.clearance_rows import sweep_regions
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import closest_on_segments
 from ccm_opt.scene.walls import WallSegments
@@ -59,7 +59,7 @@ def joint_regions(
 def _wall_sides(arm: Arm, walls: WallSegments, clearance: float, headings: FloatArray, reach: float) -> Sides:
     """Sides before the walls, as the optimisation of motions draws them about a motion that stands still."""
     space, coordinates = LinkSpace.through(arm, headings)
-    resting = Sweep(space, np.stack((coordinates, coordinates)))
+    resting = PlanarSweep(space, np.stack((coordinates, coordinates)))
     found = sweep_regions(resting, walls, 0, reach)
     return found.link, found.normal, found.bound - arm.radius - clearance - arm.room_for_errors(found.link + 1)
 

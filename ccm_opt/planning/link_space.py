@@ -148,6 +148,26 @@ class LinkSpace:
         rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
         return rows
 
+    @property
+    def curvature_differences(self) -> FloatArray:
+        """Differences of that from knot to knot, shape (KNOTS - 1, p) [1/m]."""
+        return np.diff(self.curvature_rows, axis=0)
+
+    @property
+    def following_rows(self) -> FloatArray:
+        """Nothing: a curve in the plane is carried along with the base, shape (0, p)."""
+        return np.zeros((0, self.dimension))
+
+    @property
+    def heading_metric(self) -> FloatArray:
+        """Squared turns of the links by v, shape (p, p)."""
+        return self.matrix.T @ self.matrix
+
+    @property
+    def affine(self) -> bool:
+        """What the drives move is affine in v."""
+        return True
+
     @cached_property
     def of_shape(self) -> BoolArray:
         """Which coordinates shape the arm; the others blend a goal in. Shape (p,), boolean."""

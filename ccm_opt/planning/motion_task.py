@@ -17,6 +17,7 @@ from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_paths import TipPath
@@ -38,30 +39,6 @@ _END_REACH = 4.0
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Offers better poses at the goal than one in which a motion ends."""
-
-
-@dataclass(frozen=True)
-class JointSlowness:
-    """What joints can do less than the average joint, as factors.
-
-    Attributes:
-        speed: mean of all speed limits over a joint's own, shape (links,).
-        acceleration: the same of the acceleration limits, shape (links,).
-    """
-
-    speed: FloatArray
-    acceleration: FloatArray
-
-    @classmethod
-    def from_limits(cls, speeds: FloatArray, accelerations: FloatArray) -> "JointSlowness":
-        """From the limits of the joints, each of shape (links,)."""
-        return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
-
-    def resampled(self, links: int) -> "JointSlowness":
-        """The same along an arm with another number of links."""
-        middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
-        wanted = (np.arange(links) + 0.5) / links
-        return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
 
 
 @dataclass(frozen=True)

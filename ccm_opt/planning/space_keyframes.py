@@ -2,20 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.space_cost import SpaceMotionCost
-from ccm_opt.planning.space_rows import KeyframeRows
+from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_tracking import moved_onto_terms
-
-if TYPE_CHECKING:
-    from ccm_opt.ik.functions import CompiledCost
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,39 +26,48 @@ class UserKeyframes:
     user: UserLimit
     u: FloatArray
 
+    @cached_property
+    def costs(self) -> UserCosts:
+        """The user's costs at these keyframes."""
+        return UserCosts(self.user.terms, self.u)
+
     def _at(self, keyframe: int) -> UserLimit:
         """The constraints at a keyframe; the last is the goal."""
         if keyframe == len(self.u) - 1:
             return self.user.placed_at_goal()
         return self.user.placed(float(self.u[keyframe]))
 
-    def rows(self, sweep: SpaceSweep) -> KeyframeRows:
-        """Equations of every keyframe, and gaps that are not far from closing, as turns of the whole arm."""
-        settings = self.user.settings
-        p = sweep.unknowns.shape[1]
-        numbers: tuple[list[int], list[int]] = ([], [])
-        rows: tuple[list[FloatArray], list[FloatArray]] = ([np.zeros((0, p))], [np.zeros((0, p))])
-        lower: tuple[list[FloatArray], list[FloatArray]] = ([np.zeros(0)], [np.zeros(0)])
+    def equations(self, sweep: SpaceSweep) -> KeyframeRows:
+        """Equations of every keyframe, as turns of the whole arm."""
+        keyframes: list[int] = []
+        slopes = [np.zeros((0, sweep.unknowns.shape[1]))]
         for k in range(1, len(self.u)):
             pose = sweep.poses[k]
             here = self._at(k)
             now = here.values(pose.q)
-            scale = here.turns(now.equation_slopes)
-            numbers[0].extend([k] * len(scale))
-            rows[0].append(now.equation_slopes @ pose.slopes / scale[:, None])
-            lower[0].append(np.zeros(len(scale)))
+            keyframes.extend([k] * len(now.equation_slopes))
+            slopes.append(now.equation_slopes @ pose.slopes / here.turns(now.equation_slopes)[:, None])
+        zero = np.zeros(len(keyframes))
+        return KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(slopes), zero, zero)
+
+    def gaps(self, sweep: SpaceSweep) -> KeyframeRows:
+        """Gaps of every keyframe that are not far from closing, as turns of the whole arm."""
+        settings = self.user.settings
+        keyframes: list[int] = []
+        slopes = [np.zeros((0, sweep.unknowns.shape[1]))]
+        lower = [np.zeros(0)]
+        for k in range(1, len(self.u)):
+            pose = sweep.poses[k]
+            here = self._at(k)
+            now = here.values(pose.q)
             scale = here.turns(now.gap_slopes)
             near = now.gaps < settings.far * scale
-            numbers[1].extend([k] * int(np.sum(near)))
-            rows[1].append(now.gap_slopes[near] @ pose.slopes / scale[near, None])
+            keyframes.extend([k] * int(np.sum(near)))
+            slopes.append(now.gap_slopes[near] @ pose.slopes / scale[near, None])
             # Without slack: a gap inside its margin may only not shrink, or there would be no step at all.
-            lower[1].append(np.minimum(settings.margin - now.gaps[near] / scale[near], 0.0))
-        return KeyframeRows(
-            np.array([*numbers[0], *numbers[1]], dtype=np.intp),
-            np.vstack((*rows[0], *rows[1])),
-            np.concatenate((*lower[0], *lower[1])),
-            len(numbers[0]),
-        )
+            lower.append(np.minimum(settings.margin - now.gaps[near] / scale[near], 0.0))
+        unbounded = np.full(len(keyframes), UNBOUNDED)
+        return KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(slopes), np.concatenate(lower), unbounded)
 
     # ------------------------------------------------------------ back onto what steps leave by their square
     def restored(self, stepper: SpaceStepper, unknowns: FloatArray) -> FloatArray:
@@ -77,62 +82,6 @@ class UserKeyframes:
     def holds(self, sweep: SpaceSweep) -> bool:
         """Whether all equations are met, and no gap is broken."""
         return all(self._at(k).miss(sweep.configurations[k]) <= 0.0 for k in range(1, len(self.u)))
-
-    # ------------------------------------------------------------ costs
-    @cached_property
-    def _costs(self) -> "tuple[tuple[CompiledCost, FloatArray], ...]":
-        """All costs, soft constraints among them, each with its weights at the keyframes, a mean over its places."""
-        found = []
-        for cost in self.user.terms.all_costs:
-            applies = cost.applies(self.u).astype(np.float64)
-            found.append((cost, cost.cost.weight * applies / max(float(applies.sum()), 1.0)))
-        return tuple(found)
-
-    def value(self, sweep: SpaceSweep) -> float:
-        """What the user's costs make of a motion."""
-        return sum(float(weights @ cost.values(sweep.configurations, self.u)) for cost, weights in self._costs)
-
-    def model(self, sweep: SpaceSweep) -> tuple[FloatArray, FloatArray]:
-        """Gradient, shape (K + 1, p), and convex part of the Hessian, a block a keyframe, shape (K + 1, p, p)."""
-        frames, p = sweep.unknowns.shape
-        gradient = np.zeros((frames, p))
-        blocks = np.zeros((frames, p, p))
-        for cost, weights in self._costs:
-            for k in np.flatnonzero(weights[1:]) + 1:
-                first, second = cost.second_order(sweep.configurations[k], float(self.u[k]))
-                if not (np.isfinite(first).all() and np.isfinite(second).all()):
-                    continue  # there it says nothing of where to go; a motion at which its value is NaN is refused
-                # The nearest positive semidefinite matrix drops the negative eigenvalues: programs are convex.
-                sizes, vectors = np.linalg.eigh(second)
-                factor = sweep.slopes[k].T @ (vectors * np.sqrt(np.maximum(sizes, 0.0)))
-                gradient[k] += weights[k] * first @ sweep.slopes[k]
-                blocks[k] += weights[k] * factor @ factor.T
-        return gradient, blocks
-
-
-@dataclass(frozen=True, eq=False)
-class CostWithTerms:
-    """The cost of a motion with what the user adds to it.
-
-    Attributes:
-        plain: without the user.
-        terms: the user's.
-    """
-
-    plain: SpaceMotionCost
-    terms: UserKeyframes
-
-    def value(self, sweep: SpaceSweep) -> float:
-        """Value of a motion."""
-        return self.plain.value(sweep) + self.terms.value(sweep)
-
-    def model(self, sweep: SpaceSweep) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-        """As that of the plain cost."""
-        gradient, blocks, row, column = self.plain.model(sweep)
-        of_user, bent = self.terms.model(sweep)
-        blocks = blocks.copy()
-        blocks[row == column] += bent
-        return gradient + of_user, blocks, row, column
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +101,7 @@ class PassingKeyframes:
     @classmethod
     def of(cls, sweep: SpaceSweep, keyframe: IntArray, places: FloatArray, wanted: float) -> "PassingKeyframes":
         """Keyframes that stay as near as is wanted [m], or as near as they are."""
-        away = np.linalg.norm(sweep.points[keyframe, -1] - places, axis=1)
+        away = np.linalg.norm(sweep.joints[keyframe, -1] - places, axis=1)
         return cls(keyframe, places, np.maximum(wanted, away))
 
     def rows(self, sweep: SpaceSweep) -> KeyframeRows:
@@ -160,18 +109,18 @@ class PassingKeyframes:
         moved = np.flatnonzero(self.keyframe > 0)
         keyframe = self.keyframe[moved]
         unit = sweep.stepper.unit
-        off = (sweep.points[keyframe, -1] - self.places[moved]) / unit
+        off = (sweep.joints[keyframe, -1] - self.places[moved]) / unit
         most = np.maximum(self.reach[moved, None] / (np.sqrt(3.0) * unit), np.abs(off))
-        slopes = sweep.moving[keyframe, -1] / unit
+        slopes = sweep.moving[keyframe, sweep.curve.arm.links] / unit
         p = slopes.shape[-1]
         return KeyframeRows(
             np.repeat(keyframe, 6),
             np.concatenate((slopes, -slopes), axis=1).reshape(-1, p),
             np.concatenate((-most - off, off - most), axis=1).ravel(),
-            0,
+            np.full(6 * len(keyframe), UNBOUNDED),
         )
 
     def holds(self, sweep: SpaceSweep) -> bool:
         """Whether the tip is within reach of every place at its keyframe."""
-        away = np.linalg.norm(sweep.points[self.keyframe, -1] - self.places, axis=1)
+        away = np.linalg.norm(sweep.joints[self.keyframe, -1] - self.places, axis=1)
         return bool(np.all(away <= self.reach * (1.0 + 1e-9)))

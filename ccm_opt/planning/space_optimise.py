@@ -4,30 +4,26 @@ A step that the certificate refuses is shortened, then damped, and what an inter
 stays in its homotopy class, and the last iterate is always fit for use.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.optimisation.objective import decimated, subdivided
+from ccm_opt.planning.limits.limit import KeyframeRows, MotionCost
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows
+from ccm_opt.planning.optimisation.objective import Objective, decimated, normalised, subdivided
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
+from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.planning.space_continuation import onto_goal
-from ccm_opt.planning.space_cost import SpaceMotionCost
-from ccm_opt.planning.space_keyframes import CostWithTerms, PassingKeyframes, UserKeyframes
-from ccm_opt.planning.space_program import SpaceKeyframeProgram, SpaceQuadraticStep
-from ccm_opt.planning.space_rows import (
-    KeyframeRows,
-    SpaceRows,
-    motion_rows,
-    room_lacking,
-    room_lacking_on_the_way,
-    tightest,
-)
+from ccm_opt.planning.space_keyframes import PassingKeyframes, UserKeyframes
+from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.robot.space_arm import SpaceArm
 
 _LEG_DEPTH = 4
 """How often an edge of the thinned motion may be halved by its certificate."""
@@ -37,26 +33,13 @@ _ROUNDS = 24
 """Most steps."""
 _FIRST_ROUNDS = 2
 """Steps at many keyframes, before the motion is thinned again."""
-_GROUPS = 24
-"""Arms with more links than this have rows for groups of neighbouring joints."""
-_PRICE_RISE = 4.0
-"""Its rise where the certificate fails."""
-_LACK = 0.03
-"""Share of the wanted gap that an interval may lack without its slack becoming dearer."""
-_LACK_RISE = 2.0
-"""Rise of the price where it lacks more."""
-_FIRST_DAMPING = 0.3
-"""Weight on the squared turns of the first step."""
-_REFUSED_GROWTH = 6.0
-"""Growth of the damping after a refused step."""
-_SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
-"""Shares of a step that are tried until one is certified."""
-_SUFFICIENT = 0.1
-"""Share of the foreseen gain at which a step is taken."""
-_WORTH = 0.02
-"""Share of the merit that a round has to gain."""
-_PATIENCE = 1
-"""Rounds in a row that may gain less."""
+_SPARE_TURN = 0.004
+"""Of the limits that rows leave [rad, m]."""
+_NEAR_LIMIT = 0.3
+"""Coordinates nearer to their limit than this are limited in the program [rad, m]."""
+_KNOT_BEND = 1.1
+"""Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
+about its place, which is less."""
 _PASSING = 0.5
 """How near the tip stays to the places that it passes, as a share of what counts as passing."""
 
@@ -67,196 +50,150 @@ _FINER_INTERVALS = 32
 """Least number of intervals then."""
 _FINER_PRICE = 400.0
 """First price of slack then."""
-_PATIENCE_IN_WANT = 3
-"""The same of a motion that lacks room."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Iterate:
-    """Where the iteration is.
+class SpaceProgram(MotionProgram[SpaceSweep]):
+    """A motion in space.
 
     Attributes:
-        sweep: the motion, certified.
-        rows: what it has to keep, drawn about it.
-        lack: of room, of all intervals together [u].
-        merit: its cost and what it lacks at the first price.
-        damping: of the next step.
-        prices: of slack in each interval, shape (K,).
-    """
-
-    sweep: SpaceSweep
-    rows: SpaceRows
-    lack: float
-    merit: float
-    damping: float
-    prices: FloatArray
-
-
-@dataclass(eq=False)
-class SequentialConvex:
-    """Optimises a certified motion.
-
-    Args:
         task: what the motion is for.
         stepper: of its unknowns.
-        end_fixed: whether the last keyframe has to stay.
         terms: the user's, over the keyframes; None where there are none.
         passing: keyframes at which the tip passes places; None where it need not.
     """
 
     task: SpaceTask
     stepper: SpaceStepper
-    end_fixed: bool
     terms: UserKeyframes | None = None
     passing: PassingKeyframes | None = None
-    _cost: SpaceMotionCost | CostWithTerms = field(init=False)
 
-    def __post_init__(self) -> None:
-        settings = self.task.settings
-        plain = SpaceMotionCost(self.task.slowness, settings.objective)
-        self._cost = plain if self.terms is None else CostWithTerms(plain, self.terms)
+    @classmethod
+    def of(
+        cls,
+        task: SpaceTask,
+        stepper: SpaceStepper,
+        terms: UserKeyframes | None,
+        passing: PassingKeyframes | None,
+        *,
+        end_fixed: bool,
+    ) -> "SpaceProgram":
+        """The program of a task; arguments are attributes."""
+        weights = normalised(task.weights)
+        return cls(end_fixed, task.deadline, weights, task.wanted_gap, task, stepper, terms, passing)
+
+    @property
+    def steps(self) -> ConvexSettings:
+        """Numbers of the steps."""
+        return self._settings.steps
 
     @property
     def _settings(self) -> SpaceOptimisationSettings:
         return self.task.settings.optimisation
 
-    def optimised(self, unknowns: FloatArray, rounds: int) -> FloatArray:
-        """The unknowns of a better motion, shape (K + 1, p), certified; the same where none is found.
+    @property
+    def groups(self) -> int:
+        """Arms with more links than this have rows for groups of neighbouring joints."""
+        return self._settings.groups
 
-        Args:
-            unknowns: at the keyframes, shape (K + 1, p); certified.
-            rounds: most steps.
-        """
-        settings = self._settings
-        sweep = SpaceSweep(self.stepper, unknowns)
-        iterate = self._iterate(sweep, _FIRST_DAMPING, np.full(sweep.intervals, settings.price))
-        best = iterate
-        idle = 0
-        for _ in range(rounds):
-            following = self._round(iterate)
-            if following is None:
-                break
-            idle = idle + 1 if following.merit > (1.0 - _WORTH) * best.merit else 0
-            if following.merit < best.merit:
-                best = following
-                iterate = following
-            else:
-                # The rows did not foresee what came of the step: a shorter one.
-                damping = _REFUSED_GROWTH * max(following.damping, settings.raised_damping)
-                iterate = replace(best, damping=damping, prices=following.prices)
-            patience = _PATIENCE if best.lack <= 0.0 else _PATIENCE_IN_WANT
-            if idle >= patience or self.task.deadline.passed():
-                break
-        return best.sweep.unknowns
+    @property
+    def arm(self) -> SpaceArm:
+        """The arm."""
+        return self.task.arm
 
-    def _iterate(self, sweep: SpaceSweep, damping: float, prices: FloatArray) -> _Iterate:
-        """A motion with its rows: what its steps did not foresee counts in its merit."""
-        settings = self._settings
-        rows = motion_rows(sweep, self.task.wanted_gap, settings.margin * self.task.unit, settings)
-        lack = float(np.sum(room_lacking(sweep, self.task.wanted_gap, settings))) / self.task.unit
-        merit = self._cost.value(sweep) + settings.price * lack
-        return _Iterate(sweep, rows, lack, merit, damping, prices)
+    def sweep(self, unknowns: FloatArray) -> SpaceSweep:
+        """The motion through keyframes, shape (K + 1, p)."""
+        return SpaceSweep(self.stepper, unknowns)
 
-    def _round(self, iterate: _Iterate) -> _Iterate | None:
-        """One accepted step, or None when none is."""
-        settings = self._settings
+    def objective(self, intervals: int) -> Objective:
+        """The quadratic part of what is made small: a coordinate counts by the speed that it allows."""
         task = self.task
-        sweep = iterate.sweep
-        rows = iterate.rows
-        values = rows.values(sweep)
-        near = np.flatnonzero(values > -settings.active * task.unit)
-        group = max(1, -(-task.arm.links // _GROUPS))
-        active = rows.take(near).take(tightest(rows.take(near), values[near], group))
-        goal = None if self.end_fixed else task.goal
-        held = self._held_rows(sweep)
-        for _ in range(settings.tries):
-            program = SpaceKeyframeProgram(
-                sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings, held
-            )
-            step = program.solve()
-            following = None
-            failing = np.zeros(0, dtype=np.intp)
-            if step is not None:
-                following, failing = self._part_taken(iterate, step)
-            if following is not None:
-                return following
-            if task.deadline.passed():
+        return Objective(self.stepper.curve, intervals, self.weights, None, task.settings.objective, task.slowness)
+
+    def rows(self, sweep: SpaceSweep) -> IntervalRows:
+        """All rows over intervals about a motion."""
+        return motion_rows(sweep, self.wanted_gap, self._settings.margin * self.unit, self._settings)
+
+    def seen_by_steps(self, sweep: SpaceSweep) -> float:
+        """How near to their bound rows enter the QP [m]."""
+        del sweep
+        return self._settings.active * self.unit
+
+    def keyframe_rows(self, sweep: SpaceSweep) -> tuple[KeyframeRows, ...]:
+        """Limits of coordinates, gaps of the user, and places that the tip passes."""
+        found = [_limit_rows(sweep)]
+        if sweep.curve.arm.base_axes:
+            found.append(_knot_rows(sweep))
+        if self.terms is not None:
+            found.append(self.terms.gaps(sweep))
+        if self.passing is not None:
+            found.append(self.passing.rows(sweep))
+        return tuple(found)
+
+    def equations(self, sweep: SpaceSweep) -> tuple[KeyframeRows, ...]:
+        """Equations of the user."""
+        return () if self.terms is None else (self.terms.equations(sweep),)
+
+    def tip_rows(self, sweep: SpaceSweep) -> FloatArray:
+        """Rows that hold the tip in its goal, shape (r, p)."""
+        if self.task.goal is None:
+            raise ValueError("a motion without a goal for the tip has a fixed end")
+        return self.task.goal.rows(sweep.poses[-1], self.unit)[0]
+
+    def further_costs(self, sweep: SpaceSweep) -> tuple[MotionCost, ...]:
+        """The user's costs."""
+        del sweep
+        return () if self.terms is None else (self.terms.costs,)
+
+    def lack(self, sweep: SpaceSweep) -> float:
+        """Room that a motion lacks over all its intervals, in nominal links."""
+        return float(np.sum(room_lacking(sweep, self.wanted_gap, self._settings))) / self.unit
+
+    def ended(self, unknowns: FloatArray) -> FloatArray | None:
+        """The keyframes on the user's equations, the last one exactly on the goal; None where that fails."""
+        goal = self.task.goal
+        if not self.end_fixed and goal is not None:
+            last = self.stepper.pose(unknowns[-1])
+            onto = onto_goal(self.stepper, goal, last)
+            if onto is not None:
+                unknowns = np.vstack((unknowns[:-1], onto.v))
+            elif not goal.met(last):
                 return None
-            prices = iterate.prices.copy()
-            prices[failing] *= _PRICE_RISE
-            damping = _REFUSED_GROWTH * max(iterate.damping, settings.raised_damping)
-            iterate = replace(iterate, damping=damping, prices=prices)
-        return None
+        return unknowns if self.terms is None else self.terms.restored(self.stepper, unknowns)
 
-    def _part_taken(self, iterate: _Iterate, step: SpaceQuadraticStep) -> tuple[_Iterate | None, IntArray]:
-        """The longest part of a step that gains what was foreseen and is certified, and where longer ones failed."""
-        settings = self._settings
-        start = iterate.sweep
-        rows = iterate.rows
-        failed = np.zeros(0, dtype=np.intp)
-        cost = self._cost.value(start)
-        worst = self._worst(rows, start)
-        before = cost + float(iterate.prices @ worst)
-        foreseen = step.foreseen + float(iterate.prices @ (worst - step.slack))
-        for share in _SHORTENINGS:
-            unknowns = self._ended(start.unknowns + share * step.change)
-            if unknowns is None:
-                continue
-            if self.terms is not None:
-                unknowns = self.terms.restored(self.stepper, unknowns)
-            sweep = SpaceSweep(self.stepper, unknowns)
-            if not self._holds(sweep):
-                continue
-            after = self._cost.value(sweep)
-            worst_after = self._worst(rows, sweep)
-            gain = (before - after - float(iterate.prices @ worst_after)) / max(share * foreseen, 1e-12)
-            # Negated, so that a gain that is not a number is refused.
-            if not gain > _SUFFICIENT or not all(self.stepper.within_limits(q) for q in sweep.configurations):
-                continue
-            failing = failing_edges(self.stepper, unknowns)
-            if len(failing) == 0:
-                prices = iterate.prices.copy()
-                prices[failed] *= _PRICE_RISE
-                lacking = worst_after * self.task.unit > _LACK * self.task.wanted_gap
-                prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], settings.highest_price)
-                return self._iterate(sweep, self._damped(iterate.damping, share, gain), prices), failed
-            failed = failing
-        return None, failed
+    def feasible(self, sweep: SpaceSweep, before: SpaceSweep) -> bool:
+        """Whether a motion's keyframes keep what they have to."""
+        del before
+        held = all(part.holds(sweep) for part in (self.terms, self.passing) if part is not None)
+        return held and all(self.stepper.within_limits(q) for q in sweep.configurations)
 
-    def _held_rows(self, sweep: SpaceSweep) -> KeyframeRows | None:
-        """What single keyframes have to keep, by the user's terms and by the places that the tip passes."""
-        return KeyframeRows.joined([part.rows(sweep) for part in (self.terms, self.passing) if part is not None])
+    def failures(self, sweep: SpaceSweep) -> IntArray:
+        """Intervals of a motion that are not certified."""
+        return failing_edges(self.stepper, sweep.unknowns)
 
-    def _holds(self, sweep: SpaceSweep) -> bool:
-        """Whether the keyframes of a motion keep that."""
-        return all(part.holds(sweep) for part in (self.terms, self.passing) if part is not None)
 
-    def _worst(self, rows: SpaceRows, sweep: SpaceSweep) -> FloatArray:
-        """By how much the worst row of every interval is not kept, at least 0, in nominal links, shape (K,)."""
-        worst = np.zeros(sweep.intervals)
-        # Rows at the given start can never be mended.
-        free = rows.free
-        np.maximum.at(worst, rows.interval[free], rows.values(sweep)[free] / self.task.unit)
-        return worst
+def _limit_rows(sweep: SpaceSweep) -> KeyframeRows:
+    """The limits of coordinates that are near them and can be moved."""
+    arm = sweep.curve.arm
+    up = arm.upper_limits - sweep.configurations[1:]
+    down = sweep.configurations[1:] - arm.lower_limits
+    at, coordinate = np.nonzero((np.minimum(up, down) < _NEAR_LIMIT) & (arm.upper_limits > arm.lower_limits))
+    high = np.maximum(up[at, coordinate] - _SPARE_TURN, 0.0)
+    low = np.maximum(down[at, coordinate] - _SPARE_TURN, 0.0)
+    return KeyframeRows(at + 1, sweep.slopes[at + 1, coordinate], -low, high)
 
-    def _ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """The motion with its last keyframe exactly on the goal; None where that fails."""
-        if self.end_fixed or self.task.goal is None:
-            return unknowns
-        last = self.stepper.pose(unknowns[-1])
-        onto = onto_goal(self.stepper, self.task.goal, last)
-        if onto is None:
-            return unknowns if self.task.goal.met(last) else None
-        return np.vstack((unknowns[:-1], onto.v))
 
-    def _damped(self, damping: float, share: float, gain: float) -> float:
-        """More damping after a shortened step, less after a good one."""
-        settings = self._settings
-        if share < 1.0:
-            return max(damping, settings.raised_damping) * settings.shortened_growth
-        if gain > settings.good:
-            return max(damping / settings.good_shrinkage, settings.least_damping)
-        return damping
+def _knot_rows(sweep: SpaceSweep) -> KeyframeRows:
+    """Bounds on the curvature at the knots of a fed arm.
+
+    Between two keyframes the feed carries joints past knots at which no joint is at either of them.
+    """
+    arm = sweep.curve.arm
+    rows = arm.link_length * sweep.curve.curvature_rows
+    now = sweep.unknowns[1:] @ rows.T
+    most = np.maximum(_KNOT_BEND * arm.joint_limit, np.abs(now))
+    keyframe = np.repeat(np.arange(1, sweep.intervals + 1), len(rows))
+    return KeyframeRows(keyframe, np.tile(rows, (sweep.intervals, 1)), (-most - now).ravel(), (most - now).ravel())
 
 
 def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
@@ -268,13 +205,16 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         motion: certified.
         task: what it is for.
     """
+    if task.optimiser == "none":
+        return motion
     settings = task.settings.optimisation
     first = _optimised(motion, task)
     lacking = _lacking(task, first)
     if lacking <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
         return first
-    finer = replace(settings, intervals=_FINER_INTERVALS, price=_FINER_PRICE)
-    finer = replace(finer, highest_price=settings.highest_price * _FINER_PRICE / settings.price)
+    steps = settings.steps
+    dearer = replace(steps, price=_FINER_PRICE, highest_price=steps.highest_price * _FINER_PRICE / steps.price)
+    finer = replace(settings, intervals=_FINER_INTERVALS, steps=dearer)
     second = _optimised(motion, replace(task, settings=replace(task.settings, optimisation=finer)))
     return second if _lacking(task, second) < lacking else first
 
@@ -310,7 +250,9 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         taken = min(left, _FIRST_ROUNDS) if many else left
         terms = None if task.user is None else UserKeyframes(task.user, u)
         passing = None if not task.via else _passing(task, stepper, keyframes, passed[0][passed[2]])
-        better = SequentialConvex(task, stepper, end_fixed, terms, passing).optimised(keyframes, taken)
+        better = sequential_convex(
+            SpaceProgram.of(task, stepper, terms, passing, end_fixed=end_fixed), keyframes, taken
+        )
         left -= taken
         stuck = np.array_equal(better, keyframes)
         unknowns = better

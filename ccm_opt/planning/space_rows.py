@@ -1,17 +1,14 @@
 """Rows of trajectory optimisation in space.
 
-A row has the form need − n·(P_a − P_b) ≤ 0 with points at one time of an interval: at an end of it, or in between,
-where a point is the mean of where it is at the ends, weighed by the time, and off that by a given distance. Of a wall
-P_b stands still, and the plane through it bounds a half-space free of walls about where the link is at some time; of a
-pair of links both points move. What a point is nearer halfway than the mean of the ends is asked for beside.
+Rows are those of ``interval_rows``, their normals towards what has to be kept off: of a wall a plane bounds a
+half-space free of walls about where the link is at some time. What a point is nearer halfway than the mean of the ends
+is asked for beside, and so is how far it is off that mean at a time in between.
 """
-
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
@@ -25,64 +22,7 @@ _PAIR_SHARE = 0.25
 """Of what links between two leave at full stretch that these are asked to keep apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class SpaceRows:
-    """Rows g ≤ 0; all arrays have length m.
-
-    Attributes:
-        interval: k.
-        share: of the interval that has passed: 0 at its start, 1 at its end.
-        plus: number a of the point counted positively.
-        minus: number b of the point counted negatively; −1 where nothing moves.
-        normal: n, shape (m, 3).
-        need: what n·(P_a − P_b) has to be at least [m].
-    """
-
-    interval: IntArray
-    share: FloatArray
-    plus: IntArray
-    minus: IntArray
-    normal: FloatArray
-    need: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.interval)
-
-    def take(self, chosen: IntArray) -> "SpaceRows":
-        """Some of the rows."""
-        return SpaceRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
-
-    @property
-    def free(self) -> IntArray:
-        """Rows that can be changed at all: not those at the given start."""
-        return np.flatnonzero(self.interval + self.share > 0.0)
-
-    def values(self, sweep: SpaceSweep) -> FloatArray:
-        """Values of every row, shape (m,) [m]."""
-        places = (1.0 - self.share) * self._apart(sweep, 0) + self.share * self._apart(sweep, 1)
-        return np.asarray(self.need - places)
-
-    def slopes(self, sweep: SpaceSweep, side: int) -> FloatArray:
-        """Derivatives by the unknowns of the keyframe at the start (0) or end (1) of the interval, shape (m, p)."""
-        keyframe = self.interval + side
-        slopes = -np.einsum("md,mdp->mp", self.normal, sweep.moving[keyframe, self.plus])
-        both = np.flatnonzero(self.minus >= 0)
-        slopes[both] += np.einsum("md,mdp->mp", self.normal[both], sweep.moving[keyframe[both], self.minus[both]])
-        return np.asarray(slopes * self.weight(side)[:, None])
-
-    def weight(self, side: int) -> FloatArray:
-        """How much the keyframe at the start (0) or end (1) of the interval counts, shape (m,)."""
-        return self.share if side else 1.0 - self.share
-
-    def _apart(self, sweep: SpaceSweep, side: int) -> FloatArray:
-        """n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
-        points = sweep.points[self.interval + side]
-        rows = np.arange(len(self))
-        apart = points[rows, self.plus] - np.where((self.minus >= 0)[:, None], points[rows, self.minus], 0.0)
-        return np.asarray(np.einsum("md,md->m", self.normal, apart))
-
-
-def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: SpaceOptimisationSettings) -> SpaceRows:
+def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: SpaceOptimisationSettings) -> IntervalRows:
     """All rows of a motion.
 
     Args:
@@ -94,16 +34,18 @@ def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: Space
     parts = [_wall_rows(sweep, wanted + margin, settings)]
     if sweep.curve.arm.self_collision:
         parts.append(_pair_rows(sweep, wanted + margin, settings))
-    return _joined(parts)
+    rows = joined_rows(parts)
+    # Rows at the given start can never be mended.
+    return rows.take(rows.interval + rows.share > 0.0)
 
 
-def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> SpaceRows:
+def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> IntervalRows:
     """Rows of half-spaces about the links halfway through every interval, at every keyframe, and at times in between.
 
     A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
     nothing of the way past the edge, and is left to the planes at the keyframes and in between.
     """
-    chords = np.linalg.norm(np.diff(sweep.points, axis=0), axis=2)
+    chords = np.linalg.norm(np.diff(sweep.joints, axis=0), axis=2)
     travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.stepper.unit)
     kept = sweep.stepper.kept + room
     reach = kept + settings.active * sweep.stepper.unit
@@ -111,7 +53,7 @@ def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
     parts = []
     for side in (0, 1):
         for end in (0, 1):
-            beyond = np.einsum("md,md->m", normal, sweep.points[interval + side, link + end]) - foot
+            beyond = np.einsum("md,md->m", normal, sweep.joints[interval + side, link + end]) - foot
             fits = np.flatnonzero(beyond > 0.0)
             bow = _lost(normal, sweep.halfway_off[interval, link + end])
             rows = _of_points(interval, float(side), link + end, normal, foot + kept + bow)
@@ -119,12 +61,12 @@ def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
     parts.append(_rows_at(sweep, 1.0, reach, kept, settings))
     # In between only what lacks room is asked for.
     parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.unit, kept, settings) for share in settings.between)
-    return _joined(parts)
+    return joined_rows(parts)
 
 
 def _rows_at(
     sweep: SpaceSweep, share: float, reach: float, kept: float, settings: SpaceOptimisationSettings
-) -> SpaceRows:
+) -> IntervalRows:
     """Rows of half-spaces about the links at one time of every interval.
 
     Args:
@@ -135,18 +77,14 @@ def _rows_at(
         settings: of the optimisation.
     """
     points = sweep.points_at(share)
-    off = points - ((1.0 - share) * sweep.points[:-1] + share * sweep.points[1:])
+    off = points - ((1.0 - share) * sweep.joints[:-1] + share * sweep.joints[1:])
     interval, link, normal, foot = _half_spaces(sweep, points, reach, settings)
     parts = []
     for end in (0, 1):
         beside = np.einsum("md,md->m", normal, off[interval, link + end])
         rows = _of_points(interval, share, link + end, normal, foot + kept - beside)
         parts.append(rows.take(_free_points(sweep, link + end)))
-    return _joined(parts)
-
-
-def _joined(parts: Sequence[SpaceRows]) -> SpaceRows:
-    return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
+    return joined_rows(parts)
 
 
 def _half_spaces(
@@ -196,7 +134,7 @@ def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float, settings: SpaceOpt
         wanted: room beyond contact that is asked for [m].
         settings: whose times in between are looked at.
     """
-    at_ends = _lacking_at(sweep, sweep.points[[0, -1]], wanted)
+    at_ends = _lacking_at(sweep, sweep.joints[[0, -1]], wanted)
     return float(np.max(room_lacking(sweep, wanted, settings)) - np.max(at_ends))
 
 
@@ -205,9 +143,10 @@ def _lacking_at(sweep: SpaceSweep, points: FloatArray, wanted: float) -> FloatAr
     return distance_lacking(sweep.curve.arm, sweep.stepper.tree, points, sweep.stepper.kept + wanted)
 
 
-def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> SpaceRows:
-    """Rows of points that have to keep off planes."""
-    return SpaceRows(interval, np.full(len(point), share), point, np.full(len(point), -1), normal, need)
+def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> IntervalRows:
+    """Rows of points that have to be so far along normals out of half-spaces' sides [m]."""
+    none = np.zeros(len(point), dtype=np.intp)
+    return IntervalRows(interval, np.full(len(point), share), point, none + STILL, none, none, -normal, need)
 
 
 def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
@@ -215,7 +154,7 @@ def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
     return np.flatnonzero((point > 0) | bool(sweep.curve.arm.base_axes))
 
 
-def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> SpaceRows:
+def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> IntervalRows:
     """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
     arm = sweep.curve.arm
     motion = sweep.stepper.certificate.motion
@@ -231,15 +170,16 @@ def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
         columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + np.max(bows, axis=0)))
     if not columns:
         none = np.zeros(0, dtype=np.intp)
-        return SpaceRows(none, np.zeros(0), none, none, np.zeros((0, 3)), np.zeros(0))
+        return IntervalRows(none, np.zeros(0), none, none, none, none, np.zeros((0, 3)), np.zeros(0))
     interval, first, second, normal, need = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+    none = np.zeros(len(first), dtype=np.intp)
     parts = [
-        SpaceRows(interval, np.full(len(first), float(side)), first + s, second + t, normal, need)
+        IntervalRows(interval, np.full(len(first), float(side)), first + s, second + t, none, none, -normal, need)
         for side in (0, 1)
         for s in (0, 1)
         for t in (0, 1)
     ]
-    return _joined(parts)
+    return joined_rows(parts)
 
 
 def _lost(normal: FloatArray, off: FloatArray) -> FloatArray:
@@ -251,54 +191,3 @@ def _slack_between(sweep: SpaceSweep, apart: IntArray) -> FloatArray:
     """How far links so many apart can be from each other beyond two radii at full stretch, at least 0 [m]."""
     arm = sweep.curve.arm
     return np.asarray(np.maximum((apart - 1) * arm.link_length - 2.0 * arm.radius, 0.0))
-
-
-def tightest(rows: SpaceRows, values: FloatArray, group: int) -> IntArray:
-    """Numbers of the tightest rows for each keyframe, group of neighbouring points and direction.
-
-    Args:
-        rows: the rows.
-        values: of them, shape (m,).
-        group: number of points in a group.
-    """
-    # Twenty-four directions: the largest component with its sign, and halves of the other two.
-    largest = np.argmax(np.abs(rows.normal), axis=1)
-    lines = np.arange(len(rows))
-    sign = rows.normal[lines, largest] > 0.0
-    others = [rows.normal[lines, (largest + step) % 3] > 0.0 for step in (1, 2)]
-    keys = (rows.interval, rows.share, rows.plus // group, (rows.minus + 1) // group, largest, sign, *others)
-    order = np.lexsort((-values, *keys))
-    changes = [np.diff(key[order].astype(float)) != 0.0 for key in keys]
-    first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
-    return np.asarray(order[first])
-
-
-@dataclass(frozen=True, eq=False)
-class KeyframeRows:
-    """Rows on keyframes that have to hold, without slack.
-
-    Attributes:
-        keyframe: of each row, at least 1, shape (m,).
-        rows: by the unknowns of that keyframe, shape (m, p).
-        lower: what they have to gain at least, shape (m,).
-        equal: how many of them, the first ones, may gain no more either.
-    """
-
-    keyframe: IntArray
-    rows: FloatArray
-    lower: FloatArray
-    equal: int
-
-    @classmethod
-    def joined(cls, parts: "Sequence[KeyframeRows]") -> "KeyframeRows | None":
-        """All rows of some parts, equations first; None of no parts."""
-        if not parts:
-            return None
-        equations = [(part, slice(None, part.equal)) for part in parts]
-        ordered = [*equations, *((part, slice(part.equal, None)) for part in parts)]
-        return cls(
-            np.concatenate([part.keyframe[some] for part, some in ordered]),
-            np.vstack([part.rows[some] for part, some in ordered]),
-            np.concatenate([part.lower[some] for part, some in ordered]),
-            sum(part.equal for part in parts),
-        )

@@ -14,6 +14,8 @@ Lengths are in nominal links u = L / 24 unless said otherwise.
 from dataclasses import dataclass, field
 from functools import partial
 
+from ccm_opt.planning.settings import ConvexSettings, ObjectiveSettings
+
 
 @dataclass(frozen=True)
 class GoalPoseSettings:
@@ -66,23 +68,17 @@ class SpaceConnectSettings:
     base_share: float = 0.0
 
 
-@dataclass(frozen=True)
-class SpaceObjectiveSettings:
-    """Weights of what the optimisation makes small.
-
-    Attributes:
-        unevenness: of ``∫|q''|²``; its root is the share of the motion over which corners are rounded.
-        shape: of the curve's curvature and of its differences, as bends of a nominal link.
-        following: of changes of the curve on which a fed arm lies, as bends of a nominal link; an arm whose curve does
-            not change follows its tip. Measured on the disturbed jobs: a hundredth of their duration for half of the
-            worst deviation.
-        ridge: on all unknowns, so that the metric is definite.
-    """
-
-    unevenness: float = 4e-3
-    following: float = 25.0
-    shape: float = 1e-3
-    ridge: float = 1e-7
+_STEPS = ConvexSettings(
+    tries=6,
+    price=100.0,
+    shortened_growth=2.0,
+    shortenings=(1.0, 0.5, 0.25, 0.1),
+    worth=0.02,
+    patience=1,
+    patience_in_want=3,
+    counts_room=True,
+)
+"""Of the optimisation: in space an iterate counts by the room that it has, not by its rows alone."""
 
 
 @dataclass(frozen=True)
@@ -96,15 +92,8 @@ class SpaceOptimisationSettings:
         active: rows nearer to their bound than this enter the program [u].
         between: shares of an interval at which links that lack room have rows too.
         planes: most half-spaces about a link.
-        price: first price of one nominal link of slack, and what it lacks in room counts in a motion's merit.
-        highest_price: to which it rises.
-        raised_damping: damping from which a refused step raises it.
-        shortened_growth: its growth after a shortened step.
-        good_shrinkage: its fall after a good step.
-        least_damping: least damping.
-        good: share of the foreseen gain from which a step is good.
-        tries: programs of one round before it is given up.
-        tolerance: of the program's solution.
+        groups: arms with more links than this have rows for groups of neighbouring joints.
+        steps: of the sequential convex programming.
     """
 
     intervals: int = 24
@@ -113,15 +102,8 @@ class SpaceOptimisationSettings:
     active: float = 0.3
     between: tuple[float, ...] = (0.25, 0.75)
     planes: int = 6
-    price: float = 100.0
-    highest_price: float = 500.0
-    raised_damping: float = 0.05
-    shortened_growth: float = 2.0
-    good_shrinkage: float = 3.0
-    least_damping: float = 1e-4
-    good: float = 0.6
-    tries: int = 6
-    tolerance: float = 1e-5
+    groups: int = 24
+    steps: ConvexSettings = _STEPS
 
 
 @dataclass(frozen=True)
@@ -292,6 +274,6 @@ class SpaceMotionSettings:
     swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
-    objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
+    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
     smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

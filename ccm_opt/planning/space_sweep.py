@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper
 
@@ -50,24 +51,46 @@ class SpaceSweep:
         return np.stack([pose.slopes for pose in self.poses])
 
     @cached_property
-    def points(self) -> FloatArray:
+    def joints(self) -> FloatArray:
         """Joints and tip at the keyframes, shape (K + 1, links + 1, 3) [m]."""
         return np.stack([pose.chain.points for pose in self.poses])
 
     @cached_property
-    def moving(self) -> FloatArray:
-        """Derivatives of the points by the unknowns, shape (K + 1, links + 1, 3, p) [m]."""
-        return np.stack([pose.chain.moving for pose in self.poses])
+    def points(self) -> FloatArray:
+        """The same, and last the origin, which stands still, shape (K + 1, links + 2, 3) [m]."""
+        return np.pad(self.joints, ((0, 0), (0, 1), (0, 0)))
 
     @cached_property
-    def turning(self) -> FloatArray:
-        """Angular velocities of the links by the unknowns, shape (K + 1, links, 3, p)."""
-        return np.stack([pose.chain.turning for pose in self.poses])
+    def moving(self) -> FloatArray:
+        """Derivatives of the points by the unknowns, shape (K + 1, links + 2, 3, p) [m]."""
+        return np.pad(np.stack([pose.chain.moving for pose in self.poses]), ((0, 0), (0, 1), (0, 0), (0, 0)))
+
+    @cached_property
+    def turn_metrics(self) -> FloatArray:
+        """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
+        turning = np.stack([pose.chain.turning for pose in self.poses]).reshape(
+            len(self.poses), -1, self.moving.shape[3]
+        )
+        return np.asarray(turning.transpose(0, 2, 1) @ turning)
+
+    def deviation(self, rows: IntervalRows) -> float:
+        """Nothing: rows reckon with what they lose halfway."""
+        del rows
+        return 0.0
+
+    def deviation_slopes(self, rows: IntervalRows) -> float:
+        """Nothing: what rows lose halfway counts as constant."""
+        del rows
+        return 0.0
+
+    def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> None:
+        """Nothing: in space second derivatives of the rows tie all links to each other."""
+        del rows, multipliers, pull
 
     @cached_property
     def halfway_off(self) -> FloatArray:
         """How far the points are off the mean of the interval's ends halfway, shape (K, links + 1, 3) [m]."""
-        return np.asarray(self.middle_points - 0.5 * (self.points[:-1] + self.points[1:]))
+        return np.asarray(self.middle_points - 0.5 * (self.joints[:-1] + self.joints[1:]))
 
     @cached_property
     def middle_points(self) -> FloatArray:
@@ -77,7 +100,7 @@ class SpaceSweep:
     def points_at(self, share: float) -> FloatArray:
         """Joints and tip when a share of each interval has passed, shape (K, links + 1, 3) [m]."""
         if share == 1.0:
-            return self.points[1:]
+            return self.joints[1:]
         between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
         return np.stack([self.stepper.chains.places(q)[0] for q in self.curve.configurations(between)])
 

@@ -17,7 +17,7 @@ from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_step import SpaceStepper
-from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, OptimiserName, Problem, TipGoal, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -52,6 +52,8 @@ class SpaceTask:
         refuse: raises where it is proved that there is no motion; it is asked when no way of the tip led to the goal.
         settings: numbers of the search.
         user: the user's constraints and costs; None where there are none.
+        optimiser: how the motion that is found is optimised.
+        weights: what counts how much then.
     """
 
     arm: Arm
@@ -72,6 +74,8 @@ class SpaceTask:
     refuse: Callable[[], None] | None = None
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     user: UserLimit | None = None
+    optimiser: OptimiserName = "sequential-convex"
+    weights: Weights = field(default_factory=Weights)
 
     @property
     def unit(self) -> float:
@@ -216,6 +220,8 @@ def space_task(
         seed=problem.planner.seed,
         settings=settings,
         user=None if terms is None else UserLimit(terms, lead=_LEAD),
+        optimiser=problem.planner.optimiser,
+        weights=problem.planner.weights,
     )
 
 

@@ -7,24 +7,30 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature
 
 
 @dataclass(frozen=True)
-class Sweep:
+class PlanarSweep:
     """A piecewise-linear motion with what the rows need of it; K intervals, n links, p coordinates.
 
     Attributes:
         space: the link space.
-        coordinates: at the keyframes, shape (K + 1, p).
+        unknowns: coordinates at the keyframes, shape (K + 1, p).
     """
 
     space: LinkSpace
-    coordinates: FloatArray
+    unknowns: FloatArray
+
+    @property
+    def intervals(self) -> int:
+        """K."""
+        return len(self.unknowns) - 1
 
     @cached_property
     def headings(self) -> FloatArray:
         """Link headings [rad], and then what carries the base [link lengths], shape (K + 1, c)."""
-        return self.space.headings(self.coordinates)
+        return self.space.headings(self.unknowns)
 
     @cached_property
     def points(self) -> FloatArray:
@@ -58,14 +64,84 @@ class Sweep:
         return self.space.sag_slopes(self.turns)
 
     @cached_property
-    def jacobians(self) -> FloatArray:
+    def moving(self) -> FloatArray:
         """Derivatives of ``points`` by the coordinates, shape (K + 1, n + 3, 2, p) [m per unit]."""
         return self._with_marks(self.space.jacobians(self.headings), np.zeros((2, 1)))
 
+    @cached_property
+    def configurations(self) -> FloatArray:
+        """Link headings [rad], and what carries the base [link lengths], shape (K + 1, c): what users' terms read."""
+        return self.headings
+
     @property
-    def standing(self) -> int:
-        """Index into ``points`` of the one that stands still: where the base is, or would be at a feed of 0."""
-        return self.space.arm.links + 2
+    def slopes(self) -> FloatArray:
+        """Derivatives of the configurations by the coordinates, shape (K + 1, c, p)."""
+        matrix = self.space.matrix
+        return np.broadcast_to(matrix, (len(self.unknowns), *matrix.shape))
+
+    @property
+    def turn_metrics(self) -> FloatArray:
+        """Squared turns of the links by the coordinates, shape (K + 1, p, p)."""
+        metric = self.space.matrix.T @ self.space.matrix
+        return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
+
+    # ------------------------------------------------------------ what rows need
+    def deviation(self, rows: IntervalRows) -> FloatArray:
+        """How far the points of rows may leave their chord, shape (m,) [m]."""
+        return np.asarray(self.sag[rows.interval, rows.high] - self.sag[rows.interval, rows.low])
+
+    def deviation_slopes(self, rows: IntervalRows) -> FloatArray:
+        """Derivatives of that by the change of the coordinates over the interval, shape (m, p) [m per unit]."""
+        return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
+
+    def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:
+        """Convex part of the second derivatives of Σ λ g + pull·tip, for rows at the ends of intervals.
+
+        Args:
+            rows: g.
+            multipliers: λ of the rows, shape (m,).
+            pull: multipliers of the last keyframe's tip position, shape (2,).
+        """
+        # Headings are affine in v, so a curvature that is diagonal in headings becomes Aᵀ diag(c) A. Dropping negative
+        # entries of the diagonal is the exact projection onto convex ones.
+        matrix = self.space.matrix
+        of_headings, of_turns = self.heading_curvature(rows, multipliers, pull)
+        diagonal = matrix.T @ (np.maximum(of_headings, 0.0)[:, :, None] * matrix)
+        return RowCurvature(diagonal, matrix.T @ (np.maximum(of_turns, 0.0)[:, :, None] * matrix))
+
+    def heading_curvature(
+        self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
+
+        Returns:
+            Of the positions by the headings, shape (K + 1, c), any sign; of the sag by the turns, shape (K, c).
+        """
+        space = self.space
+        keyframes = len(self.headings)
+        links = space.arm.links
+
+        # The sums are read as forces on a chain: ``position_curvature`` takes −Σ f·x, so −λn acts on the point that
+        # counts positively and λn on the other. The pull at the base balances one at the tip.
+        forces = np.zeros((keyframes, links + 3, 2))
+        forces[-1, 0] = pull
+        weighted = multipliers[:, None] * rows.normal
+        keyframe = rows.interval + rows.share.astype(np.intp)
+        np.add.at(forces, (keyframe, rows.minus), weighted)
+        np.add.at(forces, (keyframe, rows.plus), -weighted)
+
+        # The mount's end is no joint: what acts on it is shared out between the joints of its link, as by the law of
+        # the lever.
+        link, share = space.mount_end
+        forces[:, link] += (1.0 - share) * forces[:, links + 1]
+        forces[:, link + 1] += share * forces[:, links + 1]
+        # What stands still, the last of all points, bears its forces through the base.
+        forces[:, 0] += forces[:, -1]
+
+        sag = np.zeros((keyframes - 1, links + 1))
+        np.add.at(sag, (rows.interval, rows.low), multipliers)
+        np.add.at(sag, (rows.interval, rows.high), -multipliers)
+        return space.position_curvature(self.headings, forces), space.sag_curvature(sag)
 
     def _with_marks(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
         """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""

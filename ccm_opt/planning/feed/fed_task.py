@@ -28,14 +28,15 @@ from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import JointSlowness, Motion, MotionTask
+from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 
 if TYPE_CHECKING:
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.swept_motion import PlanarSweep
 
 _KEYFRAMES_A_LINK = 2.0
 """Of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer, joints bend late behind
@@ -175,7 +176,7 @@ class GuideTubeLimit(Limit):
         return in_range and not np.any(self._held_bent(final.headings[None]))
 
     # ------------------------------------------------------------ the optimisation of a motion
-    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """No bend before the first joint that may bend."""
         del u
         straight = np.arange(self.arm.links) < self._first_free(sweep.headings)[:, None]
@@ -184,7 +185,7 @@ class GuideTubeLimit(Limit):
         zero = np.zeros(len(keyframe))
         return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
 
-    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """The base where joints that bend, here or at a keyframe beside, stay outside the tube, and in its range."""
         del u
         first = self._first_free(sweep.headings)
@@ -205,7 +206,7 @@ class GuideTubeLimit(Limit):
         snapped[0] = coordinates[0]
         return snapped
 
-    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
         """Whether the base is in its range at every keyframe; what is held between them is for ``failures`` to see."""
         del before, u
         low, high = self._range_left(sweep.headings)

@@ -4,12 +4,9 @@ The link at the start, half-way and at the end of the interval spans a convex hu
 the half-plane across the shortest line from Q to the wall leaves Q inside and the wall outside; walls already behind
 a chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a polygon for the ellipsoid).
 
-Every row has one form, for walls and for pairs of links:
-
-    n·(P_a − P_b) + sag_hi − sag_lo + c ≤ 0,
-
-positions at one end of interval k, sag_j = ⅛ Σ_{i<j} l Δφ_i² over it (see ``certificate``). A wall's half-plane
-n·x ≤ b has P_b = base; a pair of links i < j has a = j + t, b = i + s and only the links between in the sag.
+Rows are those of ``interval_rows`` at both ends of an interval, their deviation sag_hi − sag_lo with
+sag_j = ⅛ Σ_{i<j} l Δφ_i² over it (see ``certificate``). A wall's half-plane n·x ≤ b has P_b = base; a pair of links
+i < j has a = j + t, b = i + s and only the links between in the sag.
 """
 
 from dataclasses import dataclass, replace
@@ -18,8 +15,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import SHORTEST, BoolArray, FloatArray, IntArray
 from ccm_opt.core.native import NativeCall, element_type
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.spline_path import smoothing_matrix
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.scene.contact_finder import closest_on_segments
 from ccm_opt.scene.walls import WallSegments
@@ -52,7 +50,7 @@ class HalfPlanes:
         return HalfPlanes(self.interval[mask], self.link[mask], self.normal[mask], self.bound[mask])
 
 
-def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
+def sweep_regions(sweep: PlanarSweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
     """Half-planes round the sweep of every link in every interval.
 
     Args:
@@ -102,7 +100,7 @@ def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tu
         capacity = count
 
 
-def _corners(sweep: Sweep, interval: IntArray, link: IntArray) -> FloatArray:
+def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArray:
     """Ends of the links at the start, half-way and at the end of the intervals, shape (m, 6, 2) [m]."""
     corners = [
         positions[at, link + end]
@@ -112,135 +110,8 @@ def _corners(sweep: Sweep, interval: IntArray, link: IntArray) -> FloatArray:
     return np.stack(corners, axis=1)
 
 
-@dataclass(frozen=True)
-class IntervalRows:
-    """Rows g ≤ 0 over a motion; all arrays have length m.
-
-    Attributes:
-        interval: k.
-        side: 0 at the start of the interval, 1 at its end.
-        plus: index a of the point counted positively (into ``Sweep.points``).
-        minus: index b of the point counted negatively: b < a for a pair of links, the point that stands still for a
-            wall.
-        high: joint up to which sag counts.
-        low: joint from which on sag counts.
-        normal: n, shape (m, 2).
-        constant: c [m].
-    """
-
-    interval: IntArray
-    side: IntArray
-    plus: IntArray
-    minus: IntArray
-    high: IntArray
-    low: IntArray
-    normal: FloatArray
-    constant: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.interval)
-
-    def take(self, mask: BoolArray | IntArray) -> "IntervalRows":
-        """The rows selected by a mask."""
-        return IntervalRows(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
-
-    @property
-    def against_walls(self) -> BoolArray:
-        """Which rows keep from walls, shape (m,); what stands still is the last of all points."""
-        against: BoolArray = self.minus > self.plus
-        return against
-
-    def values(self, sweep: Sweep) -> FloatArray:
-        """Values of every row, shape (m,) [m]."""
-        keyframe = self.interval + self.side
-        apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
-        sag = sweep.sag[self.interval, self.high] - sweep.sag[self.interval, self.low]
-        values: FloatArray = np.einsum("md,md->m", self.normal, apart) + sag + self.constant
-        return values
-
-    def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Derivatives by the coordinates at the start and at the end of the row's interval, each (m, p)."""
-        # A change at the row's own keyframe moves the points; a change at either keyframe alters the turn Δφ, and so
-        # the sag, with opposite signs.
-        keyframe = self.interval + self.side
-        apart = sweep.jacobians[keyframe, self.plus] - sweep.jacobians[keyframe, self.minus]
-        moving = np.einsum("md,mdp->mp", self.normal, apart)
-        sag = sweep.sag_slopes[self.interval, self.high] - sweep.sag_slopes[self.interval, self.low]
-        at_end = (self.side == 1)[:, None]
-        return np.where(at_end, 0.0, moving) - sag, np.where(at_end, moving, 0.0) + sag
-
-    def curvature(self, sweep: Sweep, multipliers: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
-
-        Args:
-            sweep: the motion.
-            multipliers: λ of the rows, shape (m,).
-            pull: multipliers of the last keyframe's tip position, shape (2,).
-
-        Returns:
-            Of the positions by the headings, shape (K + 1, n), any sign; of the sag by the turns, shape (K, n).
-        """
-        space = sweep.space
-        keyframes = len(sweep.headings)
-        links = space.arm.links
-
-        # The sums are read as forces on a chain: ``position_curvature`` takes −Σ f·x, so −λn acts on the point that
-        # counts positively and λn on the other. The pull at the base balances one at the tip.
-        forces = np.zeros((keyframes, links + 3, 2))
-        forces[-1, 0] = pull
-        weighted = multipliers[:, None] * self.normal
-        np.add.at(forces, (self.interval + self.side, self.minus), weighted)
-        np.add.at(forces, (self.interval + self.side, self.plus), -weighted)
-
-        # The mount's end is no joint: what acts on it is shared out between the joints of its link, as by the law of
-        # the lever.
-        link, share = space.mount_end
-        forces[:, link] += (1.0 - share) * forces[:, links + 1]
-        forces[:, link + 1] += share * forces[:, links + 1]
-        # What stands still bears its forces through the base.
-        forces[:, 0] += forces[:, sweep.standing]
-
-        sag = np.zeros((keyframes - 1, links + 1))
-        np.add.at(sag, (self.interval, self.low), multipliers)
-        np.add.at(sag, (self.interval, self.high), -multipliers)
-        return space.position_curvature(sweep.headings, forces), space.sag_curvature(sag)
-
-
-def representatives(rows: IntervalRows, values: FloatArray, group: int, sectors: int) -> IntArray:
-    """Indices of the tightest row for each interval side, group of neighbouring joints and direction.
-
-    Args:
-        rows: the rows.
-        values: of the rows, shape (m,).
-        group: number of joints in a group.
-        sectors: directions that count as different.
-    """
-    sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * sectors / (2.0 * np.pi)).astype(np.intp)
-    keys = (
-        2 * rows.interval + rows.side,
-        rows.plus // group,
-        rows.minus // group,
-        rows.against_walls,
-        sector % sectors,
-    )
-
-    # lexsort sorts by its last key first, so −values only orders rows whose keys all agree: the tightest comes first.
-    order = np.lexsort((-values, *keys))
-    changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
-    first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
-    chosen: IntArray = order[first]
-    return chosen
-
-
-def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """All rows of several lists."""
-    return IntervalRows(
-        *(np.concatenate([getattr(p, name) for p in parts]) for name in IntervalRows.__dataclass_fields__)
-    )
-
-
 def motion_rows(
-    sweep: Sweep,
+    sweep: PlanarSweep,
     workspace: Workspace,
     segments: WallSegments,
     margin: float,
@@ -269,7 +140,7 @@ def motion_rows(
     walls = wall_rows(planes, sweep, need)
     links = self_rows(sweep, reach, margin, settings)
     if wanted > margin:
-        smooth = Sweep(sweep.space, smoothing_matrix(len(sweep.coordinates)) @ sweep.coordinates)
+        smooth = PlanarSweep(sweep.space, smoothing_matrix(len(sweep.unknowns)) @ sweep.unknowns)
         between = arm.link_margins(links.low, links.high - 1, wanted, settings)
         between -= arm.link_margins(links.low, links.high - 1, margin, settings)
         more = np.full(len(walls), wanted - margin)
@@ -281,11 +152,11 @@ def motion_rows(
     rows = joined_rows([walls, links])
 
     # The start is given and may stand nearer than the margin; with it these rows could never hold.
-    at_start = rows.interval + rows.side == 0
+    at_start = rows.interval + rows.share == 0.0
     return replace(rows, constant=rows.constant - margin * at_start)
 
 
-def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: Sweep) -> IntervalRows:
+def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
     """Rows that ask for more room, of the smooth path and not of its control polygon.
 
     A row for contact counts the sag, which bounds what lies between two keyframes however the links turn. Room is
@@ -298,7 +169,7 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: 
         sweep: the motion through the keyframes.
         smooth: the smooth path's poses beside the keyframes.
     """
-    keyframe = rows.interval + rows.side
+    keyframe = rows.interval + rows.share.astype(np.intp)
     beside = smooth.points - sweep.points
     half_way = smooth.middle_points - 0.5 * (sweep.points[:-1] + sweep.points[1:])
     at_keyframe = beside[keyframe, rows.plus] - beside[keyframe, rows.minus]
@@ -310,7 +181,7 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: 
     return replace(rows, constant=rows.constant + np.where(at_start, 0.0, missing))
 
 
-def wall_rows(planes: HalfPlanes, sweep: Sweep, need: FloatArray) -> IntervalRows:
+def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> IntervalRows:
     """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
 
     Args:
@@ -323,8 +194,8 @@ def wall_rows(planes: HalfPlanes, sweep: Sweep, need: FloatArray) -> IntervalRow
     m = len(planes.link)
     parts = []
     for end in (0, 1):
-        # The link on which the mount ends is free only from there on: that point, last in ``Sweep.points``, stands for
-        # the link's first joint.
+        # The link on which the mount ends is free only from there on: that point, behind the joints in
+        # ``PlanarSweep.points``, stands for the link's first joint.
         cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
         point = np.where(cut, arm.links + 1, planes.link + end)
         # A base that cannot move would make the row a constant.
@@ -333,9 +204,9 @@ def wall_rows(planes: HalfPlanes, sweep: Sweep, need: FloatArray) -> IntervalRow
         for side in (0, 1):
             rows = IntervalRows(
                 planes.interval,
-                np.full(m, side),
+                np.full(m, float(side)),
                 point,
-                np.full(m, sweep.standing),
+                np.full(m, STILL),
                 planes.link + 1,
                 np.zeros(m, dtype=np.intp),
                 planes.normal,
@@ -346,7 +217,7 @@ def wall_rows(planes: HalfPlanes, sweep: Sweep, need: FloatArray) -> IntervalRow
 
 
 def self_rows(
-    sweep: Sweep, reach: float, margin: float, settings: LinkMarginSettings = DEFAULT_LINK_MARGINS
+    sweep: PlanarSweep, reach: float, margin: float, settings: LinkMarginSettings = DEFAULT_LINK_MARGINS
 ) -> IntervalRows:
     """Rows that keep distant links apart along the direction that is closest half-way through the interval.
 
@@ -379,7 +250,7 @@ def self_rows(
     # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.
     return joined_rows(
         [
-            IntervalRows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
+            IntervalRows(interval, np.full(len(i), float(side)), j + t, i + s, j + 1, i, normal, need)
             for side in (0, 1)
             for t in (0, 1)
             for s in (0, 1)
@@ -387,7 +258,7 @@ def self_rows(
     )
 
 
-def _near_pairs(sweep: Sweep, i: IntArray, j: IntArray, reach: float) -> tuple[IntArray, IntArray, IntArray]:
+def _near_pairs(sweep: PlanarSweep, i: IntArray, j: IntArray, reach: float) -> tuple[IntArray, IntArray, IntArray]:
     """Intervals and pairs whose middles half-way come within reach of each other."""
     centres = 0.5 * (sweep.middles[:, :-1] + sweep.middles[:, 1:])
     # A broad phase: two links are at most a link length nearer to each other than their middles.

@@ -25,7 +25,7 @@ from ccm_opt.planning.settings import RailSettings
 from ccm_opt.scene.workspace import Workspace
 
 if TYPE_CHECKING:
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.swept_motion import PlanarSweep
 
 _NEWTON_STEPS = 5
 """Most steps onto the middles. Taste."""
@@ -279,7 +279,7 @@ class GateRails(Limit):
         return bool(np.all(np.abs(found.aside) <= self.play))
 
     # ------------------------------------------------------------ the optimisation of a motion
-    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Equations of the lines that are crossed by inner keyframes; both ends stand where they do."""
         del u
         space = sweep.space

@@ -28,8 +28,8 @@ from ccm_opt.planning.pose import Pose, Term
 if TYPE_CHECKING:
     from typing import Self
 
-    from ccm_opt.planning.limits.clearance_rows import IntervalRows
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
+    from ccm_opt.planning.swept_motion import PlanarSweep
 
 UNBOUNDED = 1e30
 """What QPs take for no bound."""
@@ -194,12 +194,12 @@ class Limit:
         return True
 
     # ------------------------------------------------------------ the optimisation of a motion
-    def interval_rows(self, sweep: "Sweep") -> "tuple[IntervalRows, ...]":
+    def interval_rows(self, sweep: "PlanarSweep") -> "tuple[IntervalRows, ...]":
         """Rows over whole intervals; each interval may buy slack at a price."""
         del sweep
         return ()
 
-    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Rows on keyframes that have to hold.
 
         Args:
@@ -209,7 +209,7 @@ class Limit:
         del sweep, u
         return ()
 
-    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Equations on keyframes; arguments as for ``keyframe_rows``."""
         del sweep, u
         return ()
@@ -224,7 +224,7 @@ class Limit:
         del space, u
         return coordinates
 
-    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
         """The true check of a motion's keyframes after a step of the optimisation from another motion."""
         del sweep, before, u
         return True

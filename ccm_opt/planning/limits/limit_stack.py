@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.clearance_rows import IntervalRows, motion_rows
+from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import StepSettings
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
 
 if TYPE_CHECKING:
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.swept_motion import PlanarSweep
 
 _PLAY = 0.5
 """That part, in planning margins. Taste."""
@@ -95,7 +96,7 @@ class ContactLimit(Limit):
         return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(final.points)
 
     # ------------------------------------------------------------ whole motions
-    def interval_rows(self, sweep: "Sweep") -> tuple[IntervalRows, ...]:
+    def interval_rows(self, sweep: "PlanarSweep") -> tuple[IntervalRows, ...]:
         """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
         workspace = self.certificate.workspace
         finder = self.finder
@@ -104,7 +105,7 @@ class ContactLimit(Limit):
         asked = (link_margins, self.wanted, most)
         return (motion_rows(sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, *asked),)
 
-    def _most_in_gates(self, sweep: "Sweep") -> FloatArray | None:
+    def _most_in_gates(self, sweep: "PlanarSweep") -> FloatArray | None:
         """Most gap that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no gates.
 
         An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
@@ -191,7 +192,7 @@ class JointLimit(Limit):
         del near
         return bool(np.all(np.abs(space.bends(final.headings)) <= self._accepted(space)))
 
-    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Rows of the bends near their bound at keyframes after the first."""
         del u
         space = sweep.space
@@ -208,7 +209,7 @@ class JointLimit(Limit):
         upper = np.maximum((limits - bends)[near], 0.0)
         return (KeyframeRows(keyframe, space.bend_rows[joint], lower, upper),)
 
-    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
         """Whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
         del u
         space = sweep.space

@@ -30,7 +30,7 @@ from ccm_opt.planning.settings import UserLimitSettings
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
     from ccm_opt.ik.row_set import RowSet, RowValues
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.swept_motion import PlanarSweep
 
 _PATH_SHARE = 0.2
 """Share of what is allowed by which the smooth path may miss a row between its knots. Taste."""
@@ -322,7 +322,7 @@ class UserLimit(Limit):
         """The constraints at a keyframe; the last is the goal."""
         return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
 
-    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Equations of every keyframe, their slopes of norm 1."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.space.dimension))]
@@ -334,7 +334,7 @@ class UserLimit(Limit):
         zero = np.zeros(len(keyframes))
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
-    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Gaps of every keyframe that are not far from closing, per radian of the whole arm."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.space.dimension))]
@@ -355,7 +355,8 @@ class UserLimit(Limit):
 
     def costs(self, space: LinkSpace, u: FloatArray) -> tuple[MotionCost, ...]:
         """The user's costs, soft constraints among them."""
-        return (UserCosts(space, self.terms, u),)
+        del space
+        return (UserCosts(self.terms, u),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
         """Inner keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""
@@ -367,7 +368,7 @@ class UserLimit(Limit):
                 restored[k] = moved
         return restored
 
-    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
         """Whether all equations are met, and no gap is broken."""
         del before
         return all(self._at_keyframe(k, u).miss(sweep.headings[k]) <= 0.0 for k in range(1, len(u)))

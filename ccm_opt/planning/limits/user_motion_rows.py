@@ -14,12 +14,11 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.ik.terms import Interval
 from ccm_opt.planning.limits.limit import Quadratic
-from ccm_opt.planning.link_space import LinkSpace
 
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
     from ccm_opt.ik.functions import CompiledConstraint, CompiledCost
-    from ccm_opt.planning.swept_motion import Sweep
+    from ccm_opt.planning.optimisation.interval_rows import Sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,43 +26,41 @@ class UserCosts:
     """The user's costs of a motion with K intervals; satisfies ``MotionCost``.
 
     Attributes:
-        space: the link space; p coordinates.
         terms: constraints and costs.
         u: path parameter of every keyframe, shape (K + 1,).
     """
 
-    space: LinkSpace
     terms: "UserTerms"
     u: FloatArray
 
     def value(self, sweep: "Sweep") -> float:
         """Cost of a motion."""
         return sum(
-            float(weights @ cost.values(sweep.headings, self.u)) for cost, weights in zip(*self._weights, strict=True)
+            float(weights @ cost.values(sweep.configurations, self.u))
+            for cost, weights in zip(*self._weights, strict=True)
         )
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Cost after a change of the coordinates, shape (K + 1, p), by the quadratic model."""
+        """Cost after a change of the unknowns, shape (K + 1, p), by the quadratic model."""
         model = self.model(sweep)
         bent = np.einsum("kp,kpq,kq->", change, model.diagonal, change)
         return self.value(sweep) + float(np.vdot(model.gradient, change)) + 0.5 * float(bent)
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Gradient and convex part of the Hessian by the coordinates."""
-        frames, p = sweep.coordinates.shape
-        matrix = self.space.matrix
+        """Gradient and convex part of the Hessian by the unknowns."""
+        frames, p = sweep.unknowns.shape
         model = Quadratic(np.zeros((frames, p)), np.zeros((frames, p, p)), np.zeros((frames - 1, p, p)))
         for cost, weights in zip(*self._weights, strict=True):
             # Keyframe 0 is the fixed start: what it costs cannot be changed.
             for k in np.flatnonzero(weights[1:]) + 1:
-                gradient, hessian = cost.second_order(sweep.headings[k], float(self.u[k]))
+                gradient, hessian = cost.second_order(sweep.configurations[k], float(self.u[k]))
                 if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
                     continue  # there it says nothing of where to go; a motion at which its value is NaN is refused
                 # The nearest positive semidefinite matrix (in the Frobenius norm) drops the negative eigenvalues; the
                 # QP needs a convex model.
                 sizes, vectors = np.linalg.eigh(hessian)
-                factor = matrix.T @ (vectors * np.sqrt(np.maximum(sizes, 0.0)))
-                model.gradient[k] += weights[k] * gradient @ matrix
+                factor = sweep.slopes[k].T @ (vectors * np.sqrt(np.maximum(sizes, 0.0)))
+                model.gradient[k] += weights[k] * gradient @ sweep.slopes[k]
                 model.diagonal[k] += weights[k] * factor @ factor.T
         return model
 

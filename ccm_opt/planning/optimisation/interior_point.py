@@ -10,12 +10,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.ipopt_call import ipopt_call
-from ccm_opt.planning.limits.clearance_rows import IntervalRows
-from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, WallNearness
-from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
+from ccm_opt.planning.optimisation.planar_program import PlanarProgram
 from ccm_opt.planning.pose import pose_in
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 
 _ITERATIONS = 200
 """Of IPOPT. Taste."""
@@ -28,7 +27,7 @@ _WIDER = 2.0
 """Rows this many times farther away than those of a sequential step are taken in. Taste."""
 
 
-def interior_point(program: MotionProgram, coordinates: FloatArray) -> FloatArray:
+def interior_point(program: PlanarProgram, coordinates: FloatArray) -> FloatArray:
     """Optimise a certified motion.
 
     Args:
@@ -41,52 +40,52 @@ def interior_point(program: MotionProgram, coordinates: FloatArray) -> FloatArra
     for _ in range(_SOLUTIONS):
         if program.deadline.passed():
             break
-        sweep = Sweep(program.space, coordinates)
+        sweep = PlanarSweep(program.space, coordinates)
         coordinates = _certified_part(program, sweep, _solution(program, sweep, program.rows(sweep)))
     return coordinates
 
 
-def _certified_part(program: MotionProgram, sweep: Sweep, solution: FloatArray) -> FloatArray:
+def _certified_part(program: PlanarProgram, sweep: PlanarSweep, solution: FloatArray) -> FloatArray:
     """As much of the way to the solution as is certified."""
-    change = solution - sweep.coordinates
+    change = solution - sweep.unknowns
     for share in _SHORTENINGS:
-        moved = Sweep(program.space, program.ended(sweep.coordinates + share * change))
-        if program.feasible(moved, sweep) and len(program.failures(moved.headings)) == 0:
-            return moved.coordinates
-    return sweep.coordinates
+        moved = PlanarSweep(program.space, program.ended(sweep.unknowns + share * change))
+        if program.feasible(moved, sweep) and len(program.failures(moved)) == 0:
+            return moved.unknowns
+    return sweep.unknowns
 
 
-def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> FloatArray:
+def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows) -> FloatArray:
     """Keyframes at which IPOPT ends, shape (K + 1, p)."""
     import casadi as ca  # noqa: PLC0415 - loaded only when asked for
 
     settings = program.settings.interior_point
     space = program.space
-    frames, p = sweep.coordinates.shape
+    frames, p = sweep.unknowns.shape
 
     # The rows stay as they are for a whole solution, and keyframes travel farther in it than in one step.
     rows = program.active_rows(all_rows, sweep, _WIDER * program.active)
-    objective = program.objective
+    objective = program.objective(frames - 1)
 
     moving = ca.SX.sym("v", p, frames - 1)
     turning = ca.SX.sym("phi", space.arm.links, frames - 1)  # tied to v: keeps the derivatives sparse
     slack = ca.SX.sym("s", frames - 1)
-    v = ca.horzcat(ca.DM(sweep.coordinates[0]), moving)
+    v = ca.horzcat(ca.DM(sweep.unknowns[0]), moving)
     headings = ca.horzcat(ca.DM(sweep.headings[0]), turning)
     tie = ca.vec(ca.DM(space.matrix) @ moving + ca.repmat(ca.DM(space.offset), 1, frames - 1) - turning)
     points = _points(ca, program, headings)
 
     # One slack an interval at a price, as in the QP: the start is infeasible as soon as the sag is counted.
-    unit = space.arm.length / NOMINAL_LINKS
+    unit = program.unit
     inequalities = _row_values(ca, rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
     ends = _end_values(ca, program, sweep, v, points)
-    bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))
+    bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.unknowns[1:].T)))
     near = _nearness(ca, program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
     low, high = _bend_bounds(sweep, program.settings.step.limit_share)
 
     problem = {
         "x": ca.vertcat(ca.vec(moving), ca.vec(turning), slack),
-        "f": _objective(ca, objective, v) + near + program.settings.optimisation.price * ca.sum1(slack),
+        "f": _objective(ca, objective, v) + near + program.steps.price * ca.sum1(slack),
         "g": ca.vertcat(inequalities, ends, tie, bends),
     }
     options = {
@@ -104,16 +103,16 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
     with ipopt_call():
         solver = ca.nlpsol("motion", "ipopt", problem, {**options, "ipopt.sb": "yes"})
         result = solver(
-            x0=np.concatenate((sweep.coordinates[1:].ravel(), sweep.headings[1:].ravel(), worst)),
+            x0=np.concatenate((sweep.unknowns[1:].ravel(), sweep.headings[1:].ravel(), worst)),
             lbx=np.concatenate((np.full(size + tie.numel(), -np.inf), np.zeros(frames - 1))),
             lbg=np.concatenate((np.full(len(rows), -np.inf), zero, low)),
             ubg=np.concatenate((np.zeros(len(rows)), zero, high)),
         )
     found = np.asarray(result["x"]).ravel()[:size].reshape(frames - 1, p)
-    return np.vstack((sweep.coordinates[:1], found))
+    return np.vstack((sweep.unknowns[:1], found))
 
 
-def _points(ca: Any, program: MotionProgram, headings: Any) -> tuple[Any, Any]:
+def _points(ca: Any, program: PlanarProgram, headings: Any) -> tuple[Any, Any]:
     """Both coordinates of ``Sweep.points``, each (n + 3) × (K + 1)."""
     arm = program.space.arm
     link, share = program.space.mount_end
@@ -129,9 +128,9 @@ def _row_values(ca: Any, rows: IntervalRows, points: tuple[Any, Any], headings: 
     """Values of the rows, as ``IntervalRows.values``."""
     # CasADi flattens column by column: entry (i, k) of a matrix of h rows is at h k + i.
     height = points[0].shape[0]
-    at = height * (rows.interval + rows.side)
+    at = height * (rows.interval + rows.share.astype(np.intp))
     plus = (at + rows.plus).tolist()
-    minus = (at + rows.minus).tolist()
+    minus = (at + rows.minus % height).tolist()
 
     turns = headings[:, 1:] - headings[:, :-1]
     sag = ca.vertcat(ca.DM.zeros(1, turns.shape[1]), ca.cumsum(0.125 * link_length * turns**2))
@@ -147,30 +146,30 @@ def _nearness(
     ca: Any, costs: tuple[WallNearness, ...], points: tuple[Any, Any], headings: Any, link_length: float
 ) -> Any:
     """What nearness to walls costs, as ``WallNearness.value``."""
-    links, frames = headings.shape
+    frames = headings.shape[1]
     total = 0.0
     for near in costs:
         lack = ca.fmax(1.0 + _row_values(ca, near.rows, points, headings, link_length) / near.distance, 0.0)
-        total = total + near.share(links, frames - 1) * ca.sumsqr(lack)
+        total = total + near.share(frames - 1) * ca.sumsqr(lack)
     return total
 
 
-def _end_values(ca: Any, program: MotionProgram, sweep: Sweep, v: Any, points: tuple[Any, Any]) -> Any:
+def _end_values(ca: Any, program: PlanarProgram, sweep: PlanarSweep, v: Any, points: tuple[Any, Any]) -> Any:
     """What has to vanish at the last keyframe."""
     if program.end_fixed:
-        return v[:, -1] - ca.DM(sweep.coordinates[-1])
+        return v[:, -1] - ca.DM(sweep.unknowns[-1])
     links = program.space.arm.links
     goal = program.goal
     tip = ca.vertcat(points[0][links, -1] - goal.position[0], points[1][links, -1] - goal.position[1])
     if goal.heading is None:
         return tip
     # Linear, with the turn still to go taken from the last iterate: a goal heading is given only up to multiples of 2π.
-    turn = goal.turn(pose_in(program.space, sweep.coordinates[-1]))
-    heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.coordinates[-1])) - turn
+    turn = goal.turn(pose_in(program.space, sweep.unknowns[-1]))
+    heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
     return ca.vertcat(tip, heading)
 
 
-def _bend_bounds(sweep: Sweep, limit_share: float) -> tuple[FloatArray, FloatArray]:
+def _bend_bounds(sweep: PlanarSweep, limit_share: float) -> tuple[FloatArray, FloatArray]:
     """Least and largest change of every bend after the first keyframe, keyframe by keyframe."""
     bends = sweep.space.bends(sweep.headings[1:])
     limits = limit_share * sweep.space.bend_limits

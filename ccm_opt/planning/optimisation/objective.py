@@ -11,19 +11,19 @@ Hessian is the Gauss–Newton one, which is convex.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
+from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.clearance_rows import IntervalRows
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.limits.limit import Quadratic
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
-from ccm_opt.planning.motion_task import JointSlowness
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 from ccm_opt.planning.settings import ObjectiveSettings
-from ccm_opt.planning.swept_motion import Sweep
 from ccm_opt.problem import Weights
+from ccm_opt.robot.link_chain import LinkChain
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RIDGE = 1e-8
 """Weight on changes of all coordinates, so that the metric is definite. Taste."""
@@ -35,102 +35,240 @@ _SECOND_HEADING = 0.1
 
 
 @dataclass(frozen=True)
-class Objective:
-    """½ Σ over coordinates of all keyframes; quadratic and convex.
+class JointSlowness:
+    """What joints can do less than the average joint, as factors.
 
     Attributes:
-        space: the link space; p coordinates.
-        intervals: K.
-        weights: how much each part counts.
-        slowness: of the joints, for the weight of the duration; None when all are alike.
-        settings: weights inside the parts.
+        speed: mean of all speed limits over a joint's own, shape (links,).
+        acceleration: the same of the acceleration limits, shape (links,).
     """
 
-    space: LinkSpace
+    speed: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def from_limits(cls, speeds: FloatArray, accelerations: FloatArray) -> "JointSlowness":
+        """From the limits of the joints, each of shape (links,)."""
+        return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
+
+    def resampled(self, links: int) -> "JointSlowness":
+        """The same along an arm with another number of links."""
+        middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
+        wanted = (np.arange(links) + 0.5) / links
+        return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
+
+
+class Curve(Protocol):
+    """The map from p unknowns of a curve to c coordinates of the arm, as far as the objective has to know it."""
+
+    @property
+    def arm(self) -> LinkChain:
+        """The arm."""
+        ...
+
+    @property
+    def affine(self) -> bool:
+        """Whether the coordinates are affine in the unknowns."""
+        ...
+
+    @property
+    def drive_rows(self) -> FloatArray:
+        """Derivatives of the coordinates by the unknowns where these are affine, shape (c, p)."""
+        ...
+
+    @property
+    def heading_metric(self) -> FloatArray:
+        """Squared turns of the links by the unknowns, shape (p, p); 0 where they depend on the pose."""
+        ...
+
+    @property
+    def curvature_rows(self) -> FloatArray:
+        """Curvature of the curve at its knots by the unknowns, shape (m, p) [1/m]."""
+        ...
+
+    @property
+    def curvature_differences(self) -> FloatArray:
+        """Differences of it from knot to knot, shape (m - 1, p) or less [1/m]."""
+        ...
+
+    @property
+    def following_rows(self) -> FloatArray:
+        """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; no rows where it need not."""
+        ...
+
+    @property
+    def of_shape(self) -> BoolArray:
+        """Which unknowns shape the curve, shape (p,); others blend a goal in."""
+        ...
+
+
+@dataclass(frozen=True)
+class Objective:
+    """½ Σ over unknowns of all keyframes; quadratic in the coordinates of the arm, and convex to first order of them.
+
+    Attributes:
+        curve: the map of the unknowns.
+        intervals: K.
+        weights: how much each part counts.
+        slowness: of the coordinates, for the weight of the duration; None when all are alike.
+        settings: weights inside the parts.
+        scale: how much a unit of each coordinate counts, shape (c,); None when all count alike.
+    """
+
+    curve: Curve
     intervals: int
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
     settings: ObjectiveSettings = field(default_factory=ObjectiveSettings)
+    scale: FloatArray | None = None
 
+    # ------------------------------------------------------------ metrics of the unknowns
     @cached_property
     def first(self) -> FloatArray:
         """Metric of first differences between keyframes, shape (p, p)."""
         settings = self.settings
-        headings = settings.heading * self._share * self.space.matrix.T @ self.space.matrix
+        curve = self.curve
         curvature, unevenness = self._curvature_rows
         change = _SHAPE_CHANGE * settings.shape
         shape = change * curvature.T @ curvature + settings.shape * unevenness.T @ unevenness
-
-        way = self.weights.path_length * (self._bends + headings)
-        time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.speed)
+        metric = self.weights.bending * shape + self._ridge
+        metric += self.weights.path_length * settings.heading * self._share * curve.heading_metric
+        following = self._unit * curve.following_rows
+        if len(following):
+            metric += settings.following * following.T @ following
+        if curve.affine:
+            metric += self._turns(self._first_weights)
         # K Σ |Δv|² approximates ∫ |v′|² du, since each of the K steps lasts 1/K.
-        return self.intervals * (way + time + self.weights.bending * shape + self._ridge)
+        return np.asarray(self.intervals * metric)
 
     @cached_property
     def second(self) -> FloatArray:
         """Metric of second differences, shape (p, p)."""
-        settings = self.settings
-        headings = _SECOND_HEADING * self._share * self.space.matrix.T @ self.space.matrix
-        turns = self.weights.smoothness * (self._bends + headings)
-        time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.acceleration)
-        shape = _SHAPE_CHANGE * settings.shape * np.eye(self.space.dimension)
+        curve = self.curve
+        metric = _SHAPE_CHANGE * self.settings.shape * np.eye(len(self._ridge))
+        metric += self.weights.smoothness * _SECOND_HEADING * self._share * curve.heading_metric
+        if curve.affine:
+            metric += self._turns(self._second_weights)
         # K³ Σ |Δ²v|² approximates ∫ |v″|² du.
-        return settings.unevenness * self.intervals**3 * (turns + time + shape)
+        return np.asarray(self._second_factor * metric)
 
     @cached_property
     def shape(self) -> FloatArray:
-        """Metric of the coordinates themselves, shape (p, p)."""
+        """Metric of the unknowns themselves, shape (p, p)."""
         curvature, unevenness = self._curvature_rows
         bending = curvature.T @ curvature + unevenness.T @ unevenness
-        return self.weights.bending * self.settings.shape * bending / self.intervals
+        return np.asarray(self.weights.bending * self.settings.shape * bending / self.intervals)
 
-    @cached_property
+    @property
     def _share(self) -> float:
         # Sums over links become independent of how many there are.
-        return NOMINAL_LINKS / self.space.arm.links
+        return NOMINAL_LINKS / self.curve.arm.links
+
+    @property
+    def _unit(self) -> float:
+        """Length of a nominal link [m]."""
+        return self.curve.arm.length / NOMINAL_LINKS
+
+    @property
+    def _second_factor(self) -> float:
+        return self.settings.unevenness * self.intervals**3
 
     @cached_property
-    def _bends(self) -> FloatArray:
-        return self._share * self.space.drive_rows.T @ self.space.drive_rows
+    def _first_weights(self) -> FloatArray:
+        """Of the squared ways of the coordinates, shape (c,) or ()."""
+        slowness = None if self.slowness is None else self.slowness.speed
+        return self._weighed(self.weights.path_length, slowness)
 
-    def _slowed(self, slowness: FloatArray | None) -> FloatArray:
-        """The metric of the bends, each measured by what its joint can do."""
-        if slowness is None:
-            return self._bends
-        rows = slowness[:, None] * self.space.drive_rows
-        return self._share * rows.T @ rows
+    @cached_property
+    def _second_weights(self) -> FloatArray:
+        """Of their squared second differences, shape (c,) or ()."""
+        slowness = None if self.slowness is None else self.slowness.acceleration
+        return self._weighed(self.weights.smoothness, slowness)
+
+    def _weighed(self, way: float, slowness: FloatArray | None) -> FloatArray:
+        time = self.weights.duration * (1.0 if slowness is None else slowness**2)
+        return np.asarray(self._share * (way + time) * (1.0 if self.scale is None else self.scale**2))
+
+    def _turns(self, weights: FloatArray) -> FloatArray:
+        """The metric of an affine curve's coordinates under weights."""
+        rows = self.curve.drive_rows
+        return np.asarray(rows.T @ (np.broadcast_to(weights, len(rows))[:, None] * rows))
 
     @cached_property
     def _ridge(self) -> FloatArray:
-        # Coordinates after those of the curve blend the goal in; they have another unit and a weight of their own.
-        return np.diag(np.where(self.space.of_shape, _RIDGE, self.settings.blend))
+        # Unknowns after those of the curve blend the goal in; they have another unit and a weight of their own.
+        return np.diag(np.where(self.curve.of_shape, _RIDGE, self.settings.blend))
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
         """Curvature values of the curve and their differences, in nominal links."""
-        curvature = self.space.arm.length / NOMINAL_LINKS * self.space.curvature_rows
-        return curvature, np.diff(curvature, axis=0)
+        return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
-    def value(self, coordinates: FloatArray) -> float:
-        """Value at coordinates, shape (K + 1, p)."""
-        # Homogeneous of degree two: f = ½ x · ∇f (Euler).
-        return 0.5 * float(np.vdot(coordinates, self.gradient(coordinates)))
+    # ------------------------------------------------------------ of a motion
+    def value(self, sweep: Sweep) -> float:
+        """Value of a motion."""
+        value = self._of_unknowns(sweep.unknowns)
+        if not self.curve.affine:
+            # Homogeneous of degree two: f = ½ x · ∇f (Euler).
+            value += 0.5 * float(np.vdot(sweep.configurations, self._ties(sweep.configurations)))
+        return value
 
-    def gradient(self, coordinates: FloatArray) -> FloatArray:
-        """Gradient by the coordinates, shape (K + 1, p)."""
-        # With D the matrix of differences and M a metric: f = ½ tr((D V)ᵀ D V M), so ∇f = Dᵀ D V M, and the block of
-        # keyframes k and m is (Dᵀ D)_km M.
-        gradient = coordinates @ self.shape
-        for order, metric in ((1, self.first), (2, self.second)):
-            gradient += _differences(self.intervals, order).T @ np.diff(coordinates, order, axis=0) @ metric
+    def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
+        """Value after a change of the unknowns, shape (K + 1, p), the coordinates linearised."""
+        value = self._of_unknowns(sweep.unknowns + change)
+        if not self.curve.affine:
+            moved = sweep.configurations + np.einsum("kcp,kp->kc", sweep.slopes, change)
+            value += 0.5 * float(np.vdot(moved, self._ties(moved)))
+        return value
+
+    def gradient(self, sweep: Sweep) -> FloatArray:
+        """Gradient by the unknowns, shape (K + 1, p)."""
+        gradient = self._unknown_gradient(sweep.unknowns)
+        if not self.curve.affine:
+            gradient += np.einsum("kcp,kc->kp", sweep.slopes, self._ties(sweep.configurations))
         return gradient
 
-    def blocks(self, k: IntArray, m: IntArray) -> FloatArray:
-        """Second derivatives by the coordinates of keyframes k and m, shape (b, p, p); zero where |k − m| > 2."""
+    def blocks(self, sweep: Sweep, k: IntArray, m: IntArray) -> FloatArray:
+        """Convex second derivatives by the unknowns of keyframes k and m, shape (b, p, p); zero where |k − m| > 2."""
         blocks: FloatArray = (k == m)[:, None, None] * self.shape
         for order, metric in ((1, self.first), (2, self.second)):
             blocks = blocks + _normal(self.intervals, order)[k, m][:, None, None] * metric
+        if not self.curve.affine:
+            for order, weights in self._coordinate_weights:
+                tied = _normal(self.intervals, order)[k, m][:, None, None]
+                blocks += tied * (sweep.slopes[k].transpose(0, 2, 1) @ (weights[:, None] * sweep.slopes[m]))
         return blocks
+
+    def _of_unknowns(self, unknowns: FloatArray) -> float:
+        return 0.5 * float(np.vdot(unknowns, self._unknown_gradient(unknowns)))
+
+    def _unknown_gradient(self, unknowns: FloatArray) -> FloatArray:
+        # With D the matrix of differences and M a metric: f = ½ tr((D V)ᵀ D V M), so ∇f = Dᵀ D V M, and the block of
+        # keyframes k and m is (Dᵀ D)_km M.
+        gradient = unknowns @ self.shape
+        for order, metric in ((1, self.first), (2, self.second)):
+            gradient += _differences(self.intervals, order).T @ np.diff(unknowns, order, axis=0) @ metric
+        return np.asarray(gradient)
+
+    @property
+    def _coordinate_weights(self) -> tuple[tuple[int, FloatArray], ...]:
+        """Orders of differences of the coordinates, and their weights, each of shape (c,)."""
+        return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
+
+    def _ties(self, configurations: FloatArray) -> FloatArray:
+        """Derivative of the part that is quadratic in the coordinates by these, shape (K + 1, c)."""
+        return np.asarray(
+            sum(
+                _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
+            )
+        )
+
+
+def normalised(weights: Weights) -> Weights:
+    """The same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
+    largest = max(weights.path_length, weights.smoothness, weights.duration)
+    scale = largest if largest > 0.0 else 1.0
+    return Weights(**{name: value / scale for name, value in asdict(weights).items()})
 
 
 @lru_cache(maxsize=8)
@@ -245,11 +383,13 @@ class WallNearness:
         rows: of one motion; they are held while its change is looked for.
         weight: of the cost.
         distance: D [m].
+        nominal_share: nominal links to a link of the arm.
     """
 
     rows: IntervalRows
     weight: float
     distance: float
+    nominal_share: float
 
     def value(self, sweep: Sweep) -> float:
         """Cost of a motion."""
@@ -264,13 +404,13 @@ class WallNearness:
 
     def model(self, sweep: Sweep) -> Quadratic:
         """Gradient and Gauss–Newton Hessian by the coordinates."""
-        intervals = len(sweep.turns)
-        p = sweep.space.dimension
+        intervals = sweep.intervals
+        p = sweep.unknowns.shape[1]
         k = self.rows.interval
         model = Quadratic(np.zeros((intervals + 1, p)), np.zeros((intervals + 1, p, p)), np.zeros((intervals, p, p)))
         lack = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
         start, end = self.rows.slopes(sweep)
-        scale = 2.0 * self.share(sweep.space.arm.links, intervals) / self.distance
+        scale = 2.0 * self.share(intervals) / self.distance
         # Cost c Σ (1 + g/D)₊²: gradient (2c/D) Σ lack · ∇g, and Hessian (2c/D²) Σ ∇g ∇gᵀ without the second derivatives
         # of g.
         for j in np.unique(k[lack > 0.0]):
@@ -286,12 +426,10 @@ class WallNearness:
         return model
 
     def _cost(self, values: FloatArray, sweep: Sweep) -> float:
-        return self.share(sweep.space.arm.links, len(sweep.turns)) * float(
-            np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2)
-        )
+        return self.share(sweep.intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
 
-    def share(self, links: int, intervals: int) -> float:
+    def share(self, intervals: int) -> float:
         """Factor of the sum of squares."""
         # A mean over intervals, and over links as if there were the nominal number of them: the weight means the same
         # for any arm.
-        return self.weight * NOMINAL_LINKS / (links * intervals)
+        return self.weight * self.nominal_share / intervals

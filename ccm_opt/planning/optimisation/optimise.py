@@ -4,7 +4,7 @@ A row keeps both ends of a link, over a whole interval, behind one half-plane. T
 interval, the more room that costs beside what there is; between near keyframes there is more to be had.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,12 +14,13 @@ from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.interior_point import interior_point
-from ccm_opt.planning.optimisation.objective import decimated, even_parameters, resampled, subdivided
-from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
+from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
+from ccm_opt.planning.optimisation.planar_program import PlanarProgram
+from ccm_opt.planning.optimisation.sequential_convex import sequential_convex
 from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.settings import OptimisationSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
-from ccm_opt.planning.swept_motion import Sweep
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Weights
 
 _LEG_DEPTH = 2
@@ -93,10 +94,10 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     return optimised if not plain or travel(optimised) < travel(motion) else motion
 
 
-def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: int | None) -> Motion:
+def _optimised_on_limits(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: int | None) -> Motion:
     """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
     settings = task.settings.optimisation
-    taken = None if rounds is None else settings.moved_rounds * rounds // settings.rounds
+    taken = settings.moved_rounds if rounds is None else settings.moved_rounds * rounds // settings.rounds
     # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
     for intervals in settings.moved_intervals:
         keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
@@ -109,7 +110,7 @@ def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram,
     return motion
 
 
-def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: int | None) -> Motion:
+def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: int | None) -> Motion:
     """The motion optimised at few keyframes.
 
     A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
@@ -153,7 +154,7 @@ def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _few_keyframes(
-    motion: Motion, task: MotionTask, whole: MotionProgram, spare: float
+    motion: Motion, task: MotionTask, whole: PlanarProgram, spare: float
 ) -> tuple[FloatArray, FloatArray]:
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
@@ -164,7 +165,7 @@ def _few_keyframes(
     return thinned(motion, task.certificate_with(spare), settings)
 
 
-def _few_in_gates(motion: Motion, whole: MotionProgram) -> tuple[FloatArray, FloatArray]:
+def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, FloatArray]:
     """Few keyframes that lie in the middle of gates, certified, and their path parameters; those of the motion if none.
 
     Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
@@ -178,7 +179,7 @@ def _few_in_gates(motion: Motion, whole: MotionProgram) -> tuple[FloatArray, Flo
         return coordinates
 
     def failures(coordinates: FloatArray) -> IntArray:
-        return whole.failures(space.headings(coordinates))
+        return whole.failures(PlanarSweep(space, coordinates))
 
     for intervals in _GATE_INTERVALS:
         few = resampled(motion.coordinates, u, intervals, failures, restored, _GATE_HALVINGS)
@@ -200,10 +201,10 @@ def _breaks(task: MotionTask) -> FloatArray:
     return np.array(sorted({u for limit in task.user_limits for u in limit.breaks}))
 
 
-def _certified(program: MotionProgram, coordinates: FloatArray) -> bool:
+def _certified(program: PlanarProgram, coordinates: FloatArray) -> bool:
     """Whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
-    sweep = Sweep(program.space, coordinates)
-    return program.holds(sweep, sweep) and len(program.failures(sweep.headings)) == 0
+    sweep = PlanarSweep(program.space, coordinates)
+    return program.holds(sweep, sweep) and len(program.failures(sweep)) == 0
 
 
 def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | None) -> Motion:
@@ -259,7 +260,7 @@ def travel(motion: Motion) -> float:
     return path_length(motion.space.drives(motion.headings))
 
 
-def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> MotionProgram:
+def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> PlanarProgram:
     """The program of a motion, its keyframes still to be chosen; arguments as for ``optimise``."""
     settings = task.settings.optimisation
     margin = settings.margin if margin is None else margin
@@ -267,29 +268,22 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, _LARGEST_LINK * length)
     end = pose_in(motion.space, motion.coordinates[-1])
-    return MotionProgram(
-        motion.space,
+    return PlanarProgram(
+        end_fixed=task.goal_headings is not None,
+        deadline=task.deadline,
+        weights=normalised(task.weights),
+        wanted_gap=task.wanted_gap,
+        space=motion.space,
         # Of a goal that is a set the motion keeps the member to which it was found.
-        task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
-        task.goal_headings is not None,
+        goal=task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
-        task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap),
-        np.zeros(0),
-        settings.active * link + task.wanted_gap,
-        task.deadline,
-        normalised(task.weights),
-        task.slowness,
-        task.wanted_gap,
-        task.gates is not None,
-        task.settings,
+        limits=task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap),
+        u=np.zeros(0),
+        active=settings.active * link + task.wanted_gap,
+        slowness=task.slowness,
+        in_gates=task.gates is not None,
+        settings=task.settings,
     )
-
-
-def normalised(weights: Weights) -> Weights:
-    """The same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
-    largest = max(weights.path_length, weights.smoothness, weights.duration)
-    scale = largest if largest > 0.0 else 1.0
-    return Weights(**{name: value / scale for name, value in asdict(weights).items()})
 
 
 def room_of(motion: Motion, task: MotionTask) -> float:
@@ -355,7 +349,7 @@ class RoomGrowth:
     most: float = 0.0
     idle: int = 0
 
-    def ended(self, sweep: Sweep) -> bool:
+    def ended(self, sweep: PlanarSweep) -> bool:
         """Whether a motion has enough room, or none has had more for long."""
         room = _room(sweep.headings, self.task)
         grows = room > _ROOM_GROWTH * self.most
@@ -387,7 +381,7 @@ def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> 
     return shorter if room_of(shorter, task) >= _ENOUGH_ROOM * room else motion
 
 
-def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram:
+def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> PlanarProgram:
     """The program of a motion that keeps its keyframes' number and its last pose."""
     to_end = task.ending_at(motion.coordinates[-1], motion.headings[-1])
     return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))

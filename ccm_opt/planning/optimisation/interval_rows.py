@@ -1,0 +1,197 @@
+"""Rows over the intervals of a motion, in the plane and in space.
+
+Every row has one form, for walls and for pairs of links, with points at one time of interval k:
+
+    n·(P_a − P_b) + deviation + c ≤ 0.
+
+At an end of the interval a point is where it is at that keyframe; in between it is the mean of both ends, weighed by
+the time. A wall has no moving P_b. The deviation is by how much the points may leave the chord, as the sweep knows it.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+
+STILL = -1
+"""Number of the point that stands still: the last of all."""
+_SECTORS = 12
+"""Directions in the plane that count as different when rows are thinned. Taste."""
+
+
+@dataclass(frozen=True)
+class RowCurvature:
+    """Convex part of the second derivatives of the weighted rows by the unknowns.
+
+    Attributes:
+        diagonal: of each keyframe, shape (K + 1, p, p).
+        beside: of the difference between keyframes k and k + 1, shape (K, p, p).
+    """
+
+    diagonal: FloatArray
+    beside: FloatArray
+
+
+class Sweep(Protocol):
+    """A motion whose unknowns are linear between K + 1 keyframes; p unknowns, d coordinates of a point."""
+
+    @property
+    def unknowns(self) -> FloatArray:
+        """At the keyframes, shape (K + 1, p)."""
+        ...
+
+    @property
+    def intervals(self) -> int:
+        """K."""
+        ...
+
+    @property
+    def points(self) -> FloatArray:
+        """Joints and tip, perhaps others, and last what stands still, shape (K + 1, ≥ links + 2, d) [m]."""
+        ...
+
+    @property
+    def moving(self) -> FloatArray:
+        """Derivatives of the points by the unknowns, shape (K + 1, ≥ links + 2, d, p) [m]."""
+        ...
+
+    @property
+    def configurations(self) -> FloatArray:
+        """At the keyframes, shape (K + 1, c) [rad, m]."""
+        ...
+
+    @property
+    def slopes(self) -> FloatArray:
+        """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
+        ...
+
+    @property
+    def turn_metrics(self) -> FloatArray:
+        """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
+        ...
+
+    def deviation(self, rows: "IntervalRows") -> FloatArray | float:
+        """How far the points of rows may leave their chord, shape (m,) [m]; 0 where rows reckon with it themselves."""
+        ...
+
+    def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
+        """Derivatives of that by the change of the unknowns over the interval, shape (m, p) [m]."""
+        ...
+
+    def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
+        """Second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,), or None."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalRows:
+    """Rows g ≤ 0 over a motion; all arrays have length m.
+
+    Attributes:
+        interval: k.
+        share: of the interval that has passed: 0 at its start, 1 at its end.
+        plus: number a of the point counted positively.
+        minus: number b of the point counted negatively; ``STILL`` for a wall.
+        high: joint up to which the deviation counts.
+        low: joint from which on it counts.
+        normal: n, shape (m, d).
+        constant: c [m].
+    """
+
+    interval: IntArray
+    share: FloatArray
+    plus: IntArray
+    minus: IntArray
+    high: IntArray
+    low: IntArray
+    normal: FloatArray
+    constant: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.interval)
+
+    def take(self, chosen: BoolArray | IntArray) -> "IntervalRows":
+        """The rows selected by a mask or by their numbers."""
+        return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
+
+    @property
+    def against_walls(self) -> BoolArray:
+        """Which rows keep from walls, shape (m,)."""
+        return np.asarray(self.minus == STILL)
+
+    def values(self, sweep: Sweep) -> FloatArray:
+        """Values of every row, shape (m,) [m]."""
+        apart = (1.0 - self.share) * self._apart(sweep, 0) + self.share * self._apart(sweep, 1)
+        return np.asarray(apart + sweep.deviation(self) + self.constant)
+
+    def _apart(self, sweep: Sweep, side: int) -> FloatArray:
+        """n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
+        keyframe = self.interval + side
+        apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
+        return np.asarray(np.einsum("md,md->m", self.normal, apart))
+
+    def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by the unknowns at the start and at the end of the row's interval, each (m, p)."""
+        # A change at a keyframe moves the points there; a change at either alters the way over the interval, and so the
+        # deviation, with opposite signs.
+        start = self._moved(sweep, 0)
+        end = self._moved(sweep, 1)
+        deviation = sweep.deviation_slopes(self)
+        return np.asarray(start - deviation), np.asarray(end + deviation)
+
+    def _moved(self, sweep: Sweep, side: int) -> FloatArray:
+        """Derivatives of n·(P_a − P_b) by the unknowns at the start (0) or end (1) of the interval, shape (m, p)."""
+        weight = self.share if side else 1.0 - self.share
+        some = np.flatnonzero(weight)
+        keyframe = self.interval[some] + side
+        apart = sweep.moving[keyframe, self.plus[some]]
+        pairs = np.flatnonzero(self.minus[some] != STILL)
+        apart[pairs] -= sweep.moving[keyframe[pairs], self.minus[some][pairs]]
+        moved = np.zeros((len(self), sweep.unknowns.shape[1]))
+        moved[some] = weight[some, None] * np.einsum("md,mdp->mp", self.normal[some], apart)
+        return moved
+
+
+def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
+    """All rows of several lists."""
+    return IntervalRows(
+        *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
+    )
+
+
+def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
+    """Numbers of the tightest row for each interval, time, group of neighbouring joints and direction.
+
+    Args:
+        rows: the rows.
+        values: of the rows, shape (m,).
+        group: number of joints in a group.
+    """
+    keys = (
+        rows.share,
+        rows.interval,
+        rows.plus // group,
+        rows.minus // group,
+        rows.against_walls,
+        _directions(rows.normal),
+    )
+    # lexsort sorts by its last key first, so −values only orders rows whose keys all agree: the tightest comes first.
+    order = np.lexsort((-values, *keys))
+    changes = [np.diff(key[order].astype(np.float64)) != 0.0 for key in keys]
+    first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
+    chosen: IntArray = order[first]
+    return chosen
+
+
+def _directions(normal: FloatArray) -> IntArray:
+    """A number for each direction that counts as different, shape (m,)."""
+    if normal.shape[1] == 2:
+        sector = np.floor(np.arctan2(normal[:, 1], normal[:, 0]) * _SECTORS / (2.0 * np.pi)).astype(np.intp)
+        return np.asarray(sector % _SECTORS)
+    # Twenty-four directions: the largest component with its sign, and halves of the other two.
+    largest = np.argmax(np.abs(normal), axis=1)
+    lines = np.arange(len(normal))
+    signs = [normal[lines, (largest + step) % 3] > 0.0 for step in range(3)]
+    return np.asarray(8 * largest + 4 * signs[0] + 2 * signs[1] + signs[2])

@@ -1,0 +1,281 @@
+"""One step of the sequential convex programming: a block-banded sparse QP over all keyframes, solved by PIQP.
+
+Unknowns are the changes of the unknowns of keyframes 1..K, and one slack for each interval. Rows are linearised; their
+curvature, weighted by the multipliers of the step before, is in the Hessian where the sweep knows it and it is convex.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import piqp
+import scipy.sparse as sp
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, Quadratic
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep
+from ccm_opt.planning.optimisation.objective import Objective
+
+_DAMPING_RIDGE = 1e-3
+"""Damping of unknowns beside that of the turns. Taste."""
+_SLACK_CURVATURE = 1e-6
+"""Curvature of slack, so that the Hessian is definite. Taste."""
+
+_QP_TOLERANCE = 1e-5
+"""Of the QP's solution. Taste."""
+_QP_GAP = 1e-3
+"""Duality gap of the QP's solution; a tenth of it relative. Taste."""
+_QP_ITERATIONS = 60
+"""Of the QP. Taste."""
+
+
+@dataclass(frozen=True)
+class QuadraticStep:
+    """The solution of the QP.
+
+    Attributes:
+        change: of the unknowns of all keyframes, shape (K + 1, p); 0 for the first.
+        slack: of the intervals, in nominal links, shape (K,).
+        multipliers: of the rows, at least 0, shape (m,) [1/m].
+        pull: multipliers of the tip's position, shape (d,) [1/m]; 0 when the last keyframe is fixed.
+    """
+
+    change: FloatArray
+    slack: FloatArray
+    multipliers: FloatArray
+    pull: FloatArray
+
+
+@dataclass(frozen=True)
+class LinearMotion:
+    """What is known of a motion to first order.
+
+    Attributes:
+        sweep: the motion.
+        objective: what to make small.
+        costs: of a motion beside that.
+        rows: what to keep, all that there are.
+        active: those of them that a step may meet.
+        keyframe_rows: on single keyframes, that have to hold.
+        equations: likewise.
+        end_rows: that hold the last keyframe, or the tip in its goal, its position first, shape (r, p).
+        end_fixed: whether the last keyframe is fixed.
+        unit: length of a nominal link, by which rows are scaled [m].
+    """
+
+    sweep: Sweep
+    objective: Objective
+    costs: tuple[MotionCost, ...]
+    rows: IntervalRows
+    active: IntervalRows
+    keyframe_rows: tuple[KeyframeRows, ...]
+    equations: tuple[KeyframeRows, ...]
+    end_rows: FloatArray
+    end_fixed: bool
+    unit: float
+
+    def cost(self, sweep: Sweep) -> float:
+        """The objective and all costs of a motion."""
+        return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
+
+    def foreseen_cost(self, change: FloatArray) -> float:
+        """The same after a change of the unknowns, shape (K + 1, p), as the QP sees it."""
+        value = self.objective.foreseen(self.sweep, change)
+        return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
+
+    def worst_rows(self, sweep: Sweep) -> FloatArray:
+        """By how much the worst row of every interval of a motion is not kept, at least 0, shape (K,) [m]."""
+        # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
+        worst = np.zeros(sweep.intervals)
+        np.maximum.at(worst, self.rows.interval, self.rows.values(sweep))
+        return worst
+
+    @cached_property
+    def cost_models(self) -> tuple[Quadratic, ...]:
+        """Of the costs."""
+        return tuple(cost.model(self.sweep) for cost in self.costs)
+
+
+@dataclass(frozen=True)
+class KeyframeProgram:
+    """What a step is asked for.
+
+    Attributes:
+        motion: to step from, to first order.
+        prices: of one nominal link of slack in each interval, shape (K,).
+        curvature: of the rows; None where it is not known.
+        damping: weight on the squared turns of the links.
+    """
+
+    motion: LinearMotion
+    prices: FloatArray
+    curvature: RowCurvature | None
+    damping: float
+
+    @property
+    def _intervals(self) -> int:
+        return self.motion.sweep.intervals
+
+    @property
+    def width(self) -> int:
+        """Unknowns of one stage: those of a keyframe and slack."""
+        return int(self.motion.sweep.unknowns.shape[1]) + 1
+
+    def solve(self) -> QuadraticStep | None:
+        """Solve the QP; None where that fails."""
+        p = self.width - 1
+        motion = self.motion
+        matrix, lower, upper = self.inequalities()
+        result = _solve(self.hessian(), self.gradient(), self.equations(), matrix, lower, upper, self.lower_bounds())
+        if result is None or result.info.status != piqp.PIQP_SOLVED or not np.isfinite(result.x).all():
+            return None
+        # Rows were divided by a nominal length; their multipliers have to be, too, to belong to rows in metres.
+        x = np.asarray(result.x).reshape(self._intervals, self.width)
+        d = motion.rows.normal.shape[1]
+        pull = np.zeros(d) if motion.end_fixed else np.asarray(result.y)[:d] / motion.unit
+        multipliers = np.maximum(np.asarray(result.z_u)[: len(motion.active)], 0.0) / motion.unit
+        return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p], 0.0), multipliers, pull)
+
+    def hessian(self) -> Any:
+        """Hessian, block-banded, shape (K width, K width)."""
+        intervals = self._intervals
+        p = self.width - 1
+        k, m = _block_places(intervals)
+        blocks = np.zeros((len(k), self.width, self.width))
+        blocks[:, :p, :p] = self.motion.objective.blocks(self.motion.sweep, k, m)
+
+        own = k == m
+        blocks[own, :p, :p] += self._diagonal()[1:]
+        blocks[own, p, p] = _SLACK_CURVATURE
+        if self.curvature is not None:
+            # ½ c (δ_{k+1} − δ_k)²: +c on both diagonal blocks, −c between them.
+            neighbours = np.abs(m - k) == 1
+            blocks[neighbours, :p, :p] -= self.curvature.beside[np.minimum(k, m)[neighbours]]
+        for model in self.motion.cost_models:
+            blocks[m == k + 1, :p, :p] += model.above[1:]
+            blocks[m == k - 1, :p, :p] += model.above[1:].transpose(0, 2, 1)
+
+        size = intervals * self.width
+        starts = np.concatenate(([0], np.cumsum(np.bincount(k - 1, minlength=intervals))))
+        return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
+
+    def _diagonal(self) -> FloatArray:
+        """Damping, curvature of the rows and of the costs: blocks on the diagonal, shape (K + 1, p, p)."""
+        # Levenberg–Marquardt damping, measured in turns of the links: it holds back what moves the arm, not whatever
+        # has a large unknown.
+        diagonal = self.damping * (self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - 1))
+        if self.curvature is not None:
+            diagonal += self.curvature.diagonal
+            diagonal[1:] += self.curvature.beside
+            diagonal[:-1] += self.curvature.beside
+        for model in self.motion.cost_models:
+            diagonal += model.diagonal
+        return diagonal
+
+    def gradient(self) -> FloatArray:
+        """Gradient, shape (K width,)."""
+        gradient = self.motion.objective.gradient(self.motion.sweep)
+        for model in self.motion.cost_models:
+            gradient = gradient + model.gradient
+        return np.column_stack((gradient[1:], self.prices)).ravel()
+
+    def lower_bounds(self) -> FloatArray:
+        """Slack is at least 0, shape (K width,)."""
+        bounds = np.full((self._intervals, self.width), -UNBOUNDED)
+        bounds[:, -1] = 0.0
+        return bounds.ravel()
+
+    def equations(self) -> Any:
+        """Rows that hold the last keyframe, or its tip in the goal, and equations of other keyframes."""
+        # Right-hand sides are 0: the last keyframe has been put onto the goal, and a step only has to keep it there to
+        # first order.
+        end = self.motion.end_rows
+        parts = [self._at_keyframes(np.full(len(end), self._intervals), end)]
+        for equations in self.motion.equations:
+            # A fixed end meets them already; the same row twice would make the equations dependent.
+            moves = (equations.keyframe < self._intervals) | (not self.motion.end_fixed)
+            parts.append(self._at_keyframes(equations.keyframe[moves], equations.slopes[moves]))
+        return sp.vstack(parts).tocsc()
+
+    def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
+        """Rows of single keyframes after the first, each slope of shape (p,)."""
+        count, p = slopes.shape
+        row = np.repeat(np.arange(count), p)
+        column = ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()
+        return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
+
+    def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
+        """Matrix, lower and upper bounds of the rows (less their interval's slack) and of those on keyframes."""
+        active = self.motion.active
+        data, row, column = self._row_entries()
+        m = len(active)
+        matrices = [sp.csc_matrix((data, (row, column)), shape=(m, self._intervals * self.width))]
+        lower = [np.full(m, -UNBOUNDED)]
+        upper = [-active.values(self.motion.sweep) / self.motion.unit]
+        for rows in self.motion.keyframe_rows:
+            matrices.append(self._at_keyframes(rows.keyframe, rows.slopes))
+            lower.append(rows.lower)
+            upper.append(rows.upper)
+        return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
+
+    def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
+        """Entries of the linearised rows as (data, row, column); the first keyframe is fixed and has no columns."""
+        p = self.width - 1
+        unit = self.motion.unit
+        k = self.motion.active.interval
+        start, end = self.motion.active.slopes(self.motion.sweep)
+        # Interval k: unknowns of keyframe k, then those of k + 1 and the slack of k, which stand side by side in one
+        # stage. One slack an interval keeps the QP small and is what the price is paid for.
+        data = np.column_stack((start / unit, end / unit, np.full(len(k), -1.0)))
+        data[k == 0, :p] = 0.0
+
+        # Columns begin at keyframe 1. Rows of interval 0 have no entries for keyframe 0: np.maximum only keeps their
+        # indices legal, the zeros are dropped below.
+        columns = np.empty(data.shape, dtype=np.intp)
+        columns[:, :p] = (np.maximum(k - 1, 0) * self.width)[:, None] + np.arange(p)
+        columns[:, p:] = (k * self.width)[:, None] + np.arange(self.width)
+
+        row, place = np.nonzero(data)
+        return data[row, place], row, columns[row, place]
+
+
+@lru_cache(maxsize=8)
+def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the blocks, counted from 1: second differences tie a keyframe to the next but one."""
+    row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
+    near = np.abs(row - column) <= 2
+    return row[near], column[near]
+
+
+def _solve(
+    hessian: Any,
+    gradient: FloatArray,
+    equal: Any,
+    matrix: Any,
+    lower: FloatArray,
+    upper: FloatArray,
+    least: FloatArray,
+) -> Any:
+    """Solve min ½ xᵀHx + gᵀx, equal x = 0, lower ≤ matrix x ≤ upper, x ≥ least; None where the solver raises."""
+    try:
+        solver = piqp.SparseSolver()
+        _set(solver.settings)
+        most = np.full(len(gradient), UNBOUNDED)
+        solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
+        solver.solve()
+    except RuntimeError:
+        return None
+    return solver.result
+
+
+def _set(settings: Any) -> None:
+    """Put our settings into the solver's."""
+    settings.verbose = False
+    # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
+    settings.kkt_solver = piqp.sparse_multistage
+    settings.eps_abs = _QP_TOLERANCE
+    settings.eps_rel = _QP_TOLERANCE
+    settings.eps_duality_gap_abs = _QP_GAP
+    settings.eps_duality_gap_rel = 0.1 * _QP_GAP
+    settings.max_iter = _QP_ITERATIONS
