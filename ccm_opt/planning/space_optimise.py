@@ -10,20 +10,21 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.limit import KeyframeRows, MotionCost
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost
+from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.planning.space_continuation import onto_goal
-from ccm_opt.planning.space_keyframes import PassingKeyframes, UserKeyframes
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
-from ccm_opt.robot.space_arm import SpaceArm
+from ccm_opt.planning.space_tracking import moved_onto_terms
+from ccm_opt.robot.arm import Arm
 
 _LEG_DEPTH = 4
 """How often an edge of the thinned motion may be halved by its certificate."""
@@ -53,19 +54,61 @@ _FINER_PRICE = 400.0
 
 
 @dataclass(frozen=True, eq=False)
+class PassingKeyframes:
+    """Keyframes at which the tip passes places.
+
+    Attributes:
+        keyframe: of each place, shape (m,).
+        places: shape (m, 3) [m].
+        reach: how far off the tip may be at that keyframe, shape (m,) [m].
+    """
+
+    keyframe: IntArray
+    places: FloatArray
+    reach: FloatArray
+
+    @classmethod
+    def of(cls, sweep: SpaceSweep, keyframe: IntArray, places: FloatArray, wanted: float) -> "PassingKeyframes":
+        """Keyframes that stay as near as is wanted [m], or as near as they are."""
+        away = np.linalg.norm(sweep.joints[keyframe, -1] - places, axis=1)
+        return cls(keyframe, places, np.maximum(wanted, away))
+
+    def rows(self, sweep: SpaceSweep) -> KeyframeRows:
+        """Six rows a place: the tip stays in the cube that fits into the ball, or leaves it no farther on any axis."""
+        moved = np.flatnonzero(self.keyframe > 0)
+        keyframe = self.keyframe[moved]
+        unit = sweep.stepper.unit
+        off = (sweep.joints[keyframe, -1] - self.places[moved]) / unit
+        most = np.maximum(self.reach[moved, None] / (np.sqrt(3.0) * unit), np.abs(off))
+        slopes = sweep.moving[keyframe, sweep.curve.arm.links] / unit
+        p = slopes.shape[-1]
+        return KeyframeRows(
+            np.repeat(keyframe, 6),
+            np.concatenate((slopes, -slopes), axis=1).reshape(-1, p),
+            np.concatenate((-most - off, off - most), axis=1).ravel(),
+            np.full(6 * len(keyframe), UNBOUNDED),
+        )
+
+    def holds(self, sweep: SpaceSweep) -> bool:
+        """Whether the tip is within reach of every place at its keyframe."""
+        away = np.linalg.norm(sweep.joints[self.keyframe, -1] - self.places, axis=1)
+        return bool(np.all(away <= self.reach * (1.0 + 1e-9)))
+
+
+@dataclass(frozen=True, eq=False)
 class SpaceProgram(MotionProgram[SpaceSweep]):
     """A motion in space.
 
     Attributes:
         task: what the motion is for.
         stepper: of its unknowns.
-        terms: the user's, over the keyframes; None where there are none.
+        u: path parameters of the keyframes, shape (K + 1,).
         passing: keyframes at which the tip passes places; None where it need not.
     """
 
     task: SpaceTask
     stepper: SpaceStepper
-    terms: UserKeyframes | None = None
+    u: FloatArray
     passing: PassingKeyframes | None = None
 
     @classmethod
@@ -73,14 +116,14 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
         cls,
         task: SpaceTask,
         stepper: SpaceStepper,
-        terms: UserKeyframes | None,
+        u: FloatArray,
         passing: PassingKeyframes | None,
         *,
         end_fixed: bool,
     ) -> "SpaceProgram":
         """The program of a task; arguments are attributes."""
         weights = normalised(task.weights)
-        return cls(end_fixed, task.deadline, weights, task.wanted_gap, task, stepper, terms, passing)
+        return cls(end_fixed, task.deadline, weights, task.wanted_gap, task, stepper, u, passing)
 
     @property
     def steps(self) -> ConvexSettings:
@@ -97,7 +140,7 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
         return self._settings.groups
 
     @property
-    def arm(self) -> SpaceArm:
+    def arm(self) -> Arm:
         """The arm."""
         return self.task.arm
 
@@ -124,15 +167,15 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
         found = [_limit_rows(sweep)]
         if sweep.curve.arm.base_axes:
             found.append(_knot_rows(sweep))
-        if self.terms is not None:
-            found.append(self.terms.gaps(sweep))
+        if self.task.user is not None:
+            found.extend(self.task.user.keyframe_rows(sweep, self.u))
         if self.passing is not None:
             found.append(self.passing.rows(sweep))
         return tuple(found)
 
     def equations(self, sweep: SpaceSweep) -> tuple[KeyframeRows, ...]:
         """Equations of the user."""
-        return () if self.terms is None else (self.terms.equations(sweep),)
+        return () if self.task.user is None else self.task.user.keyframe_equations(sweep, self.u)
 
     def tip_rows(self, sweep: SpaceSweep) -> FloatArray:
         """Rows that hold the tip in its goal, shape (r, p)."""
@@ -143,7 +186,7 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
     def further_costs(self, sweep: SpaceSweep) -> tuple[MotionCost, ...]:
         """The user's costs."""
         del sweep
-        return () if self.terms is None else (self.terms.costs,)
+        return () if self.task.user is None else (UserCosts(self.task.user.terms, self.u),)
 
     def lack(self, sweep: SpaceSweep) -> float:
         """Room that a motion lacks over all its intervals, in nominal links."""
@@ -159,17 +202,30 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
                 unknowns = np.vstack((unknowns[:-1], onto.v))
             elif not goal.met(last):
                 return None
-        return unknowns if self.terms is None else self.terms.restored(self.stepper, unknowns)
+        return _on_terms(self.task, self.stepper, unknowns, self.u)
 
     def feasible(self, sweep: SpaceSweep, before: SpaceSweep) -> bool:
         """Whether a motion's keyframes keep what they have to."""
-        del before
-        held = all(part.holds(sweep) for part in (self.terms, self.passing) if part is not None)
+        user = self.task.user
+        held = user is None or user.holds(sweep, before, self.u)
+        held = held and (self.passing is None or self.passing.holds(sweep))
         return held and all(self.stepper.within_limits(q) for q in sweep.configurations)
 
     def failures(self, sweep: SpaceSweep) -> IntArray:
         """Intervals of a motion that are not certified."""
         return failing_edges(self.stepper, sweep.unknowns)
+
+
+def _on_terms(task: SpaceTask, stepper: SpaceStepper, unknowns: FloatArray, u: FloatArray) -> FloatArray:
+    """Inner keyframes on the user's equations and out of broken gaps; where that fails they stay as they are."""
+    if task.user is None:
+        return unknowns
+    restored = unknowns.copy()
+    for k in range(1, len(u) - 1):
+        moved = moved_onto_terms(stepper, task.user.at_keyframe(k, u), stepper.pose(restored[k]))
+        if moved is not None:
+            restored[k] = moved.v
+    return restored
 
 
 def _limit_rows(sweep: SpaceSweep) -> KeyframeRows:
@@ -248,11 +304,8 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
             keyframes = unknowns
         many = few is not None and len(keyframes) - 1 > settings.many * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
-        terms = None if task.user is None else UserKeyframes(task.user, u)
         passing = None if not task.via else _passing(task, stepper, keyframes, passed[0][passed[2]])
-        better = sequential_convex(
-            SpaceProgram.of(task, stepper, terms, passing, end_fixed=end_fixed), keyframes, taken
-        )
+        better = sequential_convex(SpaceProgram.of(task, stepper, u, passing, end_fixed=end_fixed), keyframes, taken)
         left -= taken
         stuck = np.array_equal(better, keyframes)
         unknowns = better
@@ -277,9 +330,9 @@ def _few_keyframes(
     keyframes, places = thinned(task, motion, unknowns, u, kept)
     if task.user is None:
         return keyframes, places
-    terms = UserKeyframes(task.user, places)
-    keyframes = terms.restored(stepper, keyframes)
-    if not terms.holds(SpaceSweep(stepper, keyframes)) or len(failing_edges(stepper, keyframes)) > 0:
+    keyframes = _on_terms(task, stepper, keyframes, places)
+    sweep = SpaceSweep(stepper, keyframes)
+    if not task.user.holds(sweep, sweep, places) or len(failing_edges(stepper, keyframes)) > 0:
         return None
     return keyframes, places
 

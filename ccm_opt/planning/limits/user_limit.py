@@ -30,7 +30,7 @@ from ccm_opt.planning.settings import UserLimitSettings
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
     from ccm_opt.ik.row_set import RowSet, RowValues
-    from ccm_opt.planning.swept_motion import PlanarSweep
+    from ccm_opt.planning.optimisation.interval_rows import Sweep
 
 _PATH_SHARE = 0.2
 """Share of what is allowed by which the smooth path may miss a row between its knots. Taste."""
@@ -318,33 +318,33 @@ class UserLimit(Limit):
         return slopes, np.append(-values.equations, aim - values.gaps[broken])
 
     # ------------------------------------------------------------ the optimisation of a motion
-    def _at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
+    def at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
         """The constraints at a keyframe; the last is the goal."""
         return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
 
-    def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Equations of every keyframe, their slopes of norm 1."""
         keyframes: list[int] = []
-        rows = [np.zeros((0, sweep.space.dimension))]
+        rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         # Rows of norm 1 keep the QP well scaled whatever the user measures in. Keyframe 0 is the start, which is fixed.
         for k in range(1, len(u)):
-            slopes = self._at_keyframe(k, u).values(sweep.headings[k]).equation_slopes @ sweep.space.matrix
+            slopes = self.at_keyframe(k, u).values(sweep.configurations[k]).equation_slopes @ sweep.slopes[k]
             rows.append(slopes / slope_norms(slopes)[:, None])
             keyframes += [k] * len(slopes)
         zero = np.zeros(len(keyframes))
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
-    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Gaps of every keyframe that are not far from closing, per radian of the whole arm."""
         keyframes: list[int] = []
-        rows = [np.zeros((0, sweep.space.dimension))]
+        rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         least = [np.zeros(0)]
         for k in range(1, len(u)):
-            values = self._at_keyframe(k, u).values(sweep.headings[k])
+            values = self.at_keyframe(k, u).values(sweep.configurations[k])
             scale = self.turns(values.gap_slopes)
             near = values.gaps < self.settings.far * scale
             scale = scale[near]
-            rows.append(values.gap_slopes[near] @ sweep.space.matrix / scale[:, None])
+            rows.append(values.gap_slopes[near] @ sweep.slopes[k] / scale[:, None])
             # These rows are hard and have no slack: a gap inside its margin may only not shrink, or there would be no
             # feasible step.
             least.append(np.minimum(self.settings.margin - values.gaps[near] / scale, 0.0))
@@ -362,16 +362,16 @@ class UserLimit(Limit):
         """Inner keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):
-            limit = self._at_keyframe(k, u)
+            limit = self.at_keyframe(k, u)
             moved = limit.moved_onto_rows(space, restored[k], self.settings.keyframe_turn, gaps=True)
             if moved is not None:
                 restored[k] = moved
         return restored
 
-    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
+    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
         """Whether all equations are met, and no gap is broken."""
         del before
-        return all(self._at_keyframe(k, u).miss(sweep.headings[k]) <= 0.0 for k in range(1, len(u)))
+        return all(self.at_keyframe(k, u).miss(sweep.configurations[k]) <= 0.0 for k in range(1, len(u)))
 
     # ------------------------------------------------------------ between keyframes
     @cached_property

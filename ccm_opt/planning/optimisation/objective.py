@@ -22,7 +22,7 @@ from ccm_opt.planning.limits.limit import Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 from ccm_opt.planning.settings import ObjectiveSettings
 from ccm_opt.problem import Weights
-from ccm_opt.robot.link_chain import LinkChain
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RIDGE = 1e-8
@@ -62,7 +62,7 @@ class Curve(Protocol):
     """The map from p unknowns of a curve to c coordinates of the arm, as far as the objective has to know it."""
 
     @property
-    def arm(self) -> LinkChain:
+    def arm(self) -> Arm:
         """The arm."""
         ...
 

@@ -20,7 +20,7 @@ from ccm_opt.planning.optimisation.objective import Objective, WallNearness
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion, QuadraticStep
 from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.problem import Weights
-from ccm_opt.robot.link_chain import LinkChain
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 SweepType = TypeVar("SweepType", bound=Sweep)
@@ -78,7 +78,7 @@ class MotionProgram(ABC, Generic[SweepType]):
 
     @property
     @abstractmethod
-    def arm(self) -> LinkChain:
+    def arm(self) -> Arm:
         """The arm."""
 
     @property
