@@ -44,36 +44,6 @@ DEFAULT_CURVE_PLANNER = CurvePlannerSettings()
 
 
 @dataclass(frozen=True)
-class ElasticBandSettings:
-    """Numbers of an elastic band and of its steps.
-
-    Attributes:
-        steps: at most. Taste.
-        settled: largest shift of a point, in distances between points, below which the band counts as settled. Taste.
-        largest_step: of a point along its normal, in distances between points, so that neighbours do not cross. Taste.
-        tightness: how much more bending counts at the curvature limit than on a straight band. Taste.
-        ridge: weight of the shifts themselves, which keeps the Hessian definite. Taste.
-    """
-
-    steps: int = 80
-    settled: float = 2e-3
-    largest_step: float = 0.3
-    tightness: float = 30.0
-    ridge: float = 1e-3
-
-
-@dataclass(frozen=True)
-class ChordSettings:
-    """Numbers of Newton's method for the places on a leader's path that are a link apart.
-
-    Attributes:
-        settled: step at which it has arrived [arm lengths]. Derived: rounding.
-    """
-
-    settled: float = 1e-13
-
-
-@dataclass(frozen=True)
 class FollowingSettings:
     """Numbers of paths for a leader and of the motions along them.
 
@@ -86,16 +56,12 @@ class FollowingSettings:
             that no arm needs.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste, as in the search
             for motions of a fixed base.
-        chords: of finding an arm's joints on a leader's path.
-        band: of elastic bands.
     """
 
     samples_per_link: int = 32
     sample_period: float = 5e-3
     links_per_sample: float = 0.25
     spare: float = 1e-4
-    chords: ChordSettings = field(default_factory=ChordSettings)
-    band: ElasticBandSettings = field(default_factory=ElasticBandSettings)
 
 
 @dataclass(frozen=True)

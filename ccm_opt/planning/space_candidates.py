@@ -10,9 +10,25 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.followable_search import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
-from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm
+
+_FOLLOWABLE_CELLS = (200000, 1500000)
+"""Of the grids that they are looked for in, in turn."""
+
+_TIGHTEST = 1.5
+"""Radius of the tightest bend [u]; the least where knots of the curve still show a right angle."""
+_LIMIT_SHARES = (1.15, 0.75, 1.6)
+"""Radii that are counted on, as multiples of that of the circle through the joints of an arm which bends as far as it
+may; tried in turn. The circle that its links touch has a radius of cos(limit / 2) of that, 0.71 for right angles: with
+less than the whole, links reach out of a bend on both sides."""
+_APART = 0.9
+"""A radius is tried beside others if it is less than this share of each that is greater, and they of it."""
+
+_GRID_MARGINS = (1.0, 0.0)
+"""Shares of the margin with which the grid is free; tried in turn until there is a way."""
+_STRAIGHT_ENDS = (3.0, 0.0, 1.5, 6.0)
+"""Lengths of the straight end along the wanted direction, tried in turn [u]."""
 
 _APPROACHES = (1.0, 0.0)
 """Lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links where these are
@@ -59,21 +75,20 @@ class BendAllowance:
     beside: float
 
 
-def bend_allowances(arm: Arm, unit: float, settings: FollowableWaySettings) -> list[BendAllowance]:
+def bend_allowances(arm: Arm, unit: float) -> list[BendAllowance]:
     """What is counted on for an arm in bends, in turn.
 
     Args:
         arm: the arm.
         unit: length u of its nominal links [m].
-        settings: of ways that it can follow.
     """
     # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
     half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
     through_joints = 0.5 * arm.link_length / float(np.sin(half))
     radii: list[float] = []
-    for share in settings.limit_shares:
-        radius = max(settings.tightest * unit, share * through_joints)
-        if all(radius < settings.apart * other or other < settings.apart * radius for other in radii):
+    for share in _LIMIT_SHARES:
+        radius = max(_TIGHTEST * unit, share * through_joints)
+        if all(radius < _APART * other or other < _APART * radius for other in radii):
             radii.append(radius)
     found = []
     for radius in radii:
@@ -126,19 +141,17 @@ class SpaceTipWays:
 
     def first(self) -> Iterator[TipWay]:
         """The ways that are tried first: the straight one, and for a fed arm such as it can follow behind its tip."""
-        settings = self.task.settings
-        yield TipWay("straight", self._joined([self.start, *self._ends(settings.ways.approaches[0])]))
-        yield from self._behind_the_tip(settings.followable.cells[0])
+        yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
+        yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
         """Through finer grids, the cheapest ways whatever their bends, and others round other sides."""
-        settings = self.task.settings.ways
-        for cells in self.task.settings.followable.cells[1:]:
+        for cells in _FOLLOWABLE_CELLS[1:]:
             yield from self._behind_the_tip(cells)
         for cells in _CELLS[:-1]:
             yield from self._through_cells(cells)
-        for approach in settings.approaches[1:]:
-            way = self._through_grid(_CELLS[0], _NEARNESS[0], settings.margins[-1], approach, None)
+        for approach in _STRAIGHT_ENDS[1:]:
+            way = self._through_grid(_CELLS[0], _NEARNESS[0], _GRID_MARGINS[-1], approach, None)
             if way is not None:
                 yield TipWay("with another approach", way, _CLOSE)
 
@@ -148,15 +161,14 @@ class SpaceTipWays:
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
         """The cheapest ways through a grid, and others round other sides; none through one that was tried."""
-        settings = self.task.settings.ways
-        size = self._grid(cells, settings.margins[-1]).cell
+        size = self._grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
         self._tried.add(size)
         seen = self._seen
         for nearness in _NEARNESS:
-            for margin in settings.margins:
-                way = self._through_grid(cells, nearness, margin, settings.approaches[0], None)
+            for margin in _GRID_MARGINS:
+                way = self._through_grid(cells, nearness, margin, _STRAIGHT_ENDS[0], None)
                 if way is None:
                     continue
                 if not any(_alike(way, other, self.task.unit) for other in seen):
@@ -171,9 +183,8 @@ class SpaceTipWays:
         settings = self.task.settings
         if self.fed is None:
             return
-        followable = settings.followable
         seen = self._followed
-        allowances = bend_allowances(self.task.arm, self.task.unit, followable)
+        allowances = bend_allowances(self.task.arm, self.task.unit)
         for allowance, price, approach in product(allowances, _PRICES, _APPROACHES):
             way = self._followable(cells, allowance, price, approach)
             if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
@@ -213,9 +224,8 @@ class SpaceTipWays:
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
         """Ways that keep away from those that have failed already."""
-        settings = self.task.settings.ways
         for _ in range(_DETOURS):
-            way = self._through_grid(cells, _NEARNESS[0], settings.margins[-1], settings.approaches[0], seen)
+            way = self._through_grid(cells, _NEARNESS[0], _GRID_MARGINS[-1], _STRAIGHT_ENDS[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
                 return
             seen.append(way)

@@ -28,6 +28,11 @@ from ccm_opt.planning.space_sweep import pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
+_DRAWS = 200
+"""At most so many."""
+POLISH_TURN = 0.3
+"""Largest turn of a link in a step of Newton's method onto the goal [rad]."""
+
 _STEPS = 40
 """Of each towards the goal."""
 
@@ -40,13 +45,12 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
         stepper: in whose unknowns they are.
         rng: for the draws.
     """
-    settings = task.settings.goal_poses
     if task.goal is None:
         return
-    for _ in range(settings.draws):
+    for _ in range(_DRAWS):
         if task.deadline.passed():
             return
-        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(drawn_unknowns(stepper, rng)), task)
+        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(drawn_unknowns(stepper, rng)))
         if pose is not None:
             yield pose
 
@@ -72,15 +76,14 @@ def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArra
     return v
 
 
-def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
+def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> SpacePose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
-    settings = task.settings.goal_poses
     for k in range(_STEPS):
         pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), certified=False)
         distance, turn = goal.errors(pose)
         if distance < 0.1 * stepper.unit and turn < 0.05:
             break
-    onto = onto_goal(stepper, goal, pose, settings.polish_turn)
+    onto = onto_goal(stepper, goal, pose, POLISH_TURN)
     return onto if onto is not None and _free(stepper, onto) else None
 
 

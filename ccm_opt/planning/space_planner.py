@@ -25,7 +25,7 @@ from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_settings import SpaceCertificateSettings, SpaceMotionSettings
-from ccm_opt.planning.space_smooth_path import certified_path
+from ccm_opt.planning.space_smooth_path import PATH_SAMPLES, certified_path
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
 from ccm_opt.planning.spline_path import spare_kept
@@ -215,7 +215,7 @@ def _missed_on(task: SpaceTask, spline: BSpline) -> Diagnosis | None:
     if not task.via:
         return None
     spans = len(spline.t) - 2 * spline.k - 1
-    u = np.linspace(0.0, 1.0, spans * task.settings.smooth_path.samples + 1)
+    u = np.linspace(0.0, 1.0, spans * PATH_SAMPLES + 1)
     tips = task.arm.joint_positions_at(np.asarray(spline(u)))[:, -1]
     missed = first_missed(tips, np.stack(task.via), task.via_reach)
     if missed is None:

@@ -24,6 +24,15 @@ from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
 
+_WANTED_POSES = 8
+"""Poses that are moved to in turn before the sampler is tried."""
+
+_SLIDE_ROOM = 0.5
+"""Share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing."""
+
+_SLIDE_STEP = 0.5
+"""Of the feed from keyframe to keyframe [u]."""
+
 _KNOTS = (11, 16, 22)
 """Of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation takes
 (measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do)."""
@@ -196,7 +205,7 @@ class _Search:
         arm = task.arm
         corners = np.vstack([part for part, _ in self._legs(way)])
         track = SpaceTipTrack.along(arm.joint_positions_at(task.start), corners)
-        feeds = feeds_to_end(arm, track, float(task.start[-1]), task.settings.slide.step * task.unit)
+        feeds = feeds_to_end(arm, track, float(task.start[-1]), _SLIDE_STEP * task.unit)
         fitted = self._fitted_slide(slid_along(arm, track, feeds))
         if fitted is None:
             return None
@@ -209,14 +218,13 @@ class _Search:
     def _fitted_slide(self, configurations: FloatArray) -> tuple[CurveMap, SpacePose | None, FloatArray] | None:
         """The curve that shows configurations, the pose at the goal where one is asked, and unknowns, all certified."""
         task = self.task
-        settings = task.settings.slide
 
         @cache
         def fit(knots: int) -> tuple[CurveMap, SpacePose | None, FloatArray]:
             curve, start, end = self._spaces(knots)
             return curve, end, fitted_slide(curve, start, configurations)
 
-        for room in (settings.room * task.wanted_gap, 0.0):
+        for room in (_SLIDE_ROOM * task.wanted_gap, 0.0):
             certified = replace(task, clearance=task.clearance + room)
             for knots in _KNOTS:
                 curve, end, unknowns = fit(knots)
@@ -286,7 +294,7 @@ class _Search:
         for number, pose in enumerate(goal_poses(task, stepper, self._draws()), start=1):
             self._goal_poses.append(pose)
             found = self._attempt("straight to a pose at the goal", stepper, start, partial(self._moved_to, pose))
-            if found is not None or number >= task.settings.goal_poses.wanted or task.deadline.passed():
+            if found is not None or number >= _WANTED_POSES or task.deadline.passed():
                 return found
         return None
 

@@ -18,21 +18,6 @@ from ccm_opt.planning.settings import ConvexSettings, ObjectiveSettings
 
 
 @dataclass(frozen=True)
-class GoalPoseSettings:
-    """Of poses at the goal by drawn curves.
-
-    Attributes:
-        draws: at most so many.
-        polish_turn: largest turn of a link in a step of Newton's method onto the goal [rad].
-        wanted: poses that are moved to in turn before the sampler is tried.
-    """
-
-    draws: int = 200
-    polish_turn: float = 0.3
-    wanted: int = 8
-
-
-@dataclass(frozen=True)
 class EndingSettings:
     """Of the pose in which a motion ends.
 
@@ -125,22 +110,6 @@ class SpaceCertificateSettings:
 
 
 @dataclass(frozen=True)
-class SpaceSmoothPathSettings:
-    """Of the smooth path through joint space.
-
-    Attributes:
-        samples: of a span between which the path is proved as if it were linear.
-        feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
-            so that none is bent on a span on which the tube holds it [u].
-        refinements: how often legs of the control polygon are halved.
-    """
-
-    samples: int = 4
-    feed: float = 0.12
-    refinements: int = 16
-
-
-@dataclass(frozen=True)
 class SpaceStepSettings:
     """Of one step: a small quadratic program in the unknowns of the curve.
 
@@ -168,7 +137,6 @@ class SpaceGuideSettings:
     Attributes:
         onto_track: weight on their distance from it.
         advance: how far it moves on at a time [u].
-        approach: length of the straight end of a path along the wanted direction [u].
         settle_steps: most steps from the end of a path onto the goal.
         settle_growth: by how much the weight of the goal grows from step to step.
         polish_turn: the same of the direction [rad].
@@ -179,7 +147,6 @@ class SpaceGuideSettings:
 
     onto_track: float = 0.1
     advance: float = 0.4
-    approach: float = 3.0
     settle_steps: int = 60
     settle_growth: float = 0.5
     polish_turn: float = 0.2
@@ -189,58 +156,22 @@ class SpaceGuideSettings:
 
 
 @dataclass(frozen=True)
-class WaySettings:
-    """Of the ways that the tip may take.
-
-    Attributes:
-        margins: shares of the margin with which the grid is free; tried in turn until there is a way.
-        approaches: lengths of the straight end along the wanted direction, tried in turn [u].
-    """
-
-    margins: tuple[float, ...] = (1.0, 0.0)
-    approaches: tuple[float, ...] = (3.0, 0.0, 1.5, 6.0)
-
-
-@dataclass(frozen=True)
 class FollowableWaySettings:
     """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
 
     Attributes:
-        tightest: radius of the tightest bend [u]; the least where knots of the curve still show a right angle.
-        limit_shares: radii that are counted on, as multiples of that of the circle through the joints of an arm which
-            bends as far as it may; tried in turn. The circle that its links touch has a radius of cos(limit / 2) of
-            that, 0.71 for right angles: with less than the whole, links reach out of a bend on both sides.
-        apart: a radius is tried beside others if it is less than this share of each that is greater, and they of it.
         step: length of the arcs of which a way is made [u].
         bends: of the arcs, as shares of the tightest one; straight ones come first.
         place_bin: states in one bin count as one: size of its places [u].
         direction_bins: half the number of bins along each side of the six faces of directions.
         most_states: that are looked at.
-        cells: of the grids that they are looked for in, in turn.
     """
 
-    tightest: float = 1.5
-    limit_shares: tuple[float, ...] = (1.15, 0.75, 1.6)
-    apart: float = 0.9
     step: float = 1.0
     bends: tuple[float, ...] = (0.5, 1.0)
     place_bin: float = 0.5
     direction_bins: int = 2
     most_states: int = 20_000
-    cells: tuple[int, ...] = (200_000, 1_500_000)
-
-
-@dataclass(frozen=True)
-class SlideSettings:
-    """Of arms that are slid along a way of the tip with all joints on it.
-
-    Attributes:
-        step: of the feed from keyframe to keyframe [u].
-        room: share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing.
-    """
-
-    step: float = 0.5
-    room: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -251,29 +182,21 @@ class SpaceMotionSettings:
         certificate: of proofs.
         step: of single steps.
         guide: of what leads the tip.
-        ways: that the tip may take.
         followable: ways for arms that follow their tip.
-        slide: of arms that are slid along them.
-        goal_poses: by drawn curves.
         swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
             arms beside a post, where some hundred draws are enough.
         connect: trees as the last resort.
         ending: of the pose in which a motion ends.
         objective: of the optimisation.
         optimisation: of a found motion.
-        smooth_path: through joint space.
     """
 
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
     step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
     guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
-    ways: WaySettings = field(default_factory=WaySettings)
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
-    slide: SlideSettings = field(default_factory=SlideSettings)
-    goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
     swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
-    smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

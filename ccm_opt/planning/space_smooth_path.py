@@ -23,6 +23,15 @@ from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.planning.spline_path import DEGREE, at_least_four, clamped_spline, halved, legs_of_spans, uncertified_spans
 from ccm_opt.robot.arm import Arm
 
+_REFINEMENTS = 16
+"""How often legs of the control polygon are halved."""
+
+PATH_SAMPLES = 4
+"""Of a span between which the path is proved as if it were linear."""
+_FEED = 0.12
+"""Of the base over a span, at most; less than half of what joints stay straight beyond the guide tube, so that none is
+bent on a span on which the tube holds it [u]."""
+
 _LOOKS = 5
 """Places for every keyframe of the motion at which the room of the path is looked at."""
 
@@ -137,12 +146,11 @@ def _drawn_near(
         curve: whose unknowns the keyframes are; None where they are configurations.
         room: what the spline is asked to keep as well, in its first refinements; None for nothing.
     """
-    settings = task.settings.smooth_path
     even = np.linspace(0.0, 1.0, len(keyframes))
     # The last column is the path parameter, which is halved with the rest.
     control = np.column_stack((keyframes, even if u is None else u))
     control = at_least_four(control)
-    for refinement in range(settings.refinements):
+    for refinement in range(_REFINEMENTS):
         ends = _span_ends(control, even=u is None)
         spline = path(control[:, :-1], ends)
         places = _failing_places(task, spline)
@@ -245,7 +253,7 @@ def _through_curve(task: SpaceTask, curve: CurveMap, control: FloatArray, ends: 
     if not task.arm.base_axes:
         return BSpline(unknowns.t, np.clip(curve.configurations(np.asarray(control)), *limits), DEGREE)
     fed = np.asarray(unknowns(ends))[:, curve.feed_column] * curve.scale[curve.feed_column]
-    most = task.settings.smooth_path.feed * task.unit
+    most = _FEED * task.unit
     parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
     inner = np.concatenate([np.linspace(ends[k], ends[k + 1], part + 1)[1:] for k, part in enumerate(parts)])
     knots = np.concatenate((np.zeros(DEGREE + 1), inner, np.ones(DEGREE)))
@@ -259,9 +267,8 @@ def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
     middles = 0.5 * (knots[:-1] + knots[1:])
     if task.arm.base_axes:
         # Cheap to see, and asked first.
-        samples = task.settings.smooth_path.samples
-        q = np.asarray(spline(_samples(spline, samples)))
-        bent = _bent_inside(task.arm, spline, q, samples)
+        q = np.asarray(spline(_samples(spline, PATH_SAMPLES)))
+        bent = _bent_inside(task.arm, spline, q, PATH_SAMPLES)
         if len(bent) > 0:
             return middles[bent]
     failing = middles[uncertified_spans(spline, task.certificate)]

@@ -18,7 +18,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_continuation import SpaceTipPose, onto_goal
-from ccm_opt.planning.space_goal_poses import drawn_unknowns
+from ccm_opt.planning.space_goal_poses import POLISH_TURN, drawn_unknowns
 from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
@@ -223,7 +223,7 @@ class TipLooker:
                     return None, pose
                 before = left
             pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + number)], certified=False)
-        onto = onto_goal(stepper, goal, pose, self.task.settings.goal_poses.polish_turn)
+        onto = onto_goal(stepper, goal, pose, POLISH_TURN)
         return (onto if onto is not None and self.free(onto) else None), pose
 
 

@@ -28,13 +28,24 @@ from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.following.leader import LeaderPath, path_through
-from ccm_opt.planning.planner_settings import DEFAULT_FEED, DEFAULT_FOLLOWING, ElasticBandSettings, FeedPlannerSettings
+from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
+
+_STEPS = 80
+"""At most. Taste."""
+_SETTLED = 0.002
+"""Largest shift of a point, in distances between points, below which the band counts as settled. Taste."""
+_LARGEST_STEP = 0.3
+"""Of a point along its normal, in distances between points, so that neighbours do not cross. Taste."""
+_TIGHTNESS = 30.0
+"""How much more bending counts at the curvature limit than on a straight band. Taste."""
+_RIDGE = 0.001
+"""Weight of the shifts themselves, which keeps the Hessian definite. Taste."""
 
 _TENSION = 0.02
 """Weight of the band's length against its bending, both without units. Taste; just enough to take up slack."""
@@ -82,7 +93,6 @@ class ElasticBand:
         curvature_limit: bound on |κ| that the band tries to keep [1/m].
         spacing: h, distance between points [m].
         evenness: length over which a change of curvature weighs as much as the curvature itself [m].
-        settings: of the steps.
     """
 
     walls: Walls
@@ -91,7 +101,6 @@ class ElasticBand:
     curvature_limit: float
     spacing: float
     evenness: float
-    settings: ElasticBandSettings = DEFAULT_FOLLOWING.band
 
     def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
         """A smooth band from a taut path.
@@ -104,10 +113,10 @@ class ElasticBand:
             Points, shape (m, 2) [m].
         """
         band = divided(taut, self.spacing)
-        for _ in range(self.settings.steps):
+        for _ in range(_STEPS):
             shift, normals = self._step(band, headings)
             band = divided(band + shift[:, None] * normals, self.spacing)
-            if np.max(np.abs(shift)) < self.settings.settled * self.spacing:
+            if np.max(np.abs(shift)) < _SETTLED * self.spacing:
                 break
         return band
 
@@ -141,14 +150,13 @@ class ElasticBand:
             scaled_curvature: κ h² at the points, shape (m,) [m].
             h: distance between points [m].
         """
-        settings = self.settings
         m = len(scaled_curvature)
         # Row i: derivative of κ h² at point i by the shifts, a'' + κ² a in differences.
         rows = np.diag(-2.0 + (scaled_curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
 
         tightness = np.abs(scaled_curvature) / (self.curvature_limit * h * h)
         tightness = np.minimum(tightness, _MOST_TIGHT)
-        weight = 1.0 + settings.tightness * tightness**_TIGHTNESS_POWER
+        weight = 1.0 + _TIGHTNESS * tightness**_TIGHTNESS_POWER
 
         straight = np.zeros((1, m))  # before and after the band
         change = np.diff(scaled_curvature, prepend=0.0, append=0.0)
@@ -157,7 +165,7 @@ class ElasticBand:
 
         bending = rows.T @ (weight[:, None] * rows)
         evenness = even * change_rows.T @ change_rows
-        hessian = bending + evenness + settings.ridge * np.eye(m)
+        hessian = bending + evenness + _RIDGE * np.eye(m)
         gradient = rows.T @ (weight * scaled_curvature) + even * change_rows.T @ change - _TENSION * scaled_curvature
         return hessian, gradient
 
@@ -182,7 +190,7 @@ class ElasticBand:
         narrow: BoolArray = left + right < 0.0
         # Where there is no wall on either side there is no middle.
         middle = 0.5 * (np.where(narrow, left, 0.0) - np.where(narrow, right, 0.0))
-        largest = self.settings.largest_step * self.spacing
+        largest = _LARGEST_STEP * self.spacing
         high = np.clip(np.where(narrow, middle, left), -largest, largest)
         low = np.clip(np.where(narrow, middle, -right), -largest, largest)
         return np.minimum(low, high), high
@@ -311,7 +319,6 @@ class LeaderPaths:
             curvature_limit=self._curvature_limit,
             spacing=max(_BAND_SPACING * arm.link_length, _LEAST_BAND_SPACING * arm.length),
             evenness=_BAND_EVENNESS * arm.length,
-            settings=self.settings.following.band,
         )
         begin, end = self._curve_ends(straight)
         # Routes are drawn with a distance from corners; the band finds its own.
@@ -427,5 +434,4 @@ class LeaderPaths:
             np.concatenate(headings),
             straight,
             name,
-            self.settings.following.chords,
         )

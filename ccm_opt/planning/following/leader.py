@@ -14,9 +14,12 @@ from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
 
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, whole_turns
-from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING, ChordSettings, FollowingSettings
+from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
+
+_SETTLED = 1e-13
+"""Step at which it has arrived [arm lengths]. Derived: rounding."""
 
 _MOST_STEPS = 40
 """At most. Taste; from a chord's length ahead it needs four or five."""
@@ -44,7 +47,6 @@ class LeaderPath:
         headings: unwrapped, shape (m,) [rad].
         straight: arc length up to which the path is the feed axis [m].
         name: how it was found, for messages.
-        chords: of finding the joints on it.
     """
 
     arc: FloatArray
@@ -52,7 +54,6 @@ class LeaderPath:
     headings: FloatArray
     straight: float
     name: str = ""
-    chords: ChordSettings = DEFAULT_FOLLOWING.chords
 
     @property
     def end(self) -> float:
@@ -109,7 +110,7 @@ class LeaderPath:
             safe_slope = np.where(sign * slope > least_slope, slope, sign * least_slope)
             step = (length - distance) / safe_slope
             guess = guess + np.clip(step, -0.5 * length, 0.5 * length)
-            if np.max(np.abs(step)) < self.chords.settled:
+            if np.max(np.abs(step)) < _SETTLED:
                 break
         return guess
 
@@ -177,7 +178,7 @@ def path_through(
         settings: of following.
     """
     if len(points) == 0:
-        return _axis_alone(arm, leaves, name, settings)
+        return _axis_alone(arm, leaves, name)
     nodes = np.vstack((arm.base + leaves * arm.direction, points))
     chords = arc_lengths(nodes)
 
@@ -195,7 +196,7 @@ def path_through(
     tangents = np.asarray(curve(parameters, 1))
     speed = np.hypot(*tangents.T)
     arc = np.asarray(cumulative_simpson(speed, x=parameters, initial=0.0))
-    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name, settings)
+    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name)
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
@@ -204,11 +205,11 @@ def _parameters(chords: FloatArray, count: int) -> FloatArray:
     return np.concatenate([*inner, chords[-1:]])
 
 
-def _axis_alone(arm: Arm, leaves: float, name: str, settings: FollowingSettings) -> LeaderPath:
+def _axis_alone(arm: Arm, leaves: float, name: str) -> LeaderPath:
     """The feed axis up to an arc length [m]."""
     arc = np.append(_on_axis(arm, leaves), leaves)
     points = arm.base + arc[:, None] * arm.direction
-    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name, settings.chords)
+    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name)
 
 
 def _with_axis(
@@ -218,7 +219,6 @@ def _with_axis(
     points: FloatArray,
     tangents: FloatArray,
     name: str,
-    settings: FollowingSettings,
 ) -> LeaderPath:
     """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
     before = _on_axis(arm, leaves)
@@ -230,7 +230,6 @@ def _with_axis(
         np.concatenate((np.full(len(before), arm.base_heading), headings)),
         leaves,
         name,
-        settings.chords,
     )
 
 
