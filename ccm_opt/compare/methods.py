@@ -16,6 +16,7 @@ from ccm_opt.driver.legs import Planner
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import TIME_TO_LOAD, answer_of
 from ccm_opt.problem import Problem
+from ccm_opt.problem.options import PlannerOptions
 
 
 @dataclass(frozen=True)
@@ -63,15 +64,21 @@ def _ompl() -> Planner:
     return OmplPlanner()
 
 
+_OF_THE_PAPER: Mapping[str, object] = {
+    **{name: getattr(PlannerOptions(), name) for name in ("optimiser", "seed", "tries", "wanted_gap", "weights")},
+    "method": "hill-climbing",
+}
+"""What the paper's planner is asked: it knows none of the other options."""
+
 METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
         Method("nlp", "the curve planner, its motion optimised", {"method": "nlp"}),
         Method("nlp-as-found", "the curve planner, its motion as found", {"method": "nlp", "optimiser": "none"}),
         Method("nlp-paul", "the curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
-        Method("hill-climbing", "the paper's planner", {"method": "hill-climbing"}),
+        Method("hill-climbing", "the paper's planner", _OF_THE_PAPER),
         Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=_ompl),
-        Method("hill-climbing-paul", "the paper's planner and timing", {"method": "hill-climbing", "retiming": "paul"}),
+        Method("hill-climbing-paul", "the paper's planner and timing", {**_OF_THE_PAPER, "retiming": "paul"}),
     )
 }
 """The methods of this package by name."""

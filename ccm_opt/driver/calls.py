@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from ccm_opt.core.expected import expect, expect_callable, expect_method
 from ccm_opt.driver.legs import Planner, Retimer
+from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem
+from ccm_opt.problem.options import options_without_effect
 
 if TYPE_CHECKING:
     from ccm_opt.driver.settings import Settings
@@ -51,3 +53,16 @@ def expect_arguments(
         expect(settings, Settings, "ccm_opt.Settings for settings=")
     for name, value in flags.items():
         expect(value, bool, f"True or False for {name}=")
+
+
+def refuse_without_effect(problem: Problem) -> None:
+    """Refuse planner options that do nothing for a problem, as its file would have been.
+
+    Raises:
+        ProblemError: naming them, and why they do nothing.
+    """
+    fed = bool(problem.arm.base_axes)
+    found = options_without_effect(problem.planner, in_space=problem.dimension == 3, fed=fed)
+    lines = [f"planner.{name}: {why}" for name, why in found]
+    if lines:
+        raise ProblemError(f"problem '{problem.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in lines))

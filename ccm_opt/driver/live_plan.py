@@ -16,7 +16,7 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, expect_problem
+from ccm_opt.driver.calls import expect_arguments, expect_problem, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
@@ -171,6 +171,7 @@ class LivePlan:
     def __post_init__(self) -> None:
         problem = self.problem
         expect_problem(problem)
+        refuse_without_effect(problem)
         expect_arguments(settings=self.settings)
         expect(self.live, LiveSettings, "LiveSettings for live=")
         if not self.suits(problem):

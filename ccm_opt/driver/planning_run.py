@@ -28,17 +28,12 @@ def default_planner(
     """The planner for a problem and the user's constraints and costs.
 
     Raises:
-        ProblemError: hill climbing is asked to leave the plane, or to keep constraints.
+        ProblemError: hill climbing is asked to keep constraints.
     """
     # Planners are loaded by those who need them: none of the others is.
     if problem.dimension == 3:
         from ccm_opt.planning.space_planner import SpacePlanner  # noqa: PLC0415
 
-        if problem.planner.method != "nlp":
-            raise ProblemError(
-                f'planner.method = "{problem.planner.method}" works in the plane alone, and '
-                f"'{problem.name}' is in space"
-            )
         return SpacePlanner(stages, settings.space, terms, refuse_hopeless)
     if problem.planner.method == "hill-climbing":
         if terms is not None:

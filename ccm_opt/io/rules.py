@@ -99,10 +99,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, kinds: Altern
     if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
         issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
     _check_feed_keys(data, issues)
-    _check_tries(data, issues)
     _check_contact(data, issues)
-    if kinds is IN_SPACE:
-        _refuse_planar_planning(data, issues)
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -138,13 +135,6 @@ def _check_needs(
             issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
 
 
-def _refuse_planar_planning(data: Mapping[str, object], issues: Issues) -> None:
-    """The paper's planner and its mapping know the plane alone."""
-    for key, word in (("method", "hill-climbing"), ("mapping", "even-joints")):
-        if lookup(data, ("planner", key)) == word:
-            issues.add(("planner", key), f'"{word}" is the paper\'s and knows the plane alone; leave it out in space')
-
-
 def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
     """Whether a key of the table is meant to be one of ``kinds``: that is reported already."""
     table = lookup(data, path)
@@ -166,13 +156,6 @@ def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
                 (*path, "name") if given else path,
                 f"the name '{name}' is taken by workspace.obstacles[{first[name]}]; give each obstacle its own",
             )
-
-
-def _check_tries(data: Mapping[str, object], issues: Issues) -> None:
-    """Several tries need a planner that draws something."""
-    tries = lookup(data, ("planner", "tries"))
-    if isinstance(tries, int) and tries > 1 and lookup(data, ("planner", "method")) == "hill-climbing":
-        issues.add(("planner", "tries"), '"hill-climbing" draws nothing, so that all tries would be the same; use 1')
 
 
 def _check_contact(data: Mapping[str, object], issues: Issues) -> None:

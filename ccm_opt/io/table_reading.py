@@ -11,7 +11,16 @@ import tomlkit
 
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.build import Tables, build_arm, build_boundary, build_pose, build_problem, build_workspace, feed_of
+from ccm_opt.io.build import (
+    Tables,
+    build_arm,
+    build_boundary,
+    build_options,
+    build_pose,
+    build_problem,
+    build_workspace,
+    feed_of,
+)
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath, lookup
@@ -50,6 +59,7 @@ from ccm_opt.io.schema import (
 from ccm_opt.io.schema_tables import Table
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing, Problem
+from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
 
 IN_SPACE_KEY = 3
@@ -163,6 +173,10 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
             values = {key: value for key, value in table.items() if (name, key) != ("workspace", "obstacles")}
             table = issues.validate(model, values, (name,), scale)
         found[name] = table if isinstance(table, Table) else None
+    if found["planner"] is not None:
+        fed = lookup(data, ("arm", "feed")) is not None
+        for name, why in options_without_effect(build_options(found["planner"]), in_space=in_space, fed=fed):
+            issues.add(("planner", name), why)
     found["obstacles"] = _obstacles(data, issues, scale, SpaceObstacleTable if in_space else ObstacleTable)
     found["goals"] = _goals(data, issues, scale, SpaceGoalTable if in_space else GoalTable)
     return found

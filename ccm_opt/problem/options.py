@@ -1,5 +1,6 @@
 """What a problem says of planning, simulating and judging: which method, how long, how strictly."""
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -73,6 +74,47 @@ class PlannerOptions:
     weights: Weights = field(default_factory=Weights)
     wanted_gap: float | None = None
     effort_share: float = 0.9
+
+
+_OF_THE_PAPER = "is the paper's and knows the plane alone; leave it out in space"
+_WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
+    ("method", "hill-climbing", ("in space",), f'"hill-climbing" {_OF_THE_PAPER}'),
+    ("mapping", "even-joints", ("in space",), f'"even-joints" {_OF_THE_PAPER}'),
+    ("routes", None, ("in space",), "corridors are sought in the plane alone; leave it out in space"),
+    (
+        "optimiser",
+        "interior-point",
+        ("in space", "fed"),
+        '"interior-point" knows arms in the plane with a fixed base alone; leave it out',
+    ),
+    ("tries", None, ("hill-climbing",), '"hill-climbing" draws nothing, so that all tries would be the same; use 1'),
+    ("seed", None, ("hill-climbing",), '"hill-climbing" draws nothing; leave it out'),
+    *(
+        (name, None, ("hill-climbing",), '"hill-climbing" does not know it; leave it out')
+        for name in ("optimiser", "weights", "wanted_gap")
+    ),
+)
+"""Options that do nothing for a kind of problem: their names, the value that does nothing, or None for any but the
+default, where it does nothing, and why."""
+
+
+def options_without_effect(options: PlannerOptions, *, in_space: bool, fed: bool) -> Iterator[tuple[str, str]]:
+    """Planner options that were given and do nothing for a kind of problem.
+
+    Args:
+        options: of the problem; what has its default counts as not given.
+        in_space: whether the arm leaves the plane.
+        fed: whether its base is on a feed axis.
+
+    Yields:
+        The name of an option, and why it does nothing.
+    """
+    kinds = {options.method, *(("in space",) if in_space else ()), *(("fed",) if fed else ())}
+    for name, idle, where, why in _WITHOUT_EFFECT:
+        value = getattr(options, name)
+        given = value != getattr(PlannerOptions(), name) if idle is None else value == idle
+        if given and not kinds.isdisjoint(where):
+            yield name, why
 
 
 @dataclass(frozen=True)
