@@ -20,8 +20,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
 from ccm_opt.diagnosis.checks import REACH, failed
-from ccm_opt.diagnosis.explain import explained, refuse_impossible
-from ccm_opt.diagnosis.likely import likely
+from ccm_opt.diagnosis.explain import explained, likely, refuse_impossible
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import passages
 from ccm_opt.diagnosis.ranking import ranked

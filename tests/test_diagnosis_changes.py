@@ -12,8 +12,7 @@ import ccm_opt
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import explained
-from ccm_opt.diagnosis.likely import unit_hints
+from ccm_opt.diagnosis.explain import explained, unit_hints
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal

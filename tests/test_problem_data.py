@@ -15,15 +15,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.problem_data import problem_data, recorded_data
 from ccm_opt.io.reading import load_problem, problem_from_mapping
-from ccm_opt.problem import (
-    JointPose,
-    Limits,
-    PlannerOptions,
-    Problem,
-    SimulationOptions,
-    TipGoal,
-    Tolerances,
-)
+from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.view.app import ViewerApp, claim_port
+from ccm_opt.cli.view.app import GOAL, ViewerApp, claim_port, direction_of
 from ccm_opt.cli.view.frames import MotionFrames, turned_to
-from ccm_opt.cli.view.handles import GOAL, direction_of
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal

@@ -23,9 +23,8 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.app import ViewerApp, claim_port
+from ccm_opt.cli.view.app import Replanner, ViewerApp, claim_port
 from ccm_opt.cli.view.frames import MotionFrames, cylinder, extruded
-from ccm_opt.cli.view.handles import Replanner
 from ccm_opt.cli.view.settings import ViewSettings
 from ccm_opt.cli.viewing import viewer_of
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan

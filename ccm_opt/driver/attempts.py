@@ -13,14 +13,7 @@ import numpy as np
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.driver.surviving import survived
 from ccm_opt.driver.timed_plan import VerifiedPlan
-from ccm_opt.errors import (
-    CancelledWithPlan,
-    Diagnosis,
-    MotionNotFound,
-    NoPlanFound,
-    UnreachableGoal,
-    VerificationError,
-)
+from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.problem import Problem

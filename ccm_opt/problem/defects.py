@@ -60,9 +60,10 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
         yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
     if not arm.mount_length >= 0.0:
         yield f"arm.mount_length must not be negative, got {arm.mount_length}"
-    for name in ("joint_limit", "base_limit"):
-        if not getattr(arm, name) > 0.0:
-            yield f"arm.{name} must be positive, got {getattr(arm, name)}"
+    if not arm.joint_limit > 0.0:
+        yield f"arm.joint_limit must be positive, got {arm.joint_limit}"
+    if not arm.base_limit >= 0.0:
+        yield f"arm.base_limit must not be negative, got {arm.base_limit}"
     yield from array_defects("arm.base", arm.base, (d,), positive=False)
     yield from _unit_defects("arm.direction", arm.direction, d)
     if d == 2:

@@ -14,12 +14,7 @@ from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
-from ccm_opt.robot.link_bodies import (
-    DEFAULT_LINK_MARGINS,
-    DEFAULT_LINK_MASS,
-    LinkMarginSettings,
-    cylinder_inertia,
-)
+from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, DEFAULT_LINK_MASS, LinkMarginSettings, cylinder_inertia
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]

@@ -9,13 +9,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.solution import (
-    JointTrajectory,
-    PoseOutcome,
-    ReachMap,
-    SpaceGoalPoseRecord,
-    StaticPose,
-)
+from ccm_opt.solution import JointTrajectory, PoseOutcome, ReachMap, SpaceGoalPoseRecord, StaticPose
 from ccm_opt.solution.solution import GoalErrors, goal_errors
 
 

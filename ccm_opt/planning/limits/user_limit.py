@@ -17,12 +17,7 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows, MotionCost
 from ccm_opt.planning.limits.limit_stack import overbent
-from ccm_opt.planning.limits.user_motion_rows import (
-    UserCosts,
-    refuse_broken_goal,
-    refuse_broken_start,
-    slope_norms,
-)
+from ccm_opt.planning.limits.user_motion_rows import UserCosts, refuse_broken_goal, refuse_broken_start, slope_norms
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import UserLimitSettings
