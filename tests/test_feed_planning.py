@@ -20,7 +20,7 @@ from ccm_opt.planning.feed.leader_paths import ElasticBand
 from ccm_opt.planning.feed.query import FeedMotions, FeedQuery
 from ccm_opt.planning.following.deviation import deviation
 from ccm_opt.planning.following.leader import LeaderPath, path_of_pose, pose_on, slide, straight_while_held
-from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING
+from ccm_opt.planning.settings import DEFAULT_FOLLOWING
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed

@@ -15,11 +15,11 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.followable_search import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
+from ccm_opt.planning.settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_candidates import bend_allowances
 from ccm_opt.planning.space_goal_poses import withdrawn
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.following.deviation import leader_deviation, leaders_path
-from ccm_opt.planning.planner_settings import DeviationSettings
+from ccm_opt.planning.settings import DeviationSettings
 from ccm_opt.robot.arm import Feed
 from tests.snakes_in_space import snake
 

@@ -22,9 +22,9 @@ from ccm_opt.planning.followable_search import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_pose import Chains
-from ccm_opt.planning.space_settings import FollowableWaySettings
 from ccm_opt.robot.curve_space import CurveSpace, chain_at
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate

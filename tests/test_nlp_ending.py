@@ -9,10 +9,10 @@ import pytest
 import ccm_opt
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_ending import IN_NLP_POSE, ended_by_nlp
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.scene.bodies import SphereBody

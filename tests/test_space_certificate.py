@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.planning.settings import SpaceCertificateSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
-from ccm_opt.planning.space_settings import SpaceCertificateSettings
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -12,13 +12,13 @@ from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.optimisation.objective import Objective
+from ccm_opt.planning.settings import SpaceConnectSettings
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_settings import SpaceConnectSettings
 from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask

@@ -24,11 +24,10 @@ from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose import nearest_curve
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import ConnectSettings
+from ccm_opt.planning.settings import ConnectSettings, SpaceMotionSettings
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 from ccm_opt.problem import Problem, TipGoal

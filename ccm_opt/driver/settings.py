@@ -7,9 +7,8 @@ from ccm_opt.core.expected import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
 from ccm_opt.ik.terms import TermCheckSettings
-from ccm_opt.planning.planner_settings import CurvePlannerSettings, FeedPlannerSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
-from ccm_opt.planning.space_settings import SpaceMotionSettings
+from ccm_opt.planning.settings import CurvePlannerSettings, FeedPlannerSettings, SpaceMotionSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.retiming.paul import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings

@@ -33,10 +33,10 @@ from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.passage_widths import nominal_links_asked
-from ccm_opt.planning.planner_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.search_run import pose_headings
+from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference

@@ -19,7 +19,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.errors import ProblemError
 from ccm_opt.planning.grid_ways import TipGrid
-from ccm_opt.planning.space_settings import FollowableWaySettings
+from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.robot.biarc import Biarc
 
 _AZIMUTHS = 8

@@ -1,13 +1,17 @@
-"""Numbers of planning in the plane: step, guides, search, samplers, optimisation.
+"""Numbers of planning that are tuned or passed in: step, guides, search, samplers, optimisation, planners.
 
 Lengths are in nominal links, which do not depend on how many links an arm really has: weights and advances that suit
 one arm then suit another of the same shape. A weight "per nominal link" is shared out among the links of one.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from ccm_opt.ik.configuration_task import ConfigurationSettings
+from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.scene.contact_finder import CertificateSettings, ContactSettings
 
 
@@ -606,3 +610,329 @@ class MotionSettings:
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)
     interior_point: InteriorPointSettings = field(default_factory=InteriorPointSettings)
+
+
+# ------------------------------------------------------------ in space
+@dataclass(frozen=True)
+class EndingSettings:
+    """Of the pose in which a motion ends.
+
+    Attributes:
+        iterations: most iterations of the NLP; mostly it takes some twenty, and of arms on fixed bases, whose ends a
+            search leaves far from smooth, one in four takes 30 to 80 (measured among 40 and 80 bodies).
+        enough: share of the wanted gap that its pose has to have for the end to be settled.
+        room_share: room that the NLP makes at the end, where there is so much, as a multiple of the wanted gap. An arm
+            that follows its tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed
+            arms keep 0.82 to 1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1.
+        bending_from: places along a motion, as shares of it, from where on it is tried to be bent to another end.
+        opened: they end when no joint moves farther than this [u].
+    """
+
+    iterations: int = 100
+    enough: float = 0.9
+    room_share: float = 1.6
+    bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
+    opened: float = 0.02
+
+
+@dataclass(frozen=True)
+class SpaceConnectSettings:
+    """Of the sampler, RRT-Connect in the unknowns of the curve.
+
+    Attributes:
+        draws: of targets, at most, each time that it begins.
+        base_share: share of the draws in which the base alone is turned anywhere, and the curve is that between the
+            start and a goal.
+    """
+
+    draws: int = 8000
+    base_share: float = 0.0
+
+
+_STEPS = ConvexSettings(
+    tries=6,
+    price=100.0,
+    shortened_growth=2.0,
+    shortenings=(1.0, 0.5, 0.25, 0.1),
+    worth=0.02,
+    patience=1,
+    patience_in_want=3,
+    counts_room=True,
+)
+"""Of the optimisation: in space an iterate counts by the room that it has, not by its rows alone."""
+
+
+@dataclass(frozen=True)
+class SpaceOptimisationSettings:
+    """Of the optimisation of a motion.
+
+    Attributes:
+        intervals: least number of intervals; a motion that needs more edges to be certified keeps them.
+        many: intervals that are many, as a multiple of that.
+        margin: gap that rows ask for beyond contact [u].
+        active: rows nearer to their bound than this enter the program [u].
+        between: shares of an interval at which links that lack room have rows too.
+        planes: most half-spaces about a link.
+        groups: arms with more links than this have rows for groups of neighbouring joints.
+        steps: of the sequential convex programming.
+    """
+
+    intervals: int = 24
+    many: float = 1.2
+    margin: float = 0.02
+    active: float = 0.3
+    between: tuple[float, ...] = (0.25, 0.75)
+    planes: int = 6
+    groups: int = 24
+    steps: ConvexSettings = _STEPS
+
+
+@dataclass(frozen=True)
+class SpaceCertificateSettings:
+    """Of the proof that a motion touches nothing.
+
+    Attributes:
+        depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
+        step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
+        spare: gap that is proved beyond contact, for the path between its samples [u].
+        slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
+            walls are shorter so, and where it does not prove enough they are made again without.
+    """
+
+    depth: int = 12
+    step_depth: int = 5
+    spare: float = 0.002
+    slack: float = 0.3
+
+
+@dataclass(frozen=True)
+class SpaceStepSettings:
+    """Of one step: a small quadratic program in the unknowns of the curve.
+
+    Attributes:
+        margin: gap that steps keep beyond contact [u].
+        share: of the gap beyond the margin that one step may use.
+        turn: largest turn of a link in a step [rad].
+        feed: farthest way of the base in a step [u].
+        bends: weight on the curve's curvature, as bends of a nominal link.
+        planes: most half-spaces that a link is given.
+    """
+
+    margin: float = 0.06
+    share: float = 0.5
+    turn: float = 0.15
+    feed: float = 0.3
+    bends: float = 1e-4
+    planes: int = 14
+
+
+@dataclass(frozen=True)
+class SpaceGuideSettings:
+    """Of what leads the tip.
+
+    Attributes:
+        onto_track: weight on their distance from it.
+        advance: how far it moves on at a time [u].
+        settle_steps: most steps from the end of a path onto the goal.
+        settle_growth: by how much the weight of the goal grows from step to step.
+        polish_turn: the same of the direction [rad].
+        polish_steps: most steps of it.
+        pose_step: how far the target moves on at a time on its way to a pose, in unknowns.
+        exact: distance at which the arm counts as on the goal, as a share of the arm's length, and turn [rad].
+    """
+
+    onto_track: float = 0.1
+    advance: float = 0.4
+    settle_steps: int = 60
+    settle_growth: float = 0.5
+    polish_turn: float = 0.2
+    polish_steps: int = 12
+    pose_step: float = 0.15
+    exact: float = 1e-9
+
+
+@dataclass(frozen=True)
+class FollowableWaySettings:
+    """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
+
+    Attributes:
+        step: length of the arcs of which a way is made [u].
+        bends: of the arcs, as shares of the tightest one; straight ones come first.
+        place_bin: states in one bin count as one: size of its places [u].
+        direction_bins: half the number of bins along each side of the six faces of directions.
+        most_states: that are looked at.
+    """
+
+    step: float = 1.0
+    bends: tuple[float, ...] = (0.5, 1.0)
+    place_bin: float = 0.5
+    direction_bins: int = 2
+    most_states: int = 20_000
+
+
+@dataclass(frozen=True)
+class SpaceMotionSettings:
+    """All numbers of the search.
+
+    Attributes:
+        certificate: of proofs.
+        step: of single steps.
+        guide: of what leads the tip.
+        followable: ways for arms that follow their tip.
+        swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
+            arms beside a post, where some hundred draws are enough.
+        connect: trees as the last resort.
+        ending: of the pose in which a motion ends.
+        objective: of the optimisation.
+        optimisation: of a found motion.
+    """
+
+    certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
+    step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
+    guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
+    followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
+    swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
+    connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
+    ending: EndingSettings = field(default_factory=EndingSettings)
+    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
+    optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
+
+
+# ------------------------------------------------------------ planners of curves and of feed
+@dataclass(frozen=True)
+class GoalMemberSettings:
+    """Numbers of the choice of members.
+
+    Attributes:
+        most: members that are chosen, but for one in every piece. Taste: each is worth routes of its own.
+        pieces: pieces of the set that are looked at, the largest first. Taste.
+        grid: places across the set, in both directions. Taste.
+        turn_step: between headings that are looked at [rad], at most. Taste: 5°.
+        turn_share: of the arm's length that a turn of one radian counts for. Taste.
+        different: members that differ by less than this share of the arm's length count as one. Taste: a nominal link.
+        edge: distance of places from the edge of free space, as a share of the set's radius. Taste.
+        reach: share of its length to which the arm can be expected to stretch. Taste: at full stretch no step has a
+            choice.
+        runs: straight runs onto a member that are told apart, in nominal links. Taste.
+        run_samples: places of a run that have to be free. Taste.
+    """
+
+    most: int = 5
+    pieces: int = 4
+    grid: int = 9
+    turn_step: float = 0.08726646259971647
+    turn_share: float = 0.1
+    different: float = 0.04
+    edge: float = 0.02
+    reach: float = 0.99
+    runs: tuple[float, ...] = (0.5, 1.0, 2.0)
+    run_samples: int = 9
+
+
+@dataclass(frozen=True)
+class CurvePlannerSettings:
+    """Numbers of the planner, from free space to the smooth path.
+
+    Attributes:
+        corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
+            length. Taste.
+        further_attempts: when the search asks for more configurations. Taste.
+        curvature_share: share of the tightest bend (joint limit over link length) that the curve may use. Taste: links
+            on a curve bend a little more than it does.
+        full_curvature_share: the same for another guess when there is none at that share. Taste.
+        cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
+            found; the first is all of them, the last none. Taste.
+        members: of the members of a goal to which routes are led.
+        configuration: of the configuration NLP.
+        motion: of the search for a motion.
+        goal_pose: of the goal pose's NLP.
+    """
+
+    corner_distance: float = 0.016
+    further_attempts: int = 4
+    curvature_share: float = 0.9
+    full_curvature_share: float = 1.0
+    cost_shares: tuple[float, ...] = COST_SHARES
+    members: GoalMemberSettings = field(default_factory=GoalMemberSettings)
+    configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    goal_pose: PoseSettings = field(default_factory=PoseSettings)
+
+
+DEFAULT_CURVE_PLANNER = CurvePlannerSettings()
+"""The numbers that are used unless others are given."""
+
+
+@dataclass(frozen=True)
+class FollowingSettings:
+    """Numbers of paths for a leader and of the motions along them.
+
+    Attributes:
+        samples_per_link: samples of a leader's path in a link length. Derived: cubic Hermite interpolation between 32
+            errs by less than 1e-7 of a link.
+        sample_period: longest time between two samples of a trajectory, between which all joints move linearly [s].
+            Derived: what the timing samples with.
+        links_per_sample: part of a link that the base passes at most between two samples. Taste; it holds back feeds
+            that no arm needs.
+        spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste, as in the search
+            for motions of a fixed base.
+    """
+
+    samples_per_link: int = 32
+    sample_period: float = 5e-3
+    links_per_sample: float = 0.25
+    spare: float = 1e-4
+
+
+@dataclass(frozen=True)
+class DeviationSettings:
+    """How finely the deviation from a leader is measured; all of it definitions of the reported figures.
+
+    Attributes:
+        places_per_link: places on every link whose distance from the path is taken. Taste.
+        poses: of a motion that are looked at, at most; the first and the last are among them. Taste.
+    """
+
+    places_per_link: int = 8
+    poses: int = 400
+
+
+DEFAULT_FOLLOWING = FollowingSettings()
+"""What functions take when they are not given other settings."""
+DEFAULT_DEVIATION = DeviationSettings()
+"""The same for the deviation."""
+
+
+@dataclass(frozen=True)
+class LeaderPathSettings:
+    """Numbers of the search for paths that a leader may take.
+
+    Attributes:
+        curvature_share: share of the tightest bend that a path may use, so that the arm can still be steered. Taste.
+        curves: curves that are asked for, at most. Taste.
+    """
+
+    curvature_share: float = 0.9
+    curves: int = 60
+
+
+@dataclass(frozen=True)
+class FeedPlannerSettings:
+    """Numbers of the planner of arms on a feed axis.
+
+    Attributes:
+        straightening: distance that the tip may move when what the mapping of a curve bends inside the guide tube is
+            straightened [m]. Taste.
+        leaders: of the search for paths that a leader may take.
+        following: of paths for a leader and of the motions along them.
+        curve: of the planner that changes shapes at a fixed feed.
+    """
+
+    straightening: float = 5e-4
+    leaders: LeaderPathSettings = field(default_factory=LeaderPathSettings)
+    following: FollowingSettings = field(default_factory=FollowingSettings)
+    curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
+
+
+DEFAULT_FEED = FeedPlannerSettings()
+"""What the planner takes when it is not given other settings."""

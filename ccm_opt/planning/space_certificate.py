@@ -20,7 +20,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
-from ccm_opt.planning.space_settings import SpaceCertificateSettings
+from ccm_opt.planning.settings import SpaceCertificateSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 

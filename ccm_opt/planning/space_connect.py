@@ -10,8 +10,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.settings import SpaceConnectSettings
 from ccm_opt.planning.space_pose import SpacePose
-from ccm_opt.planning.space_settings import SpaceConnectSettings
 from ccm_opt.planning.space_step import SpaceStepper, moved_metric
 from ccm_opt.planning.space_sweep import edge_is_safe, in_pieces
 

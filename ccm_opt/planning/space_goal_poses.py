@@ -11,6 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.settings import SpaceConnectSettings
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import (
     SpaceStalled,
@@ -22,7 +23,6 @@ from ccm_opt.planning.space_continuation import (
 )
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_pose import SpacePose
-from ccm_opt.planning.space_settings import SpaceConnectSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import pieces
 from ccm_opt.planning.space_task import SpaceTask

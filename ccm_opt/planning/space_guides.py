@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.pose import Term
+from ccm_opt.planning.settings import SpaceGuideSettings
 from ccm_opt.planning.space_pose import SpacePose
-from ccm_opt.planning.space_settings import SpaceGuideSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _LEASH = 1.5

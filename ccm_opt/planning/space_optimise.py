@@ -16,10 +16,9 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
-from ccm_opt.planning.settings import ConvexSettings
+from ccm_opt.planning.settings import ConvexSettings, SpaceOptimisationSettings
 from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
-from ccm_opt.planning.space_settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask

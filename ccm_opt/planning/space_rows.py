@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.space_settings import SpaceOptimisationSettings
+from ccm_opt.planning.settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
 
 _BEHIND = 0.06

@@ -11,9 +11,9 @@ from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.pose import Term, normal_equations
+from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.space_pose import Chains, SpacePose
-from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 

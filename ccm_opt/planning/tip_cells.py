@@ -17,10 +17,10 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_continuation import SpaceTipPose, onto_goal
 from ccm_opt.planning.space_goal_poses import POLISH_TURN, drawn_unknowns
 from ccm_opt.planning.space_pose import SpacePose
-from ccm_opt.planning.space_settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -23,7 +23,7 @@ from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, slid
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.planner_settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed

@@ -19,7 +19,7 @@ from ccm_opt.planning.following.leader import (
     straight_while_held,
     travel_between_samples,
 )
-from ccm_opt.planning.planner_settings import DEFAULT_FEED, DEFAULT_FOLLOWING, FeedPlannerSettings, FollowingSettings
+from ccm_opt.planning.settings import DEFAULT_FEED, DEFAULT_FOLLOWING, FeedPlannerSettings, FollowingSettings
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed

@@ -10,7 +10,7 @@ import shapely
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import arc_lengths, leg_headings
-from ccm_opt.planning.planner_settings import DEFAULT_DEVIATION, DeviationSettings
+from ccm_opt.planning.settings import DEFAULT_DEVIATION, DeviationSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup

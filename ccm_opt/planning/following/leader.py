@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
 
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, whole_turns
-from ccm_opt.planning.planner_settings import DEFAULT_FOLLOWING, FollowingSettings
+from ccm_opt.planning.settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
 
