@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
     from ccm_opt.ik.quantities import Quantities
     from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
-    from ccm_opt.io.problem_parts import make_problem, make_space_problem
+    from ccm_opt.io.problem_parts import make_problem
     from ccm_opt.io.reading import load_problem
     from ccm_opt.problem import (
         Arm,
@@ -82,7 +82,6 @@ __all__ = [
     "load",
     "load_problem",
     "make_problem",
-    "make_space_problem",
     "obstacles_of",
     "pareto",
     "plot",
@@ -107,7 +106,7 @@ _NAMES = {
     "ccm_opt.driver.surviving": ("tolerance_of",),
     "ccm_opt.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.io.reading": ("load_problem",),
-    "ccm_opt.io.problem_parts": ("make_problem", "make_space_problem"),
+    "ccm_opt.io.problem_parts": ("make_problem",),
     "ccm_opt.viz.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
     "ccm_opt.core.progress": ("Progress",),
     "ccm_opt.problem": (

@@ -20,7 +20,7 @@ def standing(
     place = RigidPlacement.turned(np.zeros(3), np.radians(turned))
     axes = place.rotation
     pose = {"position": (0.0, 0.0, 0.0), "rotation_deg": turned}
-    return ccm_opt.make_space_problem(
+    return ccm_opt.make_problem(
         "standing",
         arm={
             "links": links,

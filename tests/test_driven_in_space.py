@@ -160,7 +160,7 @@ def test_the_simulated_arm_follows_in_space() -> None:
 
 def test_threads_are_simulated_as_thin_rods() -> None:
     """An arm without thickness has inertia about its links, by which drives can hold their roll in the simulation."""
-    problem = ccm_opt.make_space_problem(
+    problem = ccm_opt.make_problem(
         "thread",
         arm={"links": 60, "link_length": 0.003, "radius": 0.0, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 30},
         limits={"velocity": 1.0, "acceleration": 4.0},

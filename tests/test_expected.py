@@ -167,7 +167,6 @@ def test_every_public_callable_is_asked() -> None:
     data = {"Arm", "Limits", "Obstacle", "PlannerOptions", "Workspace", "Planner", "Retimer"}
     elsewhere = {
         "make_problem",
-        "make_space_problem",
         "obstacles_of",
         "constraint",
         "cost",

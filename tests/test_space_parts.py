@@ -18,7 +18,7 @@ LIMITS = {"velocity": 1.0, "acceleration": 4.0}
 def made(**changes: Any) -> Problem:
     """A small problem with whatever a test wants otherwise."""
     values: dict[str, Any] = {"arm": ARM, "limits": LIMITS, "goal": (0.3, 0.1, 0.0)}
-    return ccm_opt.make_space_problem("made", **(values | changes))
+    return ccm_opt.make_problem("made", **(values | changes))
 
 
 def test_tables_and_bodies() -> None:
@@ -52,7 +52,6 @@ def test_tables_and_bodies() -> None:
         ({"obstacles": {"a": {"mesh": "part.stl"}}}, "was not read from a file"),
         ({"obstacles": {"a": 3}}, "'a' is neither a body nor a table"),
         ({"unit": "cm"}, "one of m, mm, in"),
-        ({"planer": {}}, "did you mean 'planner'"),
     ],
 )
 def test_what_is_wrong_is_told(changes: dict[str, Any], words: str) -> None:
@@ -75,3 +74,13 @@ def test_arrays_that_are_no_mesh(vertices: object, faces: object, words: str) ->
     """A mesh from arrays has finite places and triangles of them."""
     with pytest.raises(ProblemError, match=words):
         MeshBody.of_arrays(vertices, faces)
+
+
+def test_an_arm_that_is_an_object_says_that_it_leaves_the_plane() -> None:
+    """Arm, limits and goal that are objects make the problem that their tables make, and stay themselves."""
+    tables = made()
+    objects = made(arm=tables.arm, limits=tables.limits, goal=tables.goal)
+    assert objects.dimension == 3
+    assert objects.arm is tables.arm
+    assert objects.goal is tables.goal
+    np.testing.assert_array_equal(objects.start.bends, tables.start.bends)

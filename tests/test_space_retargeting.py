@@ -18,7 +18,7 @@ ELSEWHERE = TipGoal(np.array([0.4, -0.2, 0.15]), np.array([1.0, 0.0, 0.0]))
 @cache
 def bowed() -> Solution:
     """A motion of an arm with a fixed base past a ball."""
-    problem = ccm_opt.make_space_problem(
+    problem = ccm_opt.make_problem(
         "bowed",
         arm={"links": 12, "link_length": 0.05, "radius": 0.01, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 60},
         obstacles={"ball": {"sphere": {"center": (0.35, 0.3, 0.0), "radius": 0.05}}},

@@ -32,7 +32,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
 @cache
 def plan() -> Solution:
     """A motion of an arm with a fixed base between two balls."""
-    problem = ccm_opt.make_space_problem(
+    problem = ccm_opt.make_problem(
         "between",
         arm={"links": 10, "link_length": 0.05, "radius": 0.01, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 60},
         obstacles={

@@ -28,7 +28,7 @@ from .space_folders import solved
 @cache
 def problem() -> Problem:
     """An arm beside a ball and a box."""
-    return ccm_opt.make_space_problem(
+    return ccm_opt.make_problem(
         "beside",
         arm={"links": 10, "link_length": 0.05, "radius": 0.01, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 60},
         obstacles={

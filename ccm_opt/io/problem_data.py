@@ -88,17 +88,15 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
         head["space"] = 3
         files = kept_names(problem) if mesh_files is None else mesh_files
         workspace = _space_workspace(problem, files, unit)
-        arm: Table = {**chain_table(problem.arm, unit), "base": _base(problem.arm, unit)}
     else:
         workspace = workspace_table(problem.workspace, unit)
-        arm = arm_table(problem.arm, unit)
     return {
         **head,
         "name": problem.name,
         "description": problem.description,
         "units": unit,
         "workspace": workspace,
-        "arm": arm,
+        "arm": arm_table(problem.arm, unit),
         "limits": limits_table(problem.limits, unit),
         "start": pose_table(problem.start, problem.arm, unit),
         "goal": _goals(problem),
@@ -143,14 +141,17 @@ def obstacle_in_unit(obstacle: Obstacle, unit: LengthUnit) -> Table:
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     """An arm as ``[arm]``."""
+    chain = _chain_table(arm, unit)
+    if arm.dimension == 3:
+        position, along, up = _lengths(arm.base, unit), arm.direction.tolist(), arm.up.tolist()
+        return chain | {"base": {"position": position, "direction": along, "up": up}}
     base: Table = {"base": _lengths(arm.base, unit), "base_heading_deg": _degrees(arm.base_heading)}
-    chain = chain_table(arm, unit)
     # In the order of the pages on problem files.
     measures = {key: chain.pop(key) for key in ("links", "link_length", "radius")}
     return measures | base | chain
 
 
-def chain_table(arm: Arm, unit: LengthUnit) -> Table:
+def _chain_table(arm: Arm, unit: LengthUnit) -> Table:
     """What ``[arm]`` says of an arm in the plane or in space, but for its base."""
     table: Table = {
         "links": int(arm.links),
@@ -345,10 +346,6 @@ def _placement(placement: RigidPlacement, unit: LengthUnit) -> Table:
             "quaternion": placement.quaternion.tolist(),
         }
     }
-
-
-def _base(arm: Arm, unit: LengthUnit) -> Table:
-    return {"position": _lengths(arm.base, unit), "direction": arm.direction.tolist(), "up": arm.up.tolist()}
 
 
 def kept_names(problem: Problem) -> list[str]:

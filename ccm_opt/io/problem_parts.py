@@ -5,7 +5,7 @@ those of a file are. So whatever is wrong is told at once, under the key that th
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, get_args
 
@@ -31,7 +31,7 @@ from ccm_opt.io.problem_data import (
     verification_table,
     workspace_table,
 )
-from ccm_opt.io.schema import ArmTable
+from ccm_opt.io.schema import ArmTable, SpaceArmTable
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import (
     Goal,
@@ -57,10 +57,14 @@ class PartTables:
     Attributes:
         unit: in which lengths are given and written.
         issues: receives what is wrong with a part that has no table.
+        in_space: whether obstacles are bodies.
+        bodies: receives obstacles in space that were given as bodies, and stay themselves.
     """
 
     unit: LengthUnit
     issues: Issues
+    in_space: bool = False
+    bodies: list[Obstacle] = field(default_factory=list)
 
     def table(self, given: object, kind: type[Part], made: Callable[[Part, LengthUnit], Table]) -> object:
         """The table of an object of a kind."""
@@ -101,6 +105,11 @@ class PartTables:
         return entries
 
     def _entries(self, name: str, shape: object) -> list[object]:
+        if self.in_space and not isinstance(shape, Mapping):
+            if not isinstance(shape, _BODIES):
+                raise ProblemError(f"'{name}' is neither a body nor a table of [[workspace.obstacles]]")
+            self.bodies.append(Obstacle(name, shape))
+            return []
         if isinstance(shape, Obstacle):
             return [obstacle_in_unit(shape, self.unit)]
         if isinstance(shape, Mapping):
@@ -135,7 +144,8 @@ class PartTables:
     def _built(self, arm: object) -> Arm | None:
         """The arm of a table, or None where it has defects."""
         probe = Issues()
-        table = probe.validate(ArmTable, plain(arm), ("arm",), METRES[self.unit])
+        model: type[ArmTable | SpaceArmTable] = SpaceArmTable if self.in_space else ArmTable
+        table = probe.validate(model, plain(arm), ("arm",), METRES[self.unit])
         return build_arm(table) if table is not None and not probe.found else None
 
 
@@ -163,7 +173,7 @@ def plain(value: Any) -> Any:
 Given: TypeAlias = Mapping[str, Any]
 """A table as in a problem file."""
 Place: TypeAlias = Sequence[float] | FloatArray
-"""A place (x, y)."""
+"""A place (x, y), or (x, y, z) in space."""
 GoalLike: TypeAlias = Goal | Place | Given
 
 
@@ -171,9 +181,9 @@ def make_problem(
     name: str,
     *,
     arm: Arm | Given,
-    room: Place | shapely.Polygon | Workspace,
     goal: GoalLike | Sequence[GoalLike],
     limits: Limits | Given,
+    room: Place | Sequence[Place] | shapely.Polygon | Workspace | None = None,
     obstacles: object = (),
     clearance: float | None = None,
     start: str | JointPose | Given = "straight",
@@ -183,6 +193,7 @@ def make_problem(
     planner: PlannerOptions | Given | None = None,
     simulation: SimulationOptions | Given | None = None,
     verification: VerificationOptions | Given | None = None,
+    folder: str | Path | None = None,
 ) -> Problem:
     """Make a problem in Python, checked as closely as one from a file.
 
@@ -200,14 +211,26 @@ def make_problem(
             goal={"position": (430, 230), "heading_deg": 60},
         )
 
+    An arm whose ``base`` is a table leaves the plane, and its obstacles are bodies, which are in metres, or tables::
+
+        problem = ccm_opt.make_problem(
+            "beside the post",
+            arm={"links": 12, "link_length": 0.05, "radius": 0.02, "joint_limit_deg": 45,
+                 "base": {"position": (0, 0, 0)}},
+            obstacles={"post": {"cylinder": {"from": (0.3, 0, -1), "to": (0.3, 0, 1), "radius": 0.04}}},
+            limits={"velocity": 1.0, "acceleration": 4.0},
+            goal={"position": (0.45, 0.2, 0.1), "direction": (1, 0, 0)},
+        )
+
     Args:
         name: also names the output folder.
         arm: as ``Arm.snake`` makes one, or ``[arm]``.
-        room: (x low, y low, x high, y high), or its outline, whose holes are obstacles, or a whole workspace.
-        goal: a goal as an object, a place (x, y) for the tip, or ``[goal]``; several of them are reached in sequence.
+        goal: a goal as an object, a place for the tip, or ``[goal]``; several of them are reached in sequence.
         limits: of the joints, or ``[limits]``.
-        obstacles: shapely's geometries, see ``obstacles_of``, or tables of ``[[workspace.obstacles]]``; a list, or
-            names with them.
+        room: (x low, y low, x high, y high), or its outline, whose holes are obstacles, or a whole workspace; in space
+            its lower and upper corner, shape (2, 3), or None for no room.
+        obstacles: shapely's geometries, see ``obstacles_of``, in space bodies, or tables of
+            ``[[workspace.obstacles]]``; a list, or names with them.
         clearance: least gap between the arm's surface and walls; none when None, or that of the workspace.
         start: "straight", "folded", a pose, or ``[start]``.
         unit: of all lengths that are no objects: "m", "mm" or "in". People are told lengths in it, too.
@@ -216,17 +239,20 @@ def make_problem(
         planner: options, or ``[planner]``.
         simulation: options, or ``[simulation]``.
         verification: options, or ``[verification]``.
+        folder: where the paths of meshes begin; needed where an obstacle names a mesh.
 
     Raises:
         ProblemFileError: with every defect, under the key that it has in a problem file.
-        ProblemError: the unit or the arm is none at all.
+        ProblemError: the unit or the arm is none at all, or a body shares the name of another obstacle.
     """
     expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")
     expect(arm, (Arm, Mapping), "a ccm_opt.Arm or a table for arm=", "ccm_opt.Arm.snake(…) makes one")
+    in_space = arm.dimension == 3 if isinstance(arm, Arm) else isinstance(arm.get("base"), Mapping)
     issues = Issues()
-    parts = PartTables(unit, issues)
+    parts = PartTables(unit, issues, in_space)
     data = {
         "schema": 1,
+        "space": 3 if in_space else 2,
         "name": name,
         "description": description,
         "units": unit,
@@ -240,103 +266,16 @@ def make_problem(
         "tolerance": {"joint_error_deg": joint_error_deg},
         "verification": parts.table(verification, VerificationOptions, verification_table),
     }
-    problem = check_data(plain(data), issues, "")
+    problem = check_data(plain(data), issues, "", None if folder is None else Path(folder))
     if problem is None:
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
     # What was given as an object stays that object, to the last bit.
     given = {"arm": arm, "limits": limits, "start": start, "goal": goal}
     objects: dict[str, Any] = {key: part for key, part in given.items() if isinstance(part, _OBJECTS)}
+    if parts.bodies:
+        objects["workspace"] = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, *parts.bodies))
     return replace(problem, **objects)
 
 
 _OBJECTS = (Arm, Limits, TipGoal, JointPose)
-
-
-SpaceTable: TypeAlias = Mapping[str, Any]
-"""A table as in a problem file with ``space = 3``."""
 _BODIES = get_args(Body)
-
-
-def make_space_problem(
-    name: str,
-    *,
-    arm: SpaceTable,
-    goal: SpaceTable | Sequence[float] | FloatArray | Sequence[SpaceTable],
-    limits: SpaceTable,
-    obstacles: Mapping[str, SpaceTable | Body] | None = None,
-    room: Sequence[Sequence[float]] | FloatArray | None = None,
-    clearance: float = 0.0,
-    start: str | SpaceTable = "straight",
-    unit: LengthUnit = "m",
-    folder: str | Path | None = None,
-    **tables: object,
-) -> Problem:
-    """Make a problem of an arm in space in Python, checked as closely as one from a file.
-
-    Parts are tables with the keys of a problem file, in ``unit`` and degrees. Obstacles may be bodies too, in metres::
-
-        problem = ccm_opt.make_space_problem(
-            "beside the post",
-            arm={"links": 12, "link_length": 0.05, "radius": 0.02, "joint_limit_deg": 45,
-                 "base": {"position": (0, 0, 0)}},
-            obstacles={"post": {"cylinder": {"from": (0.3, 0, -1), "to": (0.3, 0, 1), "radius": 0.04}}},
-            limits={"velocity": 1.0, "acceleration": 4.0},
-            goal={"position": (0.45, 0.2, 0.1), "direction": (1, 0, 0)},
-        )
-
-    Args:
-        name: also names the output folder.
-        arm: ``[arm]``.
-        goal: ``[goal]``, or the place (x, y, z) of the tip, or several tables that are reached in sequence.
-        limits: ``[limits]``.
-        obstacles: by name, bodies or tables of ``[[workspace.obstacles]]``.
-        room: its lower and upper corner, shape (2, 3); None where there is no room.
-        clearance: least gap between the arm's surface and walls.
-        start: "straight", or ``[start]``.
-        unit: of all lengths that are no bodies: "m", "mm" or "in". People are told lengths in it, too.
-        folder: where the paths of meshes begin; needed where an obstacle names a mesh.
-        tables: the other tables of a problem file: ``planner``, ``simulation``, ``tolerance``, ``verification``; and
-            ``description``.
-
-    Raises:
-        ProblemFileError: with every defect, under the key that it has in a problem file.
-        ProblemError: the unit or the obstacles are none at all, or a mesh that is a body shares its name.
-    """
-    expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")
-    given = {} if obstacles is None else obstacles
-    expect(given, Mapping, "names with bodies or tables for obstacles=")
-    bodies = tuple(Obstacle(str(key), body) for key, body in given.items() if isinstance(body, _BODIES))
-    entries = [{"name": str(key), **plain(table)} for key, table in given.items() if isinstance(table, Mapping)]
-    wrong = [key for key, each in given.items() if not isinstance(each, (Mapping, *_BODIES))]
-    if wrong:
-        raise ProblemError(f"obstacles: '{wrong[0]}' is neither a body nor a table of [[workspace.obstacles]]")
-    workspace: dict[str, object] = {"clearance": clearance, "obstacles": entries} | (
-        {} if room is None else {"bounds": room}
-    )
-    data = {
-        "schema": 1,
-        "space": 3,
-        "name": name,
-        "units": unit,
-        "workspace": workspace,
-        "arm": arm,
-        "limits": limits,
-        "start": {"shape": start} if isinstance(start, str) else start,
-        "goal": _goal(goal),
-        **tables,
-    }
-    issues = Issues()
-    problem = check_data(plain(data), issues, "", None if folder is None else Path(folder))
-    if problem is None:
-        raise ProblemFileError(f"problem {name!r}", issues.located({}))
-    whole = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, *bodies))
-    return replace(problem, workspace=whole)
-
-
-def _goal(goal: object) -> object:
-    """``[goal]``, or each ``[[goal]]``, from tables and places."""
-    if isinstance(goal, Mapping):
-        return goal
-    found = plain(goal)
-    tables = isinstance(found, list) and bool(found) and all(isinstance(each, Mapping) for each in found)
-    return found if tables else {"position": found}
