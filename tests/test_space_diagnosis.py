@@ -305,6 +305,18 @@ def test_tolerances_move_no_link_farther_than_is_granted(seed: int) -> None:
     assert np.all(away[1:] <= pose.link_play(arm) + 1e-12)
 
 
+def test_a_goal_deep_in_a_body_is_moved_out_of_it() -> None:
+    """The nearest place outside of a body is told, however deep the goal lies; without time none is looked for."""
+    block = box("block", [0.05, 0.15, 0.0], [0.35, 0.45, 0.3])
+    problem = problem_of(space_arm(8), TipGoal(np.array([0.2, 0.3, 0.1])), block)
+    findings = failed(problem)
+    (moved,) = moved_goals(problem, findings, Deadline.never())
+    assert moved.bound is not None
+    assert 0.1 <= moved.bound <= 0.25
+    assert failed(moved.write(problem, moved.bound + 2e-3)) == ()
+    assert tuple(moved_goals(problem, findings, later(0.0))) == ()
+
+
 @settings(max_examples=4, deadline=None)
 @given(seed=seeds)
 def test_a_goal_moved_in_space_is_free(seed: int) -> None:

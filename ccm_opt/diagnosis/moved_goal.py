@@ -93,7 +93,9 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline, settings: Mo
         turned = replace(problem, goal=_turned_to(goal, direction))
         return any(True for check in (contact_at_tips, supple_enough) for _ in check(turned))
 
-    if not refused(wanted):
+    # Where the tip itself has no room no direction helps.
+    anyhow = replace(problem, goal=_turned_to(goal, None))
+    if not refused(wanted) or next(contact_at_tips(anyhow), None) is not None:
         return None
     for size in np.arange(settings.turn_step, np.pi, settings.turn_step):
         for across in _all_across(wanted):
@@ -315,6 +317,10 @@ def _roomy_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) 
     if distance > settings.stretch * arm.length:
         places = np.concatenate(((base + settings.stretch * arm.length / distance * away)[None], places))
     places = places[np.linalg.norm(places - base, axis=1) <= settings.stretch * arm.length]
+    # No place nearer to the goal than that is farther from what the tip touches there by what lacks.
+    here = np.stack((goal.position, goal.position))[None]
+    lacking = max((need - float(found.gaps[0]) for found in gaps.touched(here, need)), default=0.0)
+    places = places[np.linalg.norm(places - goal.position, axis=1) >= lacking - ROUNDING]
     ordered = places[np.argsort(np.linalg.norm(places - goal.position, axis=1), kind="stable")]
     told: list[FloatArray] = []
     for place in ordered:

@@ -210,7 +210,7 @@ def _too_thick(ways: Ways) -> Finding:
         thin = f"{short_length(2.0 * widest.most)} in diameter" if widest.most > 0.0 else "any width"
         verb = "close" if not opened and len(who) > 1 else "closes"
         reason = (
-            f"no way leads to the goal, not for an arm of {thin}: {'any of ' * (len(opened) > 1)}{listed(who)} "
+            f"no way leads to the goal, not for an arm of {thin}; {'any of ' * (len(opened) > 1)}{listed(who)} "
             f"{verb} it off at {at(widest.place)}"
         )
         gap = 0.0
