@@ -7,6 +7,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
@@ -22,6 +23,7 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
@@ -71,6 +73,32 @@ def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     spline = certified_path(task, better)
     assert spline is not None
     judged(task, BALLS, SpaceMotion(motion.curve, better.unknowns, np.asarray(spline(np.linspace(0.0, 1.0, 300))), ""))
+
+
+def test_weights_count_in_space_too() -> None:
+    """Each moves its own measure the right way; without an optimiser the motion stays as it was found."""
+    task = task_of(snake(8), BALLS, GOAL)
+    motion = find_motion(task)
+    assert optimise(motion, replace(task, optimiser="none")) is motion
+
+    def unevenness(q: FloatArray) -> float:
+        return float((np.diff(q, 2, axis=0) ** 2).sum()) * len(q) ** 3
+
+    def bending(q: FloatArray) -> float:
+        return float((q**2).mean())
+
+    def nearness(q: FloatArray) -> float:
+        return -least_gaps(task.arm, BALLS, q)[0]
+
+    plain = optimise(motion, task).configurations
+    for weights, measure in (
+        (Weights(smoothness=100.0), unevenness),
+        (Weights(bending=1e4), bending),
+        (Weights(clearance=100.0), nearness),
+    ):
+        weighed = optimise(motion, replace(task, weights=weights))
+        judged(task, BALLS, weighed)
+        assert measure(weighed.configurations) < measure(plain), weights
 
 
 def test_a_motion_to_a_pose_of_the_whole_arm() -> None:
