@@ -34,10 +34,10 @@ def test_every_drag_is_answered(swan: ccm_opt.Problem, seed: int) -> None:
     """After each the plan is verified for the goal as it is now, or the last one is there with a reason."""
     live = LivePlan(swan)
     random = np.random.default_rng(seed)
-    position = swan.goal.position.copy()  # type: ignore[union-attr]
+    home = swan.goal.position  # type: ignore[union-attr]
     answered = 0
     for _ in range(6):
-        position += random.normal(0.0, 0.01, 2)
+        position = home + random.uniform(-0.01, 0.01, 2)  # 15 mm from home the arm is long enough on all sides
         before = live.plan
         answer = live.move_goal(position)
         answered += answer.current
