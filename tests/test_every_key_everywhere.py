@@ -13,10 +13,10 @@ import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemFileError, UnreachableGoal
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
+from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.options import Weights
-from ccm_opt.solution.space_solution import SpaceReachSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 from .command_runs import CommandLine

@@ -124,7 +124,7 @@ def test_the_static_question_has_one_answer() -> None:
         other = ccm_opt.find_pose(resized(problem, factor))
         np.testing.assert_allclose(other.bends, one.bends, rtol=0.0, atol=1e-9)
         assert other.pose.gap == pytest.approx(factor * one.pose.gap, rel=1e-6)
-        assert other.pose.curve.length == pytest.approx(factor * one.pose.curve.length, rel=1e-9)
+        assert other.curve.length == pytest.approx(factor * one.curve.length, rel=1e-9)
 
 
 def test_words_are_in_metres_whatever_the_unit() -> None:

@@ -59,7 +59,8 @@ def two_links() -> Problem:
 
 def assert_annulus(found: ReachMap, least: float) -> None:
     """What was found, at least a share of what there is, and what was proved, is what geometry says of two links."""
-    radius = np.hypot(found.x[None, :], found.y[:, None])
+    x, y = found.axes
+    radius = np.hypot(x[None, :], y[:, None])
     nearest = 2.0 * 0.2 * np.cos(np.deg2rad(60.0))
     farthest = 0.4
     assert found.reachable[(radius > nearest + 5e-3) & (radius < farthest - 5e-3)].mean() >= least
@@ -110,8 +111,19 @@ def test_ranges_hold_the_headings_that_were_taken_and_no_other(taken: list[bool]
     headings = 0.3 + 2.0 * np.pi * np.arange(count) / count
     cells = np.array(taken).reshape(1, 1, count)
     nothing = np.zeros((1, 1))
+    axes, none = (np.zeros(1), np.zeros(1)), np.zeros((0, 2))
     found = ReachMap(
-        two_links(), 0.1, np.zeros(1), np.zeros(1), headings, cells.any(axis=2), cells, nothing, nothing > 0.0, 0.1, {}
+        two_links(),
+        0.1,
+        axes,
+        headings,
+        none,
+        cells.any(axis=2),
+        cells,
+        nothing,
+        nothing > 0.0,
+        0.1,
+        {},
     )
     held = np.zeros(count, dtype=int)
     for _, _, first, last in found.heading_ranges:

@@ -10,7 +10,7 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.solution.space_solution import SpaceStaticPose
+from ccm_opt.solution import StaticPose
 from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
 
 from .command_runs import CommandLine, brightness
@@ -40,20 +40,20 @@ def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
     return CommandLine(capsys)
 
 
-def assert_sound(found: SpaceStaticPose) -> None:
+def assert_sound(found: StaticPose) -> None:
     """The pose ends at the goal within the limits, with the gap it says, by code that the NLP does not share."""
     problem = found.problem
     arm = problem.arm
     goal = problem.goal
     assert isinstance(goal, TipGoal)
-    q = found.pose.configuration[None]
+    q = found.configuration[None]
     points = chain_of(arm, q)[0]
     assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
     if goal.direction is not None:
         assert LinkFrames.of(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)
     lower, upper = arm.limits_at(found.feed)
-    assert np.all(found.pose.configuration >= lower - 1e-9)
-    assert np.all(found.pose.configuration <= upper + 1e-9)
+    assert np.all(found.configuration >= lower - 1e-9)
+    assert np.all(found.configuration <= upper + 1e-9)
     first, share = arm.mount_end
     segments = np.stack((points[:-1], points[1:]), axis=1)[first:]
     segments[0, 0] += share * (segments[0, 1] - segments[0, 0])

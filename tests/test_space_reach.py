@@ -11,9 +11,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import ccm_opt
-from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, look_at_cell
+from ccm_opt.planning.tip_cells import DEFAULT_SPACE_REACH, SpaceReachQuestion, TipFlood, even_directions, look_at_cell
 from ccm_opt.problem import TipGoal
-from ccm_opt.solution.space_solution import DEFAULT_SPACE_REACH, SpaceReachMap, even_directions
+from ccm_opt.solution import ReachMap
 from ccm_opt.viz.arm_drawing import SIDES
 from ccm_opt.viz.views import SeenScene
 
@@ -59,13 +59,13 @@ def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
 
 
 @cache
-def mapped() -> SpaceReachMap:
+def mapped() -> ReachMap:
     """A small map."""
     from ccm_opt.io.reading import parse_problem
 
     problem = parse_problem(SCENE)
     found = ccm_opt.reach_map(problem, step=0.11, headings=3)  # type: ignore[call-overload]
-    assert isinstance(found, SpaceReachMap)
+    assert found.problem.dimension == 3
     return found
 
 
@@ -110,7 +110,7 @@ def test_most_of_what_is_near_is_reached() -> None:
     found = mapped()
     near = np.linalg.norm(found.places - found.problem.arm.base, axis=-1) < 0.8 * found.problem.arm.length
     assert found.reachable[near & ~found.proved].mean() > 0.6
-    assert found.volume == pytest.approx(found.reachable.sum() * 0.11**3)
+    assert found.size == pytest.approx(found.reachable.sum() * 0.11**3)
     assert found.taken[~found.reachable].sum() == 0
     assert 0.05 < found.taken[found.reachable].mean() <= 1.0
 

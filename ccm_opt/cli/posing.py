@@ -26,7 +26,7 @@ from ccm_opt.io.result_folders import reach_json, write_pose, write_pose_failure
 from ccm_opt.io.solution_json import pose_json, segment_words
 from ccm_opt.problem import Problem
 from ccm_opt.robot.space_configuration import SpaceSegment
-from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
+from ccm_opt.solution import ReachMap, StaticPose
 
 ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""
@@ -76,7 +76,7 @@ def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool)
     return print_result(lambda: _print(found, clock, folder), SOLVED, lambda: _data(found, folder))
 
 
-def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> AnyStaticPose:
+def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
     """Ask the static question; where there is no answer, the record of why is left in the output folder.
 
     Raises:
@@ -103,20 +103,20 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
         raise
 
 
-def _data(found: AnyStaticPose, folder: Path) -> dict[str, object]:
+def _data(found: StaticPose, folder: Path) -> dict[str, object]:
     """The record of the pose without the problem, for programs."""
     record: dict[str, object] = json.loads(pose_json(found))
     del record["problem"]
     return {"folder": str(folder), **record}
 
 
-def _print(found: AnyStaticPose, clock: StageClock, folder: Path) -> None:
+def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
     """Print the pose, on stdout."""
     pose = found.pose
     units = units_of(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
     table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
-    if isinstance(found, SpaceStaticPose):
+    if found.problem.dimension == 3:
         _add_ends(table, found)
     table.add_row("cost", f"{pose.cost:.4g}", "", escape(_parts(pose.costs)))
     for name, miss in found.residuals.items():
@@ -137,7 +137,7 @@ def _print(found: AnyStaticPose, clock: StageClock, folder: Path) -> None:
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
-def _add_ends(table: Table, found: SpaceStaticPose) -> None:
+def _add_ends(table: Table, found: StaticPose) -> None:
     """Where the base is on its axis, and how the last link is rolled."""
     units = units_of(found.problem)
     for axis in found.problem.arm.base_axes:
@@ -146,11 +146,11 @@ def _add_ends(table: Table, found: SpaceStaticPose) -> None:
     table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "follows from the bends")
 
 
-def _segments(found: AnyStaticPose) -> list[tuple[float, str]]:
+def _segments(found: StaticPose) -> list[tuple[float, str]]:
     """Length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
-    if isinstance(found, SpaceStaticPose):
+    if found.problem.dimension == 3:
         return [(segment.length, _space_segment_words(segment)) for segment in found.curve.segments]
-    return [(segment.length, segment_words(segment)) for segment in found.pose.curve.segments]
+    return [(segment.length, segment_words(segment)) for segment in found.curve.segments]
 
 
 def _space_segment_words(segment: SpaceSegment) -> str:
@@ -249,22 +249,22 @@ def _display(name: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda reached, cells: status.update(escape(f"{name}: {reached} of at most {cells} cells reached"))
 
 
-def _reach_data(found: AnyReachMap, folder: Path) -> dict[str, object]:
+def _reach_data(found: ReachMap, folder: Path) -> dict[str, object]:
     """The record of the map without the problem, for programs."""
     record: dict[str, object] = json.loads(reach_json(found))
     del record["problem"]
     return {"folder": str(folder), "status": "mapped", **record}
 
 
-def _print_reach(found: AnyReachMap, folder: Path) -> None:
+def _print_reach(found: ReachMap, folder: Path) -> None:
     """Print one line of figures, on stdout."""
     share = found.taken[found.reachable].mean() if found.taken.size and found.reachable.any() else np.nan
-    if isinstance(found, SpaceReachMap):
+    if found.problem.dimension == 3:
         count = len(found.directions)
-        size = ("volume [m³]", f"{found.volume:.3g}")
+        size = ("volume [m³]", f"{found.size:.3g}")
         ways = ("directions", f"{100.0 * share:.0f} % of {count}" if count else "not asked")
     else:
-        size = ("area [m²]", f"{found.area:.3g}")
+        size = ("area [m²]", f"{found.size:.3g}")
         ways = ("headings", f"{360.0 * share:.0f}° of 360°")
     cells = (
         ("problem", escape(found.problem.name)),

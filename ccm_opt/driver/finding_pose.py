@@ -34,7 +34,6 @@ from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
-from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
 
 _LEANING = 1e-4
 """By how much the room to a side may differ from the gap of a pose that leans on it (taste)."""
@@ -92,7 +91,7 @@ def find_pose(
     costs: Sequence[Cost] = (),
     progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
-) -> AnyStaticPose:
+) -> StaticPose:
     """Find the best pose of the arm at a problem's goal, by the goal-pose NLP from every route to it.
 
     In space it is asked from where a motion ends that leads there, and from drawn poses.
@@ -148,13 +147,12 @@ def _found_in_plane(problem: Problem, terms: UserTerms | None, stages: Stages, n
     units = OwnUnits(problem.arm.length)
     try:
         with words_for_unit(units.metres):
-            answer = _found(units.scaled(problem), terms, stages, numbers)
+            answer = _found(units, units.scaled(problem), terms, stages, numbers)
     except NoPlanFound as failure:
         raise type(failure)(units.diagnosis_in_metres(failure.diagnosis)) from failure
     return replace(
         answer,
         problem=problem,
-        pose=units.record_in_metres(answer.pose),
         binding=tuple(replace(side, place=_times(side.place, units.metres)) for side in answer.binding),
         outcomes=tuple(_outcome_in_metres(each, units) for each in answer.outcomes),
     )
@@ -168,8 +166,10 @@ def _times(place: tuple[float, float], factor: float) -> tuple[float, float]:
     return factor * place[0], factor * place[1]
 
 
-def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings) -> StaticPose:
-    """The best pose of a problem in units of its arm.
+def _found(
+    units: OwnUnits, problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings
+) -> StaticPose:
+    """The best pose of a problem in units of its arm, its record and curve in metres.
 
     Raises:
         NoPlanFound: no pose was found.
@@ -182,17 +182,22 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
             tries = sorted((*tries, *brought_tries(search, settings.curve)), key=lambda each: each.cost)
         if not tries or tries[0].best is None:
             raise no_pose(problem, tries, terms, settings)
-    return _answer(problem, tries, terms, stages)
+    return _answer(units, problem, tries, terms, stages)
 
 
-def _answer(problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None, stages: Stages) -> StaticPose:
+def _answer(
+    units: OwnUnits, problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None, stages: Stages
+) -> StaticPose:
     """The pose of the first try, with all that is known of it."""
     first = tries[0]
     number = first.best or 0
     pose = first.poses[number]
+    record = units.record_in_metres(pose_record(first.search, pose, len(tries)))
     return StaticPose(
         problem=problem,
-        pose=pose_record(first.search, pose, len(tries)),
+        pose=record,
+        configuration=problem.arm.bends(record.headings),
+        curve=record.curve,
         nearest=first.search.nearest(pose.headings),
         binding=binding_sides(first.search, pose, first.starts[number]),
         residuals={} if terms is None else terms.residuals_at_goal(pose.headings),
@@ -240,7 +245,7 @@ class _SpaceTry:
         return PoseOutcome(self.beginning.name, self.pose.answer.cost, self.pose.gap)
 
 
-def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, numbers: Settings) -> SpaceStaticPose:
+def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, numbers: Settings) -> StaticPose:
     """The best pose in space, asked from the end of a motion to the goal and from drawn poses."""
     deadline = Deadline.after(problem.planner.time_limit)
     with stages("necessary checks"):
@@ -253,9 +258,10 @@ def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, n
     with stages("configuration"):
         tries = _tries(asked, task, numbers.poses)
     best = tries[0]
-    return SpaceStaticPose(
+    return StaticPose(
         problem=problem,
         pose=pose_record_in_space(asked.wanted_gap, best.pose, len(tries)),
+        configuration=best.pose.q,
         curve=best.pose.curve,
         nearest=_nearest_in_space(problem, best.pose),
         residuals={} if terms is None else terms.residuals_at_goal(best.pose.q),

@@ -22,13 +22,19 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.space_ends import contact_words
 from ccm_opt.planning.space_task import SpaceTask, reach_box
-from ccm_opt.planning.tip_cells import SpaceReachQuestion, TipFlood, TipLooker, look_at_cell
+from ccm_opt.planning.tip_cells import (
+    SpaceReachQuestion,
+    SpaceReachSettings,
+    TipFlood,
+    TipLooker,
+    even_directions,
+    look_at_cell,
+)
 from ccm_opt.planning.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import ReachMap
-from ccm_opt.solution.space_solution import SpaceReachMap, SpaceReachSettings, even_directions
 
 _MOTION_TIME = 5.0
 """CPU time in which a motion to the goal is sought, whose poses are beginnings in space [s]. Taste."""
@@ -56,7 +62,7 @@ def reach_map(
     workers: Workers | int = 1,
     progress: Callable[[int, int], None] | None = None,
     settings: Settings | None = None,
-) -> ReachMap | SpaceReachMap:
+) -> ReachMap:
     """Map where the tip can be in the room, and with which headings, by poses led on from cell to cell.
 
     The question is static: a pose that keeps the joint limits and touches nothing. The problem's goals are not looked
@@ -226,7 +232,7 @@ def _map(
     for cell in proved:
         out[cell] = True
     seen = settings.reach.seen * problem.arm.length
-    return ReachMap(problem, grid.step, x, y, angles, reachable, taken, gap, out, seen, timings)
+    return ReachMap(problem, grid.step, (x, y), angles, np.zeros((0, 2)), reachable, taken, gap, out, seen, timings)
 
 
 def _mapped_in_space(
@@ -236,7 +242,7 @@ def _mapped_in_space(
     workers: Workers | int,
     progress: Callable[[int, int], None] | None,
     settings: SpaceReachSettings,
-) -> SpaceReachMap:
+) -> ReachMap:
     """The map of a problem in space, wherever the base is on its feed axis.
 
     Poses begin at the problem's start, at those of a motion to its last goal where one is soon found, and at drawn
@@ -261,7 +267,9 @@ def _mapped_in_space(
         reachable[cell] = True
     timings = {**stages.timings, "cells": flood.cpu}
     seen = settings.seen * problem.arm.length
-    return SpaceReachMap(problem, width, x, y, z, tried, reachable, flood.taken, flood.gap, closed, seen, timings)
+    return ReachMap(
+        problem, width, (x, y, z), np.zeros(0), tried, reachable, flood.taken, flood.gap, closed, seen, timings
+    )
 
 
 @on_one_thread()

@@ -9,10 +9,10 @@ from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, Simul
 from ccm_opt.ik.terms import TermCheckSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.settings import CurvePlannerSettings, FeedPlannerSettings, SpaceMotionSettings
+from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.retiming.paul import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
-from ccm_opt.solution.space_solution import SpaceReachSettings
 from ccm_opt.verification.room_over_time import RoomSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings

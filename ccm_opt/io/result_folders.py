@@ -24,11 +24,12 @@ from ccm_opt.io.folder import (
 from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
 from ccm_opt.io.solution_json import SCHEMA, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlan, ParetoPlans
-from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.space_configuration import SpaceConfiguration
+from ccm_opt.solution import ParetoPlan, ParetoPlans, ReachMap, StaticPose
 
 
-def write_pose(found: AnyStaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
     """Write the folder of a pose.
 
     Args:
@@ -48,29 +49,30 @@ def write_pose(found: AnyStaticPose, out: Path, pictures: Mapping[str, bytes] | 
     )
 
 
-def pose_arrays(found: AnyStaticPose) -> dict[str, npt.NDArray[np.generic]]:
+def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
     """The arrays of a pose under the names of the file format; angles [rad], lengths [m]."""
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "bend_angles": found.bends,
         "joint_positions": found.joint_positions,
     }
-    if not isinstance(found, SpaceStaticPose):
-        curves = curve_arrays((found.pose.curve,))
-        del curves["segments_offsets"]  # there is one curve
-        return arrays | {"link_headings": found.pose.headings} | curves
     curve = found.curve
+    if isinstance(curve, Configuration):
+        curves = curve_arrays((curve,))
+        del curves["segments_offsets"]  # there is one curve
+        return arrays | {"link_headings": found.problem.arm.headings(found.bends)} | curves
+    frame = {"base_frame": curve.base_frame} if isinstance(curve, SpaceConfiguration) else {}
     arrays |= {
         "segment_lengths": np.array([segment.length for segment in curve.segments]),
         "segment_curvatures": np.array([segment.curvature for segment in curve.segments]),
         "segment_knots": np.array([segment.knots for segment in curve.segments]),
-        "base_frame": curve.base_frame,
+        **frame,
     }
     if found.problem.arm.base_axes:
         arrays["base_feed"] = np.array(found.feed)
     return arrays
 
 
-def write_reach(found: AnyReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
     """Write the folder of a map; arguments, result and errors as for ``write_pose``."""
     files = {REACH_RECORD: reach_json(found).encode(), "reach.npz": arrays_npz(reach_arrays(found))}
     return write_folder(
@@ -78,7 +80,7 @@ def write_reach(found: AnyReachMap, out: Path, pictures: Mapping[str, bytes] | N
     )
 
 
-def reach_json(found: AnyReachMap) -> str:
+def reach_json(found: ReachMap) -> str:
     """The record of a map: what was asked, and figures."""
     record: dict[str, object] = {
         "schema": SCHEMA,
@@ -91,18 +93,19 @@ def reach_json(found: AnyReachMap) -> str:
         "gap_seen": found.seen,
         "timings": dict(found.timings),
     }
-    if isinstance(found, SpaceReachMap):
+    if found.problem.dimension == 3:
         meshes = mesh_data(found.problem)
-        own: dict[str, object] = {"directions": len(found.directions), "volume": found.volume, "meshes": meshes}
+        own: dict[str, object] = {"directions": len(found.directions), "volume": found.size, "meshes": meshes}
     else:
-        own = {"headings": len(found.headings), "area": found.area}
+        own = {"headings": len(found.headings), "area": found.size}
     return strict_text(record | own)
 
 
-def reach_arrays(found: AnyReachMap) -> dict[str, npt.NDArray[np.generic]]:
+def reach_arrays(found: ReachMap) -> dict[str, npt.NDArray[np.generic]]:
     """The arrays of a map under the names of the file format; angles [rad], lengths [m]."""
-    own = ("z", "directions") if isinstance(found, SpaceReachMap) else ("headings", "heading_ranges")
-    return {name: getattr(found, name) for name in ("x", "y", "reachable", "proved", "gap", "taken", *own)}
+    own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
+    names = ("reachable", "proved", "gap", "taken", *own)
+    return dict(zip("xyz", found.axes, strict=False)) | {name: getattr(found, name) for name in names}
 
 
 FAILED = ".failed"

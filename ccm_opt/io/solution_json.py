@@ -13,20 +13,21 @@ from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis
 from ccm_opt.io.problem_data import mesh_data, recorded_data
 from ccm_opt.problem import Problem
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import (
     Check,
+    EndRecord,
     GoalErrors,
     GoalPoseRecord,
     NearPlace,
     RoomRecord,
     Solution,
     SpaceGoalPoseRecord,
+    StaticPose,
     SurvivedError,
 )
-from ccm_opt.solution.space_solution import AnyStaticPose, SpaceStaticPose
 
 __all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
 
@@ -34,7 +35,7 @@ SCHEMA = 1
 """Version of the file's layout."""
 
 
-def pose_json(found: AnyStaticPose) -> str:
+def pose_json(found: StaticPose) -> str:
     """The record of a pose.
 
     Args:
@@ -62,11 +63,11 @@ def pose_json(found: AnyStaticPose) -> str:
         "tries": [asdict(outcome) for outcome in found.outcomes],
         "timings": dict(found.timings),
     }
-    if isinstance(found, SpaceStaticPose):
+    if found.problem.dimension == 3:
         own = {"feed": found.feed, "goal": asdict(found.goal_errors), "curve": curve_record(found.curve)}
         return strict_text(record | own | {"meshes": mesh_data(found.problem)})
     binding = [asdict(side) for side in found.binding]
-    return strict_text(record | {"curve": curve_record(found.pose.curve), "binding": binding})
+    return strict_text(record | {"curve": curve_record(found.curve), "binding": binding})
 
 
 def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
@@ -82,7 +83,7 @@ def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timin
     return strict_text(record | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
 
 
-def curve_record(curve: Configuration | SpaceConfiguration) -> dict[str, object]:
+def curve_record(curve: Curve) -> dict[str, object]:
     """A curve with length, knots and curvature of every segment, and in the plane its type."""
     segments = [
         {"length": segment.length, "knots": list(segment.knots), "curvature": segment.curvature.tolist()}
@@ -90,11 +91,13 @@ def curve_record(curve: Configuration | SpaceConfiguration) -> dict[str, object]
     ]
     if isinstance(curve, SpaceConfiguration):
         return {"base": curve.base.tolist(), "base_frame": curve.base_frame.tolist(), "segments": segments}
+    if not isinstance(curve, Configuration):
+        return {"segments": segments}
     typed = [{"type": segment_words(each)} | data for each, data in zip(curve.segments, segments, strict=True)]
     return {"base": curve.base.tolist(), "base_heading": curve.base_heading, "segments": typed}
 
 
-def goal_pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
+def goal_pose_data(record: EndRecord) -> Mapping[str, object]:
     """The whole record; lengths [m], angles [rad]."""
     variables, rows = record.size
     return {
@@ -111,11 +114,11 @@ def goal_pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str,
     }
 
 
-def _pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
+def _pose_data(record: EndRecord) -> Mapping[str, object]:
     """The pose itself; in the plane with the curve behind it."""
-    if isinstance(record, SpaceGoalPoseRecord):
-        return {"configuration": record.configuration.tolist()}
-    return {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}
+    if isinstance(record, GoalPoseRecord):
+        return {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}
+    return {"configuration": record.configuration.tolist()} if isinstance(record, SpaceGoalPoseRecord) else {}
 
 
 def room_data(room: RoomRecord) -> Mapping[str, object]:

@@ -24,7 +24,6 @@ from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution.space_solution import SpaceReachSettings
 
 _STEPS = 40
 """Most steps from a pose in the cell beside onto a place. Measured: of those that arrive nearly all take less."""
@@ -37,6 +36,41 @@ Cell: TypeAlias = tuple[int, int, int]
 """Numbers of a cell along x, y and z."""
 _ROUND = 4
 """Steps after which it is looked whether they help."""
+
+
+@dataclass(frozen=True)
+class SpaceReachSettings:
+    """How it is found out where the tip can be in space.
+
+    Attributes:
+        step: width of a cell, as a share of the arm's length, where none is given. Taste: with a base that stands still
+            some two thousand cells, in about half a minute.
+        directions: that are tried in a cell, where no number is given. Taste: none, for each of them takes as long as
+            all of the map without.
+        drawn: poses that are drawn, each of which is a beginning in the cell of its tip. Taste: a thousandth of a
+            second each; they find what lies beyond narrow places.
+        seen: room that is looked at, as a share of the arm's length; above it gaps are not told apart. Taste.
+        most_cells: of a grid; more are refused. Derived: some minutes of work and 10 MB of arrays.
+    """
+
+    step: float = 1.0 / 8.0
+    directions: int = 0
+    drawn: int = 300
+    seen: float = 0.05
+    most_cells: int = 200_000
+
+
+DEFAULT_SPACE_REACH = SpaceReachSettings()
+"""Used where no other settings are given."""
+
+
+def even_directions(count: int) -> FloatArray:
+    """Unit vectors spread evenly over the sphere, on a spiral of the golden angle, shape (count, 3)."""
+    number = np.arange(count) + 0.5
+    up = 1.0 - 2.0 * number / max(count, 1)
+    across = np.sqrt(1.0 - up**2)
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * number
+    return np.stack((across * np.cos(angle), across * np.sin(angle), up), axis=1)
 
 
 @dataclass(frozen=True, eq=False)

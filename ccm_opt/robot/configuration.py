@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -66,6 +67,29 @@ def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     fraction = (np.arange(pieces.sum()) - first) / np.repeat(pieces, pieces)
     return np.append(np.repeat(edges[:-1], pieces) + fraction * np.repeat(np.diff(edges), pieces), edges[-1])
+
+
+class Curve(Protocol):
+    """A curve of segments, in the plane or in space, as what draws and records it sees it."""
+
+    @property
+    def segments(self) -> tuple[Any, ...]:
+        """Its segments, with their lengths, knots and curvatures."""
+        ...
+
+    @property
+    def length(self) -> float:
+        """Its length [m]."""
+        ...
+
+    @property
+    def boundaries(self) -> FloatArray:
+        """Arc lengths at which segments begin, and the last ends [m]."""
+        ...
+
+    def positions_at(self, arc: FloatArray) -> FloatArray:
+        """Points at arc lengths, shape (m,) to (m, d) [m]."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from ccm_opt.solution.pareto_plans import ParetoPlan, ParetoPlans
 from ccm_opt.solution.records import (
+    EndRecord,
     GoalPoseRecord,
     NearPlace,
     PossibleGap,
@@ -20,6 +21,7 @@ from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, ReachMap, Sta
 __all__ = [
     "BindingSide",
     "Check",
+    "EndRecord",
     "GoalErrors",
     "GoalPoseRecord",
     "JointPath",

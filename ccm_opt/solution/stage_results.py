@@ -8,7 +8,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
-from ccm_opt.solution.records import FOLLOWED, GoalPoseRecord, NearPlace, SimulationVerdict, SpaceGoalPoseRecord
+from ccm_opt.solution.records import FOLLOWED, EndRecord, NearPlace, SimulationVerdict
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -44,7 +44,7 @@ class JointPath:
     candidate: str = ""
     leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
-    goal_pose: GoalPoseRecord | SpaceGoalPoseRecord | None = None
+    goal_pose: EndRecord | None = None
     parts: "tuple[JointPath, ...]" = ()
 
     def reversed(self) -> "JointPath":

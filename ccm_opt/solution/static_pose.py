@@ -7,8 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.problem import Problem
-from ccm_opt.solution.records import GoalPoseRecord
+from ccm_opt.problem import JointPose, Problem
+from ccm_opt.robot.configuration import Curve
+from ccm_opt.solution.records import EndRecord
+from ccm_opt.solution.solution import GoalErrors, goal_errors
 
 
 @dataclass(frozen=True)
@@ -51,64 +53,89 @@ class StaticPose:
 
     Attributes:
         problem: what was asked.
-        pose: the pose, its curve, and what the NLP said about it.
-        nearest: link and wall, or two links, that are nearest to each other, with their gap, in words.
-        binding: sides of regions that the pose leans on, the largest multiplier first.
+        pose: what the NLP said about the pose.
+        configuration: the pose itself, shape (c,) [rad, m].
+        curve: the curve that its links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in space.
+        nearest: link and obstacle, or two links, that are nearest to each other, with their gap, in words.
         residuals: by how much the pose misses each of the user's constraints at the goal, soft ones too, by name.
         outcomes: of every beginning, the best first; the pose is that of the first.
         timings: CPU time of every stage [s].
+        binding: sides of regions that the pose leans on in the plane, the largest multiplier first.
     """
 
     problem: Problem
-    pose: GoalPoseRecord
+    pose: EndRecord
+    configuration: FloatArray
+    curve: Curve
     nearest: str
-    binding: tuple[BindingSide, ...]
     residuals: Mapping[str, float]
     outcomes: tuple[PoseOutcome, ...]
     timings: Mapping[str, float]
+    binding: tuple[BindingSide, ...] = ()
 
     @property
     def bends(self) -> FloatArray:
-        """Of the joints, the first against the base heading, shape (links,) [rad]."""
-        return self.problem.arm.bends(self.pose.headings)
+        """Bends of every joint, shape (links,), in space (links, 2) [rad]."""
+        return JointPose.from_configuration(self.configuration, self.problem.arm.coordinates).bends
+
+    @property
+    def feed(self) -> float:
+        """Where the base is on its feed axis [m]; 0 without one."""
+        return float(self.problem.arm.coordinates.advance(self.configuration))
 
     @property
     def joint_positions(self) -> FloatArray:
-        """Positions of the joints and the tip, shape (links + 1, 2) [m]."""
-        return self.problem.arm.joint_positions(self.pose.headings)
+        """Positions of the joints and the tip, shape (links + 1, d) [m]."""
+        return self.problem.arm.joint_positions_at(self.configuration)
+
+    @property
+    def goal_errors(self) -> GoalErrors:
+        """How the last link lies at the goal in space."""
+        return goal_errors(self.problem, self.configuration)
 
 
 @dataclass(frozen=True, eq=False)
 class ReachMap:
-    """For each cell of a grid whether a pose was found with the tip in its middle, and with which headings.
+    """For each cell of a grid whether a pose was found with the tip in its middle, and which ways the link can point.
+
+    Cells are counted by rows and columns in the plane, N = (ny, nx), and along the axes in space, N = (nx, ny, nz).
 
     Attributes:
-        problem: arm and room.
+        problem: arm and scene.
         step: width of a cell [m].
-        x: middles of the columns, shape (nx,) [m].
-        y: middles of the rows, shape (ny,) [m].
-        headings: of the last link that were tried, increasing, shape (K,) [rad].
-        reachable: whether a pose was found, with any heading, shape (ny, nx).
-        taken: whether one was found with each heading, shape (ny, nx, K).
-        gap: largest room beyond radius and clearance of any pose found in the cell, as far as it was looked at, shape
-            (ny, nx) [m]; NaN where there is none.
-        proved: whether it is proved that no pose exists, shape (ny, nx); elsewhere nothing is known where none was
-            found.
+        axes: middles of the cells along x and y, in space along z too [m].
+        headings: of the last link that were tried in the plane, increasing, shape (K,) [rad]; none in space.
+        directions: of the last link that were tried in space, unit vectors, shape (K, 3); none in the plane.
+        reachable: whether a pose was found, with any heading or direction, shape N.
+        taken: whether one was found with each heading or direction, shape (*N, K).
+        gap: largest room beyond radius and clearance of any pose found in the cell, as far as it was looked at, shape N
+            [m]; NaN where there is none.
+        proved: whether it is proved that no pose exists, shape N; elsewhere nothing is known where none was found.
         seen: room above which gaps are not told apart [m].
         timings: CPU time by stage, of this process and of the workers [s].
     """
 
     problem: Problem
     step: float
-    x: FloatArray
-    y: FloatArray
+    axes: tuple[FloatArray, ...]
     headings: FloatArray
+    directions: FloatArray
     reachable: BoolArray
     taken: BoolArray
     gap: FloatArray
     proved: BoolArray
     seen: float
     timings: Mapping[str, float]
+
+    @property
+    def size(self) -> float:
+        """Area of the cells in which a pose was found [m²], in space their volume [m³]."""
+        return float(self.reachable.sum()) * self.step ** len(self.axes)
+
+    @property
+    def places(self) -> FloatArray:
+        """Middles of all cells in space, shape (nx, ny, nz, 3) [m]."""
+        return np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1)
 
     @cached_property
     def heading_ranges(self) -> FloatArray:
@@ -123,11 +150,6 @@ class ReachMap:
             for first, last in _runs(self.headings, self.taken[row, column])
         ]
         return np.array(ranges).reshape(-1, 4)
-
-    @property
-    def area(self) -> float:
-        """Of the cells in which a pose was found [m²]."""
-        return float(self.reachable.sum()) * self.step**2
 
 
 def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:

@@ -13,7 +13,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem import TipGoal
 from ccm_opt.solution import BindingSide, ReachMap, StaticPose
-from ccm_opt.solution.space_solution import AnyReachMap, AnyStaticPose, SpaceReachMap, SpaceStaticPose
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, SLANTED, Side, draw_body, draw_workspace, polygon_patch
 from ccm_opt.viz.arm_section import draw_section
@@ -30,9 +29,9 @@ _BAR_SHARE = 0.02
 """Half the length of the bar at a side that a pose leans on, as a share of the arm's length."""
 
 
-def pose_png(found: AnyStaticPose) -> bytes:
+def pose_png(found: StaticPose) -> bytes:
     """The picture of a pose: the content of a PNG file."""
-    return figure_png(lambda: space_pose_figure(found) if isinstance(found, SpaceStaticPose) else pose_figure(found))
+    return figure_png(lambda: space_pose_figure(found) if found.problem.dimension == 3 else pose_figure(found))
 
 
 def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figure:
@@ -44,7 +43,7 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     axes = figure.add_axes(layout.place)
     draw_workspace(axes, problem.workspace, settings)
     draw_body(axes, points, problem.arm.radius, style.REGION_TINT, style.GOAL_ARM, label="arm", zorder=3)
-    curve = found.pose.curve
+    curve = found.curve
     _draw_curve(
         axes,
         curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES)),
@@ -89,9 +88,9 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
     return [(float(end[0]), float(end[1])) for end in ends]
 
 
-def reach_png(found: AnyReachMap) -> bytes:
+def reach_png(found: ReachMap) -> bytes:
     """The picture of a map: the content of a PNG file."""
-    return figure_png(lambda: space_reach_figure(found) if isinstance(found, SpaceReachMap) else reach_figure(found))
+    return figure_png(lambda: space_reach_figure(found) if found.problem.dimension == 3 else reach_figure(found))
 
 
 def reach_figure(found: ReachMap, settings: PictureSettings = PICTURES) -> Figure:
@@ -122,7 +121,8 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
     colours[~found.reachable] = to_rgba(style.NOT_FOUND)
     colours[found.proved] = to_rgba(style.PROVED)
     half = 0.5 * found.step
-    extent = (found.x[0] - half, found.x[-1] + half, found.y[0] - half, found.y[-1] + half)
+    x, y = found.axes
+    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     limits = (axes.get_xlim(), axes.get_ylim())
     # Beyond the grid everything is farther away than the arm is long.
     boundary = found.problem.workspace.boundary
@@ -153,7 +153,7 @@ def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
     axes.set_ylabel("headings that the tip can take [°]")
 
 
-def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+def space_pose_figure(found: StaticPose, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
     """The picture as a matplotlib figure, made without pyplot."""
     problem = found.problem
     points = found.joint_positions
@@ -184,10 +184,10 @@ _ACROSS = (2, 1, 0)
 """Which axis each of the three sides looks along."""
 
 
-def space_reach_figure(found: SpaceReachMap, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+def space_reach_figure(found: ReachMap, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
     """The picture as a matplotlib figure, made without pyplot."""
     problem = found.problem
-    axes_of_cells = (found.x, found.y, found.z)
+    axes_of_cells = found.axes
     half = 0.5 * found.step
     window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
     place = _sliced_at(found)
@@ -220,7 +220,7 @@ def space_reach_figure(found: SpaceReachMap, settings: SpacePictureSettings = SP
     return figure
 
 
-def _legend(figure: Figure, axes: Axes, found: SpaceReachMap) -> None:
+def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
     """What the colours of cells mean, in two lines below the views."""
     with words_in(found.problem.length_unit):
         seen = short_length(found.seen)
@@ -236,7 +236,7 @@ def _legend(figure: Figure, axes: Axes, found: SpaceReachMap) -> None:
     figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
 
 
-def _sliced_at(found: SpaceReachMap) -> FloatArray:
+def _sliced_at(found: ReachMap) -> FloatArray:
     """Where the slices go through: the goal, or the middle of what is reached, shape (3,) [m]."""
     goal = found.problem.goal
     if isinstance(goal, TipGoal):
@@ -245,13 +245,13 @@ def _sliced_at(found: SpaceReachMap) -> FloatArray:
     return np.asarray(reached.mean(axis=0)) if len(reached) else found.problem.arm.base
 
 
-def _shades(found: SpaceReachMap, gap: FloatArray) -> FloatArray:
+def _shades(found: ReachMap, gap: FloatArray) -> FloatArray:
     """Colours of cells that are reached, by their room, shape (..., 4)."""
     share = np.clip(gap / found.seen, 0.0, 1.0)
     return np.asarray(colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * share))
 
 
-def _colours(found: SpaceReachMap) -> FloatArray:
+def _colours(found: ReachMap) -> FloatArray:
     """Of all cells, shape (nx, ny, nz, 4)."""
     colours = _shades(found, np.nan_to_num(found.gap))
     colours[~found.reachable] = to_rgba(style.NOT_FOUND)
@@ -259,7 +259,7 @@ def _colours(found: SpaceReachMap) -> FloatArray:
     return colours
 
 
-def _draw_cloud(axes: Axes, found: SpaceReachMap, scene: SeenScene) -> None:
+def _draw_cloud(axes: Axes, found: ReachMap, scene: SeenScene) -> None:
     """All places that are reached, those behind first, among the bodies that are near them."""
     side: Side = SLANTED
     places = found.places[found.reachable]
