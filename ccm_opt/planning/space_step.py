@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.limits.limit import UNBOUNDED, LimitRows, best_change
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.pose import Term, normal_equations
+from ccm_opt.planning.pose import Term
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.space_pose import Chains, SpacePose
@@ -40,10 +40,6 @@ _STILL_TURNS = 0.01
 """Weight on the turns of the links."""
 _STILL_MOVES = 0.01
 """Weight on the ways of the joints."""
-
-_FAR = 1e30
-EQUAL = 5
-"""DAQP's number for an equation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,27 +112,14 @@ class SpaceStepper:
             certified: whether the step has to be certified; a pose that is only looked for may pass through walls.
         """
         settings = self.settings.step
-        clear, pulls = self._clearance_rows(pose)
-        bends, low, high = self._limit_rows(pose)
-        rows = [clear.rows, bends]
-        lower = np.concatenate((clear.target, low))
-        upper = np.concatenate((np.full(len(clear.target), _FAR), high))
+        clear = self._clearance_rows(pose)
+        parts = [clear, self._limit_rows(pose)]
         if self.user is not None:
-            own = self.user.step_rows(self.user.values(pose.q), pose.slopes, pose.chain.turning, settings.turn)
-            rows.append(own.matrix)
-            lower = np.append(lower, own.lower)
-            upper = np.append(upper, own.upper)
-            pulls = [*pulls, *own.pulls]
-        matrix = np.ascontiguousarray(np.vstack(rows))
-        hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], _RIDGE)
-        sense = np.zeros(len(upper), dtype=np.intc)
-        if self.user is not None:
-            begin = len(clear.target) + len(low)
-            sense[begin : begin + own.equations] = EQUAL
-        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense)
+            parts.append(self.user.step_rows(self.user.values(pose.q), pose.slopes, pose.chain.turning, settings.turn))
+        delta = best_change([*terms, *self._still_terms(pose)], parts, _RIDGE)
         if delta is None:
             return pose
-        delta = self._scaled(pose, delta, near_walls=len(clear.target) > 0)
+        delta = self._scaled(pose, delta, near_walls=len(clear.lower) > 0)
         return self._taken(pose, delta) if certified else self.pose(pose.v + delta)
 
     def _scaled(self, pose: SpacePose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
@@ -189,7 +172,7 @@ class SpaceStepper:
         return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
 
     # ------------------------------------------------------------ what every step keeps
-    def _clearance_rows(self, pose: SpacePose) -> tuple[Term, list[Term]]:
+    def _clearance_rows(self, pose: SpacePose) -> LimitRows:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         settings = self.settings.step
         reach = self.kept + self.margin + _REACH * self.unit
@@ -216,16 +199,17 @@ class SpaceStepper:
         spare = np.concatenate(gaps) - self.margin
         missing = spare < 0.0
         pull = Term(matrix[missing], -spare[missing], _PULL / self.unit**2)
-        return Term(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
+        unbounded = np.full(len(spare), UNBOUNDED)
+        return LimitRows(matrix, -settings.share * np.maximum(spare, 0.0), unbounded, pulls=(pull,))
 
-    def _limit_rows(self, pose: SpacePose) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _limit_rows(self, pose: SpacePose) -> LimitRows:
         """Rows of the coordinates, and what they may lose and gain."""
         arm = self.curve.arm
         # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
         spare = np.append(np.full(2 * arm.links, _SPARE_TURN), np.zeros(len(arm.base_axes)))
         low = np.minimum(arm.lower_limits + spare - pose.q, 0.0)
         high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
-        return pose.slopes, low, high
+        return LimitRows(pose.slopes, low, high)
 
     def _still_terms(self, pose: SpacePose) -> list[Term]:
         """What keeps the arm still, and its bends small and even, where nothing else asks for more."""

@@ -7,10 +7,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import wrap
-from ccm_opt.core.small_qp import solve_small_qp
-from ccm_opt.planning.limits.limit import Limit, LimitRows
+from ccm_opt.planning.limits.limit import Limit, LimitRows, best_change
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term, normal_equations, pose_in
+from ccm_opt.planning.pose import Pose, Term, pose_in
 from ccm_opt.planning.settings import GoalSettings, MotionSettings
 from ccm_opt.scene.contact_finder import ContactFinder
 
@@ -19,9 +18,6 @@ _POLISH_STEPS = 12
 _BACKTRACKS = 6
 """Halvings of a step before it is given up. Taste."""
 
-_ITERATIONS_A_ROW = 8
-"""Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
-Taste."""
 _HEADING_STEP = 0.3
 """Largest turn onto the goal's heading that a step asks for [rad]. Taste."""
 _DISTANCE_STEP = 1.5
@@ -31,9 +27,6 @@ _INWARDS = 0.1
 Taste."""
 _LEAST_SHARE = 1e-10
 """Singular values below this share of the largest count as none where equations may depend on each other. Taste."""
-
-_EQUATION = 5
-"""The solver's mark of a row that is an equation."""
 
 
 @dataclass(frozen=True)
@@ -73,28 +66,9 @@ class Stepper:
         settings = self.settings.step
         turn = settings.largest_turn if turn is None else turn
         parts = [limit.linearised(self.space, pose, jacobians, turn) for limit in self.limits]
-        pulls = [pull for rows in parts for pull in rows.pulls]
         # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
         ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
-        hessian, gradient = normal_equations([*terms, *pulls], ridge)
-
-        matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
-        upper = np.concatenate([rows.upper for rows in parts])
-        lower = np.concatenate([rows.lower for rows in parts])
-
-        # Every limit's equations come first among its own rows.
-        sense = np.zeros(len(upper), dtype=np.intc)
-        first = 0
-        for rows in parts:
-            sense[first : first + rows.equations] = _EQUATION
-            first += len(rows.upper)
-
-        most = _ITERATIONS_A_ROW * len(upper)
-        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
-        if delta is None and np.any(lower[sense == 0] > 0.0):
-            # What rows ask to be mended cannot be at once: then it may stay as it is.
-            staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
-            delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
+        delta = best_change(terms, parts, ridge)
         # The pose itself as the answer tells the caller that there is no step.
         return pose if delta is None else self._accept(pose, delta, parts, turn)
 
