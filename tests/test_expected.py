@@ -164,7 +164,7 @@ def test_every_public_callable_is_asked() -> None:
     """A new public function gets a row above, unless it makes results or is tested beside what it makes."""
     asked = {function for function, _ in SOUND}
     results = {"Progress", "Quantities", "SavedPlan", "Solution", "JointPath", "JointPose", "TipGoal"}
-    data = {"Arm", "Limits", "Obstacle", "PlannerOptions", "Workspace", "Planner", "Retimer"}
+    data = {"Arm", "Limits", "Obstacle", "PlaneShape", "PlannerOptions", "Stop", "Workspace", "Planner", "Retimer"}
     elsewhere = {
         "make_problem",
         "obstacles_of",

@@ -217,7 +217,7 @@ def make_problem(
             "beside the post",
             arm={"links": 12, "link_length": 0.05, "radius": 0.02, "joint_limit_deg": 45,
                  "base": {"position": (0, 0, 0)}},
-            obstacles={"post": {"cylinder": {"from": (0.3, 0, -1), "to": (0.3, 0, 1), "radius": 0.04}}},
+            obstacles={"post": {"cylinder": {"from": (0.3, -0.1, -1), "to": (0.3, -0.1, 1), "radius": 0.04}}},
             limits={"velocity": 1.0, "acceleration": 4.0},
             goal={"position": (0.45, 0.2, 0.1), "direction": (1, 0, 0)},
         )

@@ -17,7 +17,7 @@ from ccm_opt.problem.options import (
 from ccm_opt.problem.poses import Goal, JointPose, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import DriveLimits, Limits, PointLimit
-from ccm_opt.scene.workspace import Obstacle, Workspace, obstacles_of
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, obstacles_of
 
 __all__ = [
     "Arm",
@@ -33,6 +33,7 @@ __all__ = [
     "MethodName",
     "Obstacle",
     "OptimiserName",
+    "PlaneShape",
     "PlannerOptions",
     "PointLimit",
     "Problem",
