@@ -55,15 +55,15 @@ def pose_files(
     problems = NamedProblems(files, changes)
 
     def pose_one(file: Path) -> int:
-        return _pose(problems.read(file), out, terms, pictures=pictures)
+        return _find_and_write_pose(problems.read(file), out, terms, pictures=pictures)
 
     return run_all(files, pose_one)
 
 
-def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
+def _find_and_write_pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
     check_target(out / problem.name, POSE_RECORD)
     with stage_display(problem.name) as clock:
-        found = _found_or_recorded(problem, out, clock, terms)
+        found = _find_or_record_failure(problem, out, clock, terms)
         clock.begin("writing")
         drawn = {}
         if pictures:
@@ -73,10 +73,10 @@ def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool)
         last_steps_uninterrupted()
         folder = write_pose(found, out, drawn)
         clock.finish()
-    return print_result(lambda: _print(found, clock, folder), SOLVED, lambda: _data(found, folder))
+    return print_result(lambda: _print_pose(found, clock, folder), SOLVED, lambda: _pose_data(found, folder))
 
 
-def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
+def _find_or_record_failure(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
     """Ask the static question; where there is no answer, the record of why is left in the output folder.
 
     Raises:
@@ -103,27 +103,27 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
         raise
 
 
-def _data(found: StaticPose, folder: Path) -> dict[str, object]:
+def _pose_data(found: StaticPose, folder: Path) -> dict[str, object]:
     """The record of the pose without the problem, for programs."""
     record: dict[str, object] = json.loads(pose_json(found))
     del record["problem"]
     return {"folder": str(folder), **record}
 
 
-def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
+def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
     """Print the pose, on stdout."""
     pose = found.pose
     units = units_of(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
     table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
     if found.problem.dimension == 3:
-        _add_ends(table, found)
-    table.add_row("cost", f"{pose.cost:.4g}", "", escape(_parts(pose.costs)))
+        _add_base_and_roll(table, found)
+    table.add_row("cost", f"{pose.cost:.4g}", "", escape(_main_costs(pose.costs)))
     for name, miss in found.residuals.items():
         table.add_row(escape(f"residual of '{name}'"), f"{miss:.2g}", "", "")
     for name, multiplier in list(pose.multipliers.items())[:ROWS_SHOWN]:
         table.add_row("multiplier", f"{multiplier:.3g}", "", escape(name))
-    for number, (length, words) in enumerate(_segments(found), start=1):
+    for number, (length, words) in enumerate(_segment_rows(found), start=1):
         table.add_row(f"segment {number}", units.length(length), "", words)
     variables, rows = pose.size
     steps = f"{pose.iterations} iterations"
@@ -137,7 +137,7 @@ def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
-def _add_ends(table: Table, found: StaticPose) -> None:
+def _add_base_and_roll(table: Table, found: StaticPose) -> None:
     """Where the base is on its axis, and how the last link is rolled."""
     units = units_of(found.problem)
     for axis in found.problem.arm.base_axes:
@@ -146,7 +146,7 @@ def _add_ends(table: Table, found: StaticPose) -> None:
     table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "follows from the bends")
 
 
-def _segments(found: StaticPose) -> list[tuple[float, str]]:
+def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
     """Length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
     if found.problem.dimension == 3:
         return [(segment.length, _space_segment_words(segment)) for segment in found.curve.segments]
@@ -161,7 +161,7 @@ def _space_segment_words(segment: SpaceSegment) -> str:
     return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"
 
 
-def _parts(costs: Mapping[str, float]) -> str:
+def _main_costs(costs: Mapping[str, float]) -> str:
     """The parts of the objective that count, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
@@ -213,7 +213,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
         check_target(options.out / problem.name, REACH_RECORD)
         from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
 
-        with _display(problem.name) as shown, _guarded(problem, options, shown) as progress:
+        with _cells_display(problem.name) as shown, _watched(problem, options, shown) as progress:
             found = reach_map(
                 problem, step=options.step, headings=options.headings, workers=options.crew, progress=progress
             )
@@ -229,7 +229,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
     return run_all(files, reach_one)
 
 
-def _guarded(
+def _watched(
     problem: Problem, options: ReachOptions, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
     """Ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
@@ -239,7 +239,7 @@ def _guarded(
 
 
 @contextmanager
-def _display(name: str) -> Iterator[Callable[[int, int], None]]:
+def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
     """How many cells are reached, on stderr when that is a terminal."""
     console = Console(stderr=True, emoji=False)
     if output().quiet or not console.is_terminal:

@@ -157,24 +157,23 @@ def build_problem(tables: Tables, source: str) -> Problem:
     arm = build_arm(tables.arm)
     mapping = tables.planner.mapping
     *stops, last = tables.goals
-    parts: dict[str, Any] = {
-        "name": tables.root.name,
-        "description": tables.root.description,
-        "workspace": build_workspace(tables.workspace, tables.obstacles, tables.meshes),
-        "arm": arm,
-        "limits": build_limits(tables.limits, arm.links),
-        "start": build_pose(tables.start, arm, mapping),
-        "goal": _goal(last, arm, mapping),
-        "tolerances": _tolerances(last),
-        "stops": tuple(Stop(_goal(stop, arm, mapping), _tolerances(stop), stop.pause) for stop in stops),
-        "planner": build_options(tables.planner),
-        "simulation": build_simulation(tables.simulation),
-        "joint_error": tables.tolerance.joint_error_deg,
-        "verification": VerificationOptions(tables.verification.contact_tolerance),
-        "source": source,
-        "length_unit": tables.root.units,
-    }
-    return Problem(**parts)
+    return Problem(
+        name=tables.root.name,
+        description=tables.root.description,
+        workspace=build_workspace(tables.workspace, tables.obstacles, tables.meshes),
+        arm=arm,
+        limits=build_limits(tables.limits, arm.links),
+        start=build_pose(tables.start, arm, mapping),
+        goal=_goal(last, arm, mapping),
+        tolerances=_tolerances(last),
+        stops=tuple(Stop(_goal(stop, arm, mapping), _tolerances(stop), stop.pause) for stop in stops),
+        planner=build_options(tables.planner),
+        simulation=build_simulation(tables.simulation),
+        joint_error=tables.tolerance.joint_error_deg,
+        verification=VerificationOptions(tables.verification.contact_tolerance),
+        source=source,
+        length_unit=tables.root.units,
+    )
 
 
 def build_workspace(

@@ -302,14 +302,14 @@ def _space_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
         axes: Any = figure.add_axes((k / 3.0, 0.0, 1.0 / 3.0, 0.92), projection="3d")
         begin, end = (time[-1] * share for share in (k / 3.0, (k + 1) / 3.0))
         shown = np.searchsorted(time, np.linspace(begin, end, settings.space_poses))
-        _draw_in_space(axes, plan, points[np.minimum(shown, len(time) - 1)])
+        _draw_poses_in_space(axes, plan, points[np.minimum(shown, len(time) - 1)])
         axes.set_title(f"({k + 1}) {begin:.2f} to {end:.2f} s", fontsize=9, y=1.0)
     words = "simulated" if plan.simulated is not None else "as planned"
     figure.suptitle(f"{plan.planar_problem.name}: {words}", fontsize=10, x=0.01, ha="left")
     return figure
 
 
-def _draw_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
+def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
     """Poses early to late, the last at its full width, with the outlines of what is near in the arm's plane."""
     window = action_window(plan.planar_problem, plan.points)
     seen = shapely.box(*window)
@@ -383,9 +383,9 @@ def _thumbnails(found: ParetoPlans) -> tuple[Callable[[Axes, Solution | None], N
         ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
         limits = seen_window(SLANTED, window_of(problem, np.concatenate(ends)))
         wide, high = np.ptp(limits, axis=0)
-        return partial(_pareto_picture_draw_in_space, SeenScene(problem), limits), float(high / wide)
+        return partial(_draw_plan_in_space, SeenScene(problem), limits), float(high / wide)
     xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
-    return partial(_draw_in_plane, problem), (ymax - ymin) / (xmax - xmin)
+    return partial(_draw_plan_in_plane, problem), (ymax - ymin) / (xmax - xmin)
 
 
 def _draw_front(axes: Axes, found: ParetoPlans) -> None:
@@ -452,7 +452,7 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 
 
-def _draw_in_plane(problem: Problem, axes: Axes, solution: Solution | None) -> None:
+def _draw_plan_in_plane(problem: Problem, axes: Axes, solution: Solution | None) -> None:
     """The room in the plane, how a plan ends and where its tip goes."""
     draw_workspace(axes, problem.workspace, replace(PICTURES, most_named_obstacles=0))
     if solution is None:
@@ -465,7 +465,7 @@ def _draw_in_plane(problem: Problem, axes: Axes, solution: Solution | None) -> N
     draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1, -1], "")
 
 
-def _pareto_picture_draw_in_space(scene: SeenScene, limits: FloatArray, axes: Axes, solution: Solution | None) -> None:
+def _draw_plan_in_space(scene: SeenScene, limits: FloatArray, axes: Axes, solution: Solution | None) -> None:
     """The scene in space as a film shows it, how a plan ends and where its tip goes; limits of shape (2, 2) [m]."""
     axes.set_xlim(*limits[:, 0])
     axes.set_ylim(*limits[:, 1])

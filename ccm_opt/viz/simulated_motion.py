@@ -39,12 +39,12 @@ def simulation_png(
         simulated: what the arm did.
     """
     if problem.dimension == 3:
-        return figure_png(lambda: _figure_in_space(problem, trajectory, joints, simulated))
+        return figure_png(lambda: _simulation_figure_in_space(problem, trajectory, joints, simulated))
 
     def draw() -> Figure:
         figure = Figure(figsize=(9.0, 4.6), dpi=PICTURES.dots_per_inch, layout="constrained")
         scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
-        _draw_scene(scene, problem, trajectory, simulated, _SIMULATED_POSES)
+        _draw_simulated_scene(scene, problem, trajectory, simulated, _SIMULATED_POSES)
         draw_errors(errors, trajectory, joints, simulated, PICTURES.least_error)
         figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
         return figure
@@ -52,7 +52,7 @@ def simulation_png(
     return figure_png(draw)
 
 
-def _draw_scene(
+def _draw_simulated_scene(
     axes: Axes,
     problem: Problem,
     trajectory: JointTrajectory,
@@ -111,7 +111,7 @@ _VIEWS = SIDES[:2]
 """From above and from the front: between them they show every coordinate."""
 
 
-def _figure_in_space(
+def _simulation_figure_in_space(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> Figure:
     reached = simulated_samples(trajectory, simulated)
@@ -120,7 +120,7 @@ def _figure_in_space(
     planned = problem.arm.joint_positions_at(trajectory.positions)
     between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
     window = window_of(problem, np.concatenate((planned, points)))
-    figure, grid = _sheet(np.ptp(window, axis=0))
+    figure, grid = _sheet_with_errors(np.ptp(window, axis=0))
     scene = SeenScene(problem)
     for row, side in enumerate(_VIEWS):
         axes = figure.add_subplot(grid[row, 0])
@@ -128,7 +128,7 @@ def _figure_in_space(
         dress_view(axes, side, problem)
         # The width of a band is known once its axes have their place.
         figure.draw_without_rendering()
-        _draw_poses(axes, side, problem.arm.radius, planned[-1], points[-1], between)
+        _draw_simulated_poses(axes, side, problem.arm.radius, planned[-1], points[-1], between)
     draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
     figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -136,7 +136,7 @@ def _figure_in_space(
     return figure
 
 
-def _sheet(spans: FloatArray) -> tuple[Figure, GridSpec]:
+def _sheet_with_errors(spans: FloatArray) -> tuple[Figure, GridSpec]:
     """A figure with room for two views of a box of some extent, shape (3,) [m], and for the errors beside them."""
     scale = SPACE_PICTURES.side / float(np.max(spans))
     width = max(scale * spans[0], 2.6)
@@ -146,7 +146,7 @@ def _sheet(spans: FloatArray) -> tuple[Figure, GridSpec]:
     return figure, figure.add_gridspec(2, 2, width_ratios=(width, 4.4), height_ratios=heights)
 
 
-def _draw_poses(
+def _draw_simulated_poses(
     axes: Axes, side: Side, radius: float, planned: FloatArray, end: FloatArray, between: FloatArray
 ) -> None:
     """Planned end, simulated poses on the way, and simulated end."""
@@ -186,10 +186,10 @@ def space_tolerance_png(
             scene.begin_view(axes, side, window)
             _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
             draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
-            _draw_place(axes, side, error)
+            _mark_limiting_place(axes, side, error)
             dress_view(axes, side, problem)
         when = trajectory.time[number]
-        _draw_along(sheet.section, problem, points, moved, settings)
+        _draw_section_with_errors(sheet.section, problem, points, moved, settings)
         figure = sheet.figure
         title = f"{problem.name} at {when:.2f} s: survives joint errors of {np.rad2deg(error.size):.3g}°"
         figure.suptitle(title, x=0.02, ha="left", fontsize=10)
@@ -218,7 +218,7 @@ def _draw_reach_of_errors(axes: Axes, flat: FloatArray, half: FloatArray) -> Non
         )  # fmt: skip
 
 
-def _draw_place(axes: Axes, side: Side, error: SurvivedError) -> None:
+def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
     """A cross where the error is limited."""
     if error.place:
         axes.plot(
@@ -227,7 +227,7 @@ def _draw_place(axes: Axes, side: Side, error: SurvivedError) -> None:
         )  # fmt: skip
 
 
-def _draw_along(
+def _draw_section_with_errors(
     axes: Axes, problem: Problem, points: FloatArray, moved: FloatArray, settings: SpacePictureSettings
 ) -> None:
     """The section along the arm, with how far errors take it."""
@@ -257,10 +257,10 @@ def tolerance_png(
         planned: what it sweeps without.
         settings: sizes.
     """
-    return figure_png(lambda: _figure(problem, trajectory, joints, tube, planned, settings))
+    return figure_png(lambda: _tolerance_figure(problem, trajectory, joints, tube, planned, settings))
 
 
-def _figure(
+def _tolerance_figure(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: SurvivedError,
@@ -275,7 +275,7 @@ def _figure(
     _draw_region(axes, tube, style.TUBE, "may be swept", 2.2)
     _draw_region(axes, planned, style.REGION_TINT, "swept as planned", 2.4)
     if joints.time is not None:
-        _draw_limit(axes, problem, trajectory, joints)
+        _draw_limiting_pose(axes, problem, trajectory, joints)
     least = "" if joints.limited else "at least "
     dress(figure, axes, f"{problem.name}: every joint may be off by {least}{np.rad2deg(joints.size):.3g}°", problem)
     return figure
@@ -287,7 +287,7 @@ def _draw_region(axes: Axes, region: shapely.Geometry, colour: str, label: str, 
         label = ""
 
 
-def _draw_limit(axes: Axes, problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> None:
+def _draw_limiting_pose(axes: Axes, problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> None:
     """The pose that limits the error, the same with the worst errors, and a ring about the place."""
     arm = problem.arm
     pose = np.array([np.interp(joints.time or 0.0, trajectory.time, column) for column in trajectory.positions.T])
