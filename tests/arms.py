@@ -2,7 +2,11 @@
 
 import numpy as np
 
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Workspace
+from ccm_opt.verification.newton_euler import drive_efforts
 
 
 def plain_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> Arm:
@@ -22,3 +26,16 @@ def plain_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **
         "inertia_transverse": np.full(links, 4e-5),
     }
     return Arm(**(values | changes))  # type: ignore[arg-type]
+
+
+def bare_problem(arm: Arm, workspace: Workspace) -> Problem:
+    """A problem of an arm in a room of which nothing else counts."""
+    one = np.ones(3 * arm.links)
+    still = JointPose(np.zeros(arm.links), min(max(arm.base_range[0], 0.0), arm.base_range[1]))
+    fed = {"feed_velocity": 1.0, "feed_acceleration": 1.0} if arm.base_axes else {}
+    return Problem("bare", workspace, arm, Limits(one, one, **fed), still, still)
+
+
+def joint_torques(arm: Arm, gravity: FloatArray, *states: FloatArray) -> FloatArray:
+    """Torques of all revolutes by the verifier, for positions, velocities and accelerations, shape (T, 3 * links)."""
+    return drive_efforts(arm, gravity, *states)[0]

@@ -17,8 +17,9 @@ from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
-from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify
+
+from .arms import joint_torques
 
 Outcome = Literal["verified", "refused", "no plan", "crash"]
 

@@ -15,8 +15,8 @@ from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
-from ccm_opt.verification.space_verifier import verify_in_space
+from ccm_opt.verification.chain_motion import LinkFrames, chain_points
+from ccm_opt.verification.verifier import verify
 
 from .retiming_paths import make_path
 from .space_arms import space_arm
@@ -40,7 +40,7 @@ class SpacePlan:
 
     def checks(self) -> tuple[Check, ...]:
         """What the verifier finds."""
-        return verify_in_space(self.problem, self.trajectory, self.joints)
+        return verify(self.problem, self.trajectory, self.joints)
 
     def failed(self) -> list[str]:
         """Names of the checks that do not hold."""
@@ -72,7 +72,7 @@ def true_plan() -> SpacePlan:
         path, limits, dynamics, revolutes=partial(revolute_angles, arm), coordinates=arm.coordinates, arm=arm, share=0.9
     )
     last = trajectory.positions[-1:]
-    tip = chain_of(arm, trajectory.positions)[:, -1]
+    tip = chain_points(arm, trajectory.positions)[:, -1]
     goal = TipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
     workspace = Workspace(bounds=np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), obstacles=bodies(), clearance=0.005)
     start = JointPose.from_configuration(trajectory.positions[0], arm.coordinates)
@@ -103,4 +103,4 @@ def with_body(plan: SpacePlan, name: str, body: BoxBody | SphereBody | MeshBody)
 
 def places_of(plan: SpacePlan) -> FloatArray:
     """Joints and tip at the samples, shape (T, links + 1, 3) [m]."""
-    return chain_of(plan.problem.arm, plan.trajectory.positions)
+    return chain_points(plan.problem.arm, plan.trajectory.positions)

@@ -11,7 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.consistency import check_consistency
-from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.newton_euler import drive_efforts
 from tests.pinned.scenes import LINKS, plan_of, states_of
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -33,7 +33,7 @@ def judged(bends: FloatArray, speeds: FloatArray, step: float, acceleration: flo
 def checks_of(problem: Problem, trajectory: JointTrajectory) -> tuple[Check, Check]:
     """The two checks of a motion."""
     motion = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    needed = efforts_in_plane(problem.arm, problem.simulation.gravity, *motion)
+    needed = drive_efforts(problem.arm, problem.simulation.gravity, *motion)
     first, second, *_ = check_consistency(problem, trajectory, states_of(problem, trajectory), needed)
     return first, second
 

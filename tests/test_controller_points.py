@@ -18,7 +18,7 @@ from ccm_opt.io.text_agreement import checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps
-from ccm_opt.verification.newton_euler import efforts_in_plane, efforts_in_space
+from ccm_opt.verification.newton_euler import drive_efforts
 
 from .arms import plain_arm
 from .corruption.plans import Folder, write_plans
@@ -164,11 +164,10 @@ def test_what_efforts_do_between_looks_is_within_the_bound(seed: int, quintic: b
     message = Message(time, states[0], states[1], states[2] if quintic else None, arm.coordinates)
     steps = _Steps.of(message)
     bow = _effort_bow(problem, steps)
-    efforts = efforts_in_space if arm.dimension == 3 else efforts_in_plane
     for k in rng.integers(0, len(bow), 5):
         at = steps.since[k] + steps.length[k] * np.array([0.0, 0.5, 1.0])
         segments = np.zeros(3, dtype=np.intp)
-        torques, force = efforts(
+        torques, force = drive_efforts(
             arm, problem.simulation.gravity, *(message.at(segments, at, order) for order in range(3))
         )
         for values in (torques, force[:, None]):

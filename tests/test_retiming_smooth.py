@@ -15,7 +15,6 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
-from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (
     GRAVITY,
@@ -31,6 +30,8 @@ from tests.retiming_paths import (
     to_revolutes,
     used,
 )
+
+from .arms import joint_torques
 
 
 def retimed_states(trajectory: JointTrajectory, arm: Arm, gravity: FloatArray) -> JointStates:

@@ -13,13 +13,14 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import JointTrajectory
+from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import interpolation_deviation
-from ccm_opt.verification.newton_euler import joint_torques
-from ccm_opt.verification.sample_efforts import SampleMeans, check_sample_efforts, holding_efforts
+from ccm_opt.verification.limits import holding_efforts
+from ccm_opt.verification.sample_efforts import SampleMeans, check_sample_efforts
 from tests.pinned.scenes import plan_of
 
-from .arms import plain_arm
+from .arms import joint_torques, plain_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROOM = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0))
@@ -56,7 +57,7 @@ def test_mean_torques_are_within_their_bound(seed: int, degree: int, links: int)
     spline = random_spline(rng, links, 1.5, degree)
     problem = limited(arm, spline)
     time = np.cumsum(np.append(0.0, rng.uniform(0.0005, 0.005, 280)))
-    means = SampleMeans(problem, sampled(spline, time))
+    means = SampleMeans(problem, ChainMotion(arm, time, spline(time)))
     found = means.torques
     for k in rng.integers(0, len(time) - 2, 6):
         before, here, after = time[k : k + 3]
@@ -66,9 +67,9 @@ def test_mean_torques_are_within_their_bound(seed: int, degree: int, links: int)
             s = (np.arange(400) + 0.5) / 400.0
             at = here + s * (end - here)
             motion = [spline.derivative(n)(at) if n else spline(at) for n in range(3)]
-            torques = -joint_torques(arm, problem.simulation.gravity, *motion)[:, 1::3]
+            torques = joint_torques(arm, problem.simulation.gravity, *motion)[:, 1::3]
             true += np.mean(2.0 * (1.0 - s)[:, None] * torques, axis=0) * abs(end - here) / (after - before)
-        errors = means.torque_errors(np.full(links, k), np.arange(links))
+        errors = np.array([means.torque_error(int(k), bend) for bend in range(links)])
         # Where an acceleration jumps the rule of the mean itself is off by a piece of the jump.
         slack = 2e-2 * errors + 1e-6 * np.max(np.abs(found))
         assert np.all(np.abs(found[k] - true) <= errors + slack)
@@ -80,9 +81,9 @@ def test_bounds_of_mean_torques_are_small_against_torques() -> None:
     arm = plain_arm(12, 0.05)
     drawn = random_spline(rng, 12, 3.0, 3)
     spline = BSpline(drawn.t, 0.25 * drawn.c, drawn.k)
-    means = SampleMeans(limited(arm, spline), sampled(spline, np.linspace(0.0, 3.0, 751)))
-    samples = np.repeat(np.arange(0, 749, 50), 12)
-    errors = means.torque_errors(samples, np.tile(np.arange(12), len(samples) // 12))
+    time = np.linspace(0.0, 3.0, 751)
+    means = SampleMeans(limited(arm, spline), ChainMotion(arm, time, spline(time)))
+    errors = [means.torque_error(sample, bend) for sample in range(0, 749, 50) for bend in range(12)]
     assert np.max(errors) < 0.02 * np.max(np.abs(means.torques))
 
 
@@ -157,6 +158,12 @@ def _smooth_step() -> list[np.polynomial.Polynomial]:
     return [step, step.deriv(), step.deriv(2)]
 
 
+def judged(problem: Problem, motion: JointTrajectory) -> list[Check]:
+    """The checks of what the samples take by themselves."""
+    chain = ChainMotion(problem.arm, motion.time, motion.positions)
+    return check_sample_efforts(problem, chain, motion, holding_efforts(problem, motion.positions))
+
+
 @pytest.mark.parametrize("fed", [False, True])
 def test_three_samples_are_enough_to_take_efforts_of(fed: bool) -> None:
     """The shortest motion that has second differences is judged by them; a shorter one has none."""
@@ -166,11 +173,11 @@ def test_three_samples_are_enough_to_take_efforts_of(fed: bool) -> None:
             *(part[:count] for part in (whole.time, whole.positions, whole.velocities, whole.accelerations)),
             whole.coordinates,
         )
-        checks = check_sample_efforts(problem, short, holding_efforts(problem, short.positions))
+        checks = judged(problem, short)
         assert [check.name for check in checks] == names
         # A leap and back again, of which nothing is reported, takes more than any drive gives.
         leaping = short.positions.copy()
         leaping[1] += 0.01
         leap = replace(short, positions=leaping)
-        checks = check_sample_efforts(problem, leap, holding_efforts(problem, leap.positions))
+        checks = judged(problem, leap)
         assert [check.name for check in checks if not check.passed] == names

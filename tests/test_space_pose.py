@@ -11,7 +11,7 @@ import ccm_opt
 from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.solution import StaticPose
-from ccm_opt.verification.space_chain_motion import LinkFrames, chain_of
+from ccm_opt.verification.chain_motion import LinkFrames, chain_points
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
@@ -47,7 +47,7 @@ def assert_sound(found: StaticPose) -> None:
     goal = problem.goal
     assert isinstance(goal, TipGoal)
     q = found.configuration[None]
-    points = chain_of(arm, q)[0]
+    points = chain_points(arm, q)[0]
     assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
     if goal.direction is not None:
         assert LinkFrames.of(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)

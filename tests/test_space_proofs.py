@@ -15,10 +15,11 @@ from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, RigidPlacement, S
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.body_sides import separations
-from ccm_opt.verification.newton_euler import efforts_in_space
-from ccm_opt.verification.space_chain_motion import LinkFrames, SpaceChainMotion, TimeStretches, chain_of
-from ccm_opt.verification.space_clearance import axis_distances, check_contact, check_side, check_surfaces, first_apart
+from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, TimeStretches, chain_points
+from ccm_opt.verification.newton_euler import drive_efforts
+from ccm_opt.verification.selfcollision import check_self_collision, first_distant, segment_distances
 from ccm_opt.verification.verification_settings import VerificationSettings
+from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
 from .space_arms import FEED_OF_TESTS, space_arm, turned_arm
 from .surface_scenes import random_segments, random_triangles, slow_distances
@@ -37,11 +38,11 @@ def test_own_kinematics_and_dynamics_agree(seed: int, links: int) -> None:
     masses = random.uniform(0.1, 0.5, links)
     arm = turned_arm(random, links, feed=FEED_OF_TESTS, payload=0.3, masses=masses, **drives, **inertia)
     states = random.normal(0.0, 0.7, (3, 5, 2 * links + 1))
-    np.testing.assert_allclose(chain_of(arm, states[0]), arm.joint_positions_at(states[0]), atol=1e-13)
+    np.testing.assert_allclose(chain_points(arm, states[0]), arm.joint_positions_at(states[0]), atol=1e-13)
     along = LinkFrames.of(arm, states[0]).along
     np.testing.assert_allclose(along, arm.link_rotations(states[0])[..., 0], atol=1e-13)
     gravity = random.normal(0.0, 9.0, 3)
-    torques, force = efforts_in_space(arm, gravity, *states)
+    torques, force = drive_efforts(arm, gravity, *states)
     revolutes = [revolute_angles(arm, state[:, :-1]) for state in states]
     expected = InverseDynamics(arm, gravity).efforts(*revolutes, states[2][:, -1])
     np.testing.assert_allclose(torques, expected[0], atol=1e-10 * np.max(np.abs(expected[0])))
@@ -70,21 +71,21 @@ def test_distances_of_axes_are_least(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = random_segments(rng, 8), random_segments(rng, 8)
     expected = np.diagonal(slow_distances(one, other[:, [0, 1, 1]]))
-    found = axis_distances(one[:, 0], one[:, 1], other[:, 0], other[:, 1])
+    found = segment_distances(one[:, 0], one[:, 1], other[:, 0], other[:, 1])
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
-def random_motion(rng: np.random.Generator, samples: int, bend: float, links: int = 6) -> SpaceChainMotion:
+def random_motion(rng: np.random.Generator, samples: int, bend: float, links: int = 6) -> ChainMotion:
     """A motion of an arm of random size through random poses, its coordinates linear between them."""
     arm = space_arm(links, radius=0.02, feed=FEED_OF_TESTS)
     knots = rng.normal(0.0, bend, (4, 2 * links + 1))
     knots[:, -1] = rng.uniform(0.0, 0.5, 4)
     at = np.linspace(0.0, 3.0, samples)
     columns = [np.interp(at, np.arange(4.0), knot) for knot in knots.T]
-    return SpaceChainMotion(arm, 0.005 * np.arange(samples), np.stack(columns, axis=1))
+    return ChainMotion(arm, 0.005 * np.arange(samples), np.stack(columns, axis=1))
 
 
-def dense_poses(motion: SpaceChainMotion, low: float, high: float, count: int = 40) -> FloatArray:
+def dense_poses(motion: ChainMotion, low: float, high: float, count: int = 40) -> FloatArray:
     """Joints and tip at many times of a stretch, by the package's kinematics."""
     at = np.linspace(low, high, count)
     samples = np.arange(len(motion.time))
@@ -134,7 +135,7 @@ def test_clearance_is_that_of_dense_samples(seed: int, samples: int, bend: float
     rng = np.random.default_rng(seed)
     motion = random_motion(rng, samples, bend)
     workspace = clutter(rng, count)
-    check = check_surfaces(motion, workspace, SETTINGS)
+    check = check_walls(motion, workspace, SETTINGS)
     points = dense_poses(motion, 0.0, samples - 1.0, 1500)
     segments = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
     tree = SurfaceTree.of(workspace.soup)
@@ -157,7 +158,7 @@ def test_clearance_is_that_of_dense_samples(seed: int, samples: int, bend: float
 def test_self_contact_is_that_of_dense_samples(seed: int, samples: int, bend: float) -> None:
     """What is accepted keeps two radii apart at all of many times, and what is refused does not."""
     motion = random_motion(np.random.default_rng(seed), samples, bend, links=14)
-    check = check_contact(motion, SETTINGS)
+    check = check_self_collision(motion, SETTINGS)
     points = dense_poses(motion, 0.0, samples - 1.0, 1500)
     dense = least_self_gap(motion.arm, points)
     if check.passed:
@@ -171,14 +172,14 @@ def least_self_gap(arm: Arm, points: FloatArray) -> float:
     """The least gap of distant links over poses, shape (N, links + 1, 3)."""
     i, j = np.triu_indices(arm.links, arm.first_self_pair)
     ends = [points[:, k].reshape(-1, 3) for k in (i, i + 1, j, j + 1)]
-    return float(np.min(axis_distances(*ends))) - 2.0 * arm.radius
+    return float(np.min(segment_distances(*ends))) - 2.0 * arm.radius
 
 
 def test_distant_links_are_those_of_the_arm() -> None:
     """The verifier counts for itself which links must keep apart, and counts as the arm does."""
     for radius in (0.0, 0.02, 0.08, 0.3, 0.95):
         arm = space_arm(20, radius=radius)
-        assert first_apart(arm.link_length, radius) == arm.first_self_pair
+        assert first_distant(arm) == arm.first_self_pair
 
 
 def test_what_passes_between_two_samples_is_seen() -> None:
@@ -186,9 +187,9 @@ def test_what_passes_between_two_samples_is_seen() -> None:
     arm = space_arm(4)
     positions = np.zeros((2, 8))
     positions[1, 0] = 1.0
-    motion = SpaceChainMotion(arm, np.array([0.0, 0.005]), positions)
+    motion = ChainMotion(arm, np.array([0.0, 0.005]), positions)
     ball = SphereBody(0.3 * np.array([np.cos(0.5), np.sin(0.5), 0.0]), 1e-3)
-    check = check_surfaces(motion, Workspace(bounds=None, obstacles=(Obstacle("ball", ball),)), SETTINGS)
+    check = check_walls(motion, Workspace(bounds=None, obstacles=(Obstacle("ball", ball),)), SETTINGS)
     assert not check.passed
     assert check.worst < 0.0
 
@@ -201,7 +202,7 @@ def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> Non
     arm = space_arm(4, radius=0.01)
     positions = np.zeros((20, 8))
     positions[:, 0] = np.linspace(0.0, rng.uniform(0.3, 1.0), 20)
-    motion = SpaceChainMotion(arm, 0.005 * np.arange(20), positions)
+    motion = ChainMotion(arm, 0.005 * np.arange(20), positions)
     gap = rng.uniform(1e-5, 0.01)
     ball = SphereBody(np.array([3.5 * arm.link_length, -0.03 - gap, 0.0]), 0.02)
     workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", ball),))
@@ -213,16 +214,16 @@ def test_what_a_link_may_be_off_is_asked_of_its_own_gaps_alone(seed: int) -> Non
     ):
         off = np.zeros((19, 4))
         off[interval, link] = gap + by
-        assert check_surfaces(replace(motion, deviation=off), workspace, SETTINGS).passed is passed
+        assert check_walls(replace(motion, deviation=off), workspace, SETTINGS).passed is passed
 
 
 def test_a_flush_mount_hides_nothing() -> None:
     """Where the least gap is that of the link on a wall, the least of the links beyond it is told too."""
     arm = space_arm(4, radius=0.02, mount_length=0.02)
-    motion = SpaceChainMotion(arm, np.array([0.0, 0.005]), np.zeros((2, 8)))
+    motion = ChainMotion(arm, np.array([0.0, 0.005]), np.zeros((2, 8)))
     ball = Obstacle("ball", SphereBody(np.array([3.5 * arm.link_length, 0.05, 0.0]), 0.01))
     room = np.array([[0.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
-    check = check_surfaces(motion, Workspace(bounds=room, obstacles=(ball,)), SETTINGS)
+    check = check_walls(motion, Workspace(bounds=room, obstacles=(ball,)), SETTINGS)
     assert check.passed
     assert check.where.endswith("touches it where it leaves the mount; links beyond it keep 20.0 mm from 'ball'")
 
@@ -234,17 +235,17 @@ def test_the_side_is_told_by_the_body(seed: int) -> None:
     rng = np.random.default_rng(seed)
     size = rng.uniform(0.05, 0.3, 3)
     turn = RigidPlacement.turned(rng.normal(0.0, 0.2, 3), rng.uniform(-3.0, 3.0, 3))
-    motion = SpaceChainMotion(space_arm(2), np.array([0.0, 0.005]), np.zeros((2, 4)))
+    motion = ChainMotion(space_arm(2), np.array([0.0, 0.005]), np.zeros((2, 4)))
     own = turn.rotation.T @ (np.zeros(3) - turn.position)
     depth = float(np.min(size - np.abs(own)))
     corners = turn.points(box_corners(-size, size))
     bodies = (BoxBody(-size, size, turn), MeshBody(corners, BOX_FACES))
     for body in bodies:
-        check = check_side(motion, Workspace(bounds=None, obstacles=(Obstacle("box", body),)))
+        check = check_free_side(motion, Workspace(bounds=None, obstacles=(Obstacle("box", body),)))
         assert check.passed == (depth <= 0.0)
         assert check.worst == pytest.approx(-max(depth, 0.0), abs=1e-9)
     opened = MeshBody(corners, BOX_FACES, solid=False)
-    assert check_side(motion, Workspace(bounds=None, obstacles=(Obstacle("box", opened),))).passed
+    assert check_free_side(motion, Workspace(bounds=None, obstacles=(Obstacle("box", opened),))).passed
 
 
 def test_links_that_cross_near_by_are_seen() -> None:
@@ -252,7 +253,7 @@ def test_links_that_cross_near_by_are_seen() -> None:
     arm = space_arm(4, radius=0.04, joint_limit=3.0)
     begin = np.array([0.0, 0.0, 2.4, 0.1, 2.4, 0.1, 0.0, 0.0])
     end = begin * np.array([1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0])
-    motion = SpaceChainMotion(arm, np.array([0.0, 0.005]), np.stack((begin, end)))
-    check = check_contact(motion, SETTINGS)
+    motion = ChainMotion(arm, np.array([0.0, 0.005]), np.stack((begin, end)))
+    check = check_self_collision(motion, SETTINGS)
     assert not check.passed
     assert "cross" in check.where

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.verification.newton_euler import efforts_in_space
-from ccm_opt.verification.space_chain_motion import SpaceChainMotion
-from ccm_opt.verification.space_sample_efforts import SpaceSampleMeans
+from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.newton_euler import drive_efforts
+from ccm_opt.verification.sample_efforts import SampleMeans
 
 from .promises.in_space import fixed
 from .space_arms import turned_arm
@@ -49,7 +49,7 @@ def test_mean_torques_in_space_are_within_their_bound(seed: int, degree: int, li
     most = np.max(np.abs(spline.derivative(2)(grid)), axis=0) * 1.001 + 1e-9
     problem = limited(arm, most)
     time = np.cumsum(np.append(0.0, rng.uniform(0.0005, 0.005, 280)))
-    means = SpaceSampleMeans(problem, SpaceChainMotion(arm, time, spline(time)))
+    means = SampleMeans(problem, ChainMotion(arm, time, spline(time)))
     found = means.torques
     for k in rng.integers(0, len(time) - 2, 4):
         before, here, after = time[k : k + 3]
@@ -59,7 +59,7 @@ def test_mean_torques_in_space_are_within_their_bound(seed: int, degree: int, li
             s = (np.arange(300) + 0.5) / 300.0
             at = here + s * (end - here)
             motion = [spline.derivative(n)(at) if n else spline(at) for n in range(3)]
-            torques, _ = efforts_in_space(arm, problem.simulation.gravity, *motion)
+            torques, _ = drive_efforts(arm, problem.simulation.gravity, *motion)
             bending = torques.reshape(-1, links, 3)[:, :, :2].reshape(len(at), -1)
             true += np.mean(2.0 * (1.0 - s)[:, None] * bending, axis=0) * abs(end - here) / (after - before)
         errors = np.array([means.torque_error(int(k), bend) for bend in range(2 * links)])
@@ -71,9 +71,7 @@ def test_mean_torques_in_space_are_within_their_bound(seed: int, degree: int, li
 def test_bounds_of_mean_torques_in_space_are_small_against_torques() -> None:
     """A bound is worth something only if it is far below the limits."""
     plan = true_plan()
-    means = SpaceSampleMeans(
-        plan.problem, SpaceChainMotion(plan.problem.arm, plan.trajectory.time, plan.trajectory.positions)
-    )
+    means = SampleMeans(plan.problem, ChainMotion(plan.problem.arm, plan.trajectory.time, plan.trajectory.positions))
     greatest = np.max(np.abs(means.torques), axis=0)
     errors = [means.torque_error(len(means.torques) // 2, bend) for bend in range(len(greatest))]
     assert np.max(np.array(errors) / np.max(greatest)) < 0.02
@@ -82,8 +80,6 @@ def test_bounds_of_mean_torques_in_space_are_small_against_torques() -> None:
 def test_forces_by_differences_are_those_of_the_motion() -> None:
     """The force on a feed axis is that of the verifier's dynamics but for what a mean over two steps smooths."""
     plan = true_plan()
-    means = SpaceSampleMeans(
-        plan.problem, SpaceChainMotion(plan.problem.arm, plan.trajectory.time, plan.trajectory.positions)
-    )
+    means = SampleMeans(plan.problem, ChainMotion(plan.problem.arm, plan.trajectory.time, plan.trajectory.positions))
     reported = plan.joints.base_forces[1:-1, 0]
     assert np.median(np.abs(means.force - reported)) < 2e-2 * np.max(np.abs(reported))

@@ -13,7 +13,8 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
 from ccm_opt.solution import Solution, SurvivedError
-from ccm_opt.verification.survived_in_space import moved_by_joint_errors, survived_errors_in_space
+from ccm_opt.verification.tolerance.levers import moved_by_joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_errors
 
 from .command_runs import CommandLine, brightness
 from .space_arms import FEED_OF_TESTS, turned_arm
@@ -48,7 +49,7 @@ def plan() -> Solution:
 @cache
 def survived() -> dict[str, SurvivedError]:
     """What it survives, by what is wrong."""
-    return {error.name: error for error in survived_errors_in_space(plan().problem, plan().trajectory)}
+    return {error.name: error for error in survived_errors(plan().problem, plan().trajectory)}
 
 
 def gap_of(points: FloatArray) -> float:

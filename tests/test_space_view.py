@@ -20,7 +20,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
-from ccm_opt.verification.space_verifier import verify_in_space
+from ccm_opt.verification.verifier import verify
 
 from .space_folders import solved
 
@@ -102,7 +102,7 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     answer = live.move_obstacle("ball", on_the_way - live.problem.workspace.middle_of("ball"))
     if answer.current:
         assert all(check.passed for check in live.plan.checks)
-        again = verify_in_space(live.problem, live.plan.trajectory, live.plan.joints)
+        again = verify(live.problem, live.plan.trajectory, live.plan.joints)
         assert all(check.passed for check in again)
         assert live.plan.trajectory is not first.trajectory
     else:

@@ -43,7 +43,7 @@ def test_a_motion_is_planned_to_survive_what_is_asked() -> None:
     assert check.passed
     assert check.limit == pytest.approx(np.deg2rad(0.5))
     problem = solution.problem
-    certified = survived_error(problem.arm, problem.workspace, solution.trajectory, joint_errors(problem.arm))
+    certified = survived_error(problem, solution.trajectory, joint_errors(problem.arm))
     assert certified.size == pytest.approx(check.worst)
     assert certified.size >= np.deg2rad(0.5)
     assert problem.arm.stray == 0.0

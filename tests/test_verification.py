@@ -21,15 +21,14 @@ from ccm_opt.robot.frames import dh_table, joint_names, revolute_angles
 from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_form
-from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links, segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
-from ccm_opt.verification.wall_clearance import Boxes, check_free_side, check_walls, wall_edges
+from ccm_opt.verification.wall_clearance import CheckedSurfaces, check_free_side, check_walls
 
-from .arms import plain_arm
+from .arms import joint_torques, plain_arm
 
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
 
@@ -567,21 +566,23 @@ def test_links_in_line_do_not_cross() -> None:
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), vertices=st.integers(3, 400))
-def test_runs_of_edges_contain_their_edges(seed: int, vertices: int) -> None:
-    """Every edge belongs to one run, whose swept chord contains it; walls of few edges stay as they are."""
+def test_boxes_of_boxes_contain_all_edges(seed: int, vertices: int) -> None:
+    """Every edge is in one box of each level, grown by no less than its rounding."""
     rng = np.random.default_rng(seed)
     angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, vertices))
     ring = rng.uniform(0.5, 1.0) * np.column_stack((np.cos(angles), np.sin(angles)))
     shapes = (shapely.LineString(ring), shapely.Point(2.0, 0.0), shapely.box(3.0, 3.0, 4.0, 4.0))
     obstacles = tuple(Obstacle(f"wall {k}", PlaneShape(shape, 0.01 * k)) for k, shape in enumerate(shapes))
-    edges = wall_edges(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles))
-    place, other = edges.runs.edges_of(np.arange(len(edges.runs.radius)))
-    np.testing.assert_array_equal(other, np.arange(len(edges.owner)))
-    for ends in (edges.start, edges.end):
-        away = segment_distances(ends, ends, edges.runs.start[place], edges.runs.end[place])
-        assert np.all(away + edges.rounding <= edges.runs.radius[place])
-    if vertices < 60:
-        assert len(edges.runs.radius) == len(edges.owner)
+    surfaces = CheckedSurfaces.of(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles))
+    node = np.zeros(1, dtype=np.intp)
+    while not np.all(surfaces.is_single(node)):
+        place, child = surfaces.children(node)
+        assert np.all(surfaces.low[node[place]] <= surfaces.low[child])
+        assert np.all(surfaces.high[node[place]] >= surfaces.high[child])
+        assert np.all(surfaces.rounding[node[place]] >= surfaces.rounding[child])
+        node = child
+    np.testing.assert_array_equal(node - surfaces.offsets[-2], np.arange(len(surfaces.owner)))
+    assert len(surfaces.owner) == (vertices - 1) + 1 + 4 + 4
 
 
 @given(seed=st.integers(0, 2**32 - 1), power=st.integers(-17, 20))
@@ -592,30 +593,10 @@ def test_what_no_coordinate_of_walls_exceeds_has_their_scale(seed: int, power: i
     for scale in (1.0, 2.0**power):
         scaled = [shapely.affinity.scale(each.core, scale, scale, origin=(0.0, 0.0)) for each in obstacles]
         room = shapely.box(-scale, -scale, scale, scale)
-        edges = wall_edges(
+        surfaces = CheckedSurfaces.of(
             Workspace(room, tuple(Obstacle(f"wall {k}", PlaneShape(core)) for k, core in enumerate(scaled)))
         )
         coordinates = np.concatenate([shapely.get_coordinates(each) for each in (room, *scaled)])
-        assert edges.size == np.abs(coordinates).max()
-        sizes.append(edges.size)
+        assert surfaces.size == np.abs(coordinates).max()
+        sizes.append(surfaces.size)
     assert sizes[1] == sizes[0] * 2.0**power
-
-
-@settings(max_examples=40)
-@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40), width=st.integers(1, 6), at_once=st.integers(1, 50))
-def test_boxes_meet_the_same_walls_however_many_are_asked_for_at_once(
-    seed: int, rows: int, width: int, at_once: int
-) -> None:
-    """All pairs of boxes that meet are found, touching ones too, and no others."""
-    rng = np.random.default_rng(seed)
-    obstacles = tuple(
-        Obstacle(f"wall {k}", PlaneShape(shapely.Point(*place), 0.25))
-        for k, place in enumerate(rng.integers(-4, 5, (9, 2)))
-    )
-    runs = wall_edges(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles)).runs
-    low = 0.25 * rng.integers(-20, 20, (rows * width, 2))
-    boxes = Boxes(low, low + 0.25 * rng.integers(0, 6, low.shape))
-    apart = (boxes.low[:, None] > runs.boxes.high) | (boxes.high[:, None] < runs.boxes.low)
-    wanted = np.argwhere(~np.any(apart, axis=2))
-    found = np.column_stack(runs.meeting(boxes, width, at_once))
-    np.testing.assert_array_equal(found[np.lexsort(found.T[::-1])], wanted)

@@ -12,8 +12,8 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_walls
 
@@ -53,7 +53,7 @@ def states(problem: Problem, trajectory: JointTrajectory) -> JointStates:
     """The revolutes' view of a planar motion on a moving base."""
     planar = trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations
     motion = trajectory.positions, trajectory.velocities, trajectory.accelerations
-    torques, force = efforts_in_plane(problem.arm, problem.simulation.gravity, *motion)
+    torques, force = drive_efforts(problem.arm, problem.simulation.gravity, *motion)
     revolutes = (revolute_angles(problem.arm, values) for values in planar)
     return JointStates(joint_names(problem.arm), *revolutes, torques, force[:, None])
 
@@ -162,7 +162,7 @@ def test_the_force_on_the_axis_is_newtons() -> None:
     gravity = problem.simulation.gravity[[0, 2]] * arm.masses.sum()
     force = (np.gradient(momentum, trajectory.time, axis=0) - gravity) @ arm.direction
     motion = trajectory.positions, trajectory.velocities, trajectory.accelerations
-    _, own = efforts_in_plane(arm, problem.simulation.gravity, *motion)
+    _, own = drive_efforts(arm, problem.simulation.gravity, *motion)
     np.testing.assert_allclose(own[3:-3], force[3:-3], atol=2e-3 * np.ptp(force))
 
 

@@ -11,7 +11,6 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.driver.surviving import survived
 from ccm_opt.driver.timed_plan import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms
@@ -19,6 +18,7 @@ from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution, SurvivedError, TryRecord
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_error
 
 _ROOM_SHARE = 0.9
 """Share of the gap that the roomiest try keeps, as far as it is wanted, that a try must keep to be taken. Taste, like
@@ -283,7 +283,7 @@ def surviving_errors(
 
 
 def _judged(problem: Problem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
-    return plan, survived(problem, plan.trajectory, joint_errors(problem.arm), settings)
+    return plan, survived_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
 
 
 def _with_growing_gaps(

@@ -13,7 +13,7 @@ from ccm_opt.planning.space_ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
-from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import nearest_links
 from ccm_opt.verification.stretch_proof import Verdict
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

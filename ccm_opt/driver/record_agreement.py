@@ -9,7 +9,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import figures_of_motion
-from ccm_opt.driver.surviving import survived
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
@@ -24,8 +23,8 @@ from ccm_opt.solution import (
     SurvivedError,
 )
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel
-from ccm_opt.verification.tolerance.survived_errors import MODELS
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, MODELS, ErrorModel
+from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _SIMULATED_ANGLE = 1e-6
@@ -244,7 +243,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
             wrong.append(error.name)
             continue
         # The search that found it proved as much to its own precision.
-        found = survived(problem, trajectory, model, most=error.size)
+        found = survived_error(problem, trajectory, model, most=error.size)
         if not found.size >= (1.0 - 2.0 * DEFAULT_TOLERANCE.precision) * error.size:
             wrong.append(f"{error.name}: no more than {found.size:.3g} {error.unit} are survived")
     return _listed("survived errors against motion", wrong, len(recorded))

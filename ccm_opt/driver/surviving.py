@@ -12,8 +12,7 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
 from ccm_opt.solution.records import FOLLOWED
-from ccm_opt.verification.survived_in_space import survived_error_in_space, survived_errors_in_space
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel, ToleranceSettings, joint_errors
+from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
 _MOST_AT_ONCE = 15_000
@@ -64,10 +63,7 @@ def tolerance_of_motion(
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[SurvivedError, ...]:
     """The same of a motion that passes every check of its problem."""
-    if problem.dimension == 3:
-        errors = survived_errors_in_space(problem, trajectory, settings.tolerance)
-    else:
-        errors = survived_errors(problem.arm, problem.workspace, trajectory, settings.tolerance)
+    errors = survived_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors
     weight = float(np.sum(problem.arm.masses))
@@ -89,20 +85,7 @@ def tolerance_at_once(
     """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
-    return (survived(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
-
-
-def survived(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    model: ErrorModel,
-    settings: ToleranceSettings = DEFAULT_TOLERANCE,
-    most: float = np.inf,
-) -> SurvivedError:
-    """The error of one kind that a verified motion survives; in the plane none above ``most`` is looked at."""
-    if problem.dimension == 3:
-        return survived_error_in_space(problem, trajectory, model, settings)
-    return survived_error(problem.arm, problem.workspace, trajectory, model, settings, most)
+    return (survived_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
 
 
 def _survived_load(

@@ -119,11 +119,6 @@ def check(
     Raises:
         ProblemError: an argument is of another type.
     """
-    Problem.expected(problem)
-    if problem.dimension == 3:
-        from ccm_opt.verification.space_verifier import verify_in_space  # noqa: PLC0415 - most problems are in the plane
-
-        return verify_in_space(problem, trajectory, joints, settings)
     return verify(problem, trajectory, joints, settings)
 
 

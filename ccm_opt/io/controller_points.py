@@ -19,14 +19,10 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
-from ccm_opt.verification.limits import check_points
-from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import efforts_in_plane, efforts_in_space
+from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.space_chain_motion import SpaceChainMotion
-from ccm_opt.verification.space_clearance import check_contact, check_surfaces
-from ccm_opt.verification.space_verifier import check_space_points
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
 
@@ -95,7 +91,8 @@ def slowed(
         return plan, joints
     velocities, accelerations = plan.velocities / factor, plan.accelerations / factor**2
     slower = replace(plan, time=factor * plan.time, velocities=velocities, accelerations=accelerations)
-    torques, force = _efforts(problem, plan.positions, velocities, accelerations)
+    states = (plan.positions, velocities, accelerations)
+    torques, force = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     return slower, replace(
         joints,
         velocities=joints.velocities / factor,
@@ -120,9 +117,7 @@ def message_checks(
     """
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     stops = np.searchsorted(samples, plan.stops).tolist()
-    limits = check_message_limits(
-        problem, message, stops, partial(_efforts, problem), partial(_checks_of_points, problem), settings
-    )
+    limits = check_message_limits(problem, message, stops, settings)
     gaps = partial(_gaps_of_links, problem, plan)
     return limits, check_message_deviation(problem.arm, plan, message, factor, spare, gaps)
 
@@ -132,27 +127,9 @@ def _gaps_of_links(problem: Problem, plan: JointTrajectory, deviation: FloatArra
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     # A plan may lack one tolerance of a gap, and a message may be one tolerance off it.
     settings = replace(settings, contact_tolerance=2.0 * settings.contact_tolerance)
-    if problem.dimension == 3:
-        in_space = SpaceChainMotion(problem.arm, plan.time, plan.positions, deviation)
-        to_walls, to_itself = check_surfaces(in_space, problem.workspace, settings), partial(check_contact, in_space)
-    else:
-        motion = ChainMotion(problem.arm, plan.time, plan.positions, deviation)
-        to_walls, to_itself = check_walls(motion, problem.workspace, settings), partial(check_self_collision, motion)
-    return [to_walls, to_itself(settings)] if problem.arm.self_collision else [to_walls]
-
-
-def _efforts(problem: Problem, *states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    if problem.dimension == 3:
-        return efforts_in_space(problem.arm, problem.simulation.gravity, *states)
-    return efforts_in_plane(problem.arm, problem.simulation.gravity, *states)
-
-
-def _checks_of_points(problem: Problem, dense: JointTrajectory) -> list[Check]:
-    settings = DEFAULT_VERIFICATION.for_problem(problem)
-    if problem.dimension == 3:
-        motion = SpaceChainMotion(problem.arm, dense.time, dense.positions)
-        return check_space_points(motion, problem.limits, dense, settings)
-    return check_points(problem.arm, problem.limits, dense, settings)
+    motion = ChainMotion(problem.arm, plan.time, plan.positions, deviation)
+    to_walls = check_walls(motion, problem.workspace, settings)
+    return [to_walls, check_self_collision(motion, settings)] if problem.arm.self_collision else [to_walls]
 
 
 def controller_points(
@@ -307,7 +284,7 @@ class _Choice:
         limits = self.problem.limits
         if limits.torque is None and limits.feed_force is None:
             return 0.0, 0.0
-        torques, force = _efforts(self.problem, *states)
+        torques, force = drive_efforts(self.problem.arm, self.problem.simulation.gravity, *states)
         torque = 0.0 if limits.torque is None else float(np.max(np.abs(torques) / limits.torque))
         return torque / _USED, float(np.max(np.abs(force))) / (limits.feed_force or np.inf) / _USED
 

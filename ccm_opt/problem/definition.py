@@ -1,5 +1,6 @@
 """One planning problem: what is known before a motion is sought."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ccm_opt.core.expected import expect
@@ -69,11 +70,6 @@ class Problem:
         return self.arm.dimension
 
     @property
-    def goals(self) -> tuple[Stop, ...]:
-        """All goals in order, the last one with no pause."""
-        return (*self.stops, Stop(self.goal, self.tolerances))
-
-    @property
     def via_reach(self) -> float:
         """How near the tip has to come to a place of ``goal.via`` to pass it [m]: it names a bore or a gap."""
         return max(self.tolerances.position, self.arm.link_length)
@@ -111,6 +107,11 @@ class Problem:
         with words_in(self.length_unit):
             length = long_length(arm.length)
         return f"<{type(self).__name__} '{self.name}': {arm.links} links, {length} long, {room}{goals}>"
+
+    @property
+    def goals(self) -> Sequence[Stop]:
+        """All goals in order, the last one with no pause."""
+        return (*self.stops, Stop(self.goal, self.tolerances))
 
     @staticmethod
     def expected(value: object) -> None:

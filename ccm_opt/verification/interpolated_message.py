@@ -23,12 +23,12 @@ from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.checked_problem import (
     CheckedProblem,
-    Efforts,
     bends_a_ball,
     joint_of_bend,
     revolutes_of_bends,
 )
-from ccm_opt.verification.sample_efforts import UNIT
+from ccm_opt.verification.limits import UNIT, check_points
+from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import VerificationSettings
 
@@ -154,8 +154,6 @@ def check_message_limits(
     problem: CheckedProblem,
     message: Message,
     stops: Sequence[int],
-    efforts: Callable[[FloatArray, FloatArray, FloatArray], Efforts],
-    of_points: Callable[[JointTrajectory], Sequence[Check]],
     settings: VerificationSettings,
 ) -> Check:
     """Check that a controller that joins the points of a message keeps every limit at all times.
@@ -164,22 +162,22 @@ def check_message_limits(
         problem: what was asked.
         message: the points.
         stops: numbers of the points at which the arm rests at its goals on the way.
-        efforts: torques and force for positions, velocities and accelerations, by the verifier's own dynamics.
-        of_points: checks of the limits on points of the arm, for states along the motion.
         settings: tolerances, with lengths in metres.
 
     Returns:
         The check for the greatest share of a limit that is used.
     """
     steps = _Steps.of(message)
-    found = _rate_shares(problem, steps) + _effort_shares(problem, steps, efforts)
+    found = _rate_shares(problem, steps) + _effort_shares(problem, steps)
     dense = steps.trajectory(stops)
     states = (dense.positions, dense.velocities, dense.accelerations)
-    needed = efforts(*states) if problem.arm.base_axes else (np.zeros((len(dense.time), 0)), np.zeros(len(dense.time)))
+    needed = (np.zeros((len(dense.time), 0)), np.zeros(len(dense.time)))
+    if problem.arm.base_axes:
+        needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     forces = np.repeat(needed[1][:, None], len(problem.arm.base_axes), axis=1)
     drives = JointStates((), *states, needed[0], forces)
     others = [
-        *of_points(dense),
+        *check_points(problem.arm, problem.limits, dense, settings),
         *check_base_axes(problem, dense, drives, needed, settings),
         *check_pauses(problem, dense, settings),
     ]
@@ -227,15 +225,14 @@ def _time(steps: _Steps, k: int) -> str:
     return f"t = {steps.message.time[steps.segments[k]] + steps.since[k]:.4f} s"
 
 
-def _effort_shares(
-    problem: CheckedProblem, steps: _Steps, efforts: Callable[[FloatArray, FloatArray, FloatArray], Efforts]
-) -> list[tuple[float, str]]:
+def _effort_shares(problem: CheckedProblem, steps: _Steps) -> list[tuple[float, str]]:
     """The same of torques and of the force on the base's axes, with what they can do between the ends of a step."""
     limits = problem.limits
     bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
     if limits.torque is None and limits.feed_force is None:
         return []
-    at_ends = [efforts(*(steps.ends[order][end] for order in range(3))) for end in (0, 1)]
+    gravity = problem.simulation.gravity
+    at_ends = [drive_efforts(problem.arm, gravity, *(steps.ends[order][end] for order in range(3))) for end in (0, 1)]
     found = []
     for name, bound, values in zip(("torque", "feed force"), bounds, zip(*at_ends, strict=True), strict=True):
         beyond = steps.length**2 / 8.0 * _effort_bow(problem, steps)

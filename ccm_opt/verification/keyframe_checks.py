@@ -10,7 +10,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification.link_motion import link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _KEYFRAME_SHARE = 1.0 / 3.0
@@ -149,7 +148,8 @@ def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: 
     name = "curves against keyframes"
     if len(curves) != len(keyframes):
         return Check(name, np.inf, 0.0, "rad", f"{len(curves)} curves for {len(keyframes)} keyframes", passed=False)
-    added = link_headings(arm, keyframes) - np.array([_mean_headings(arm, curve) for curve in curves])
+    headings = arm.base_heading + np.cumsum(keyframes[:, arm.coordinates.bends], axis=1)
+    added = headings - np.array([_mean_headings(arm, curve) for curve in curves])
     errors = np.max(np.abs(added - added[0]), axis=1)
     k = int(np.argmax(errors))
     worst = float(errors[k])

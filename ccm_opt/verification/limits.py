@@ -1,9 +1,13 @@
-"""Checks of speeds and accelerations of joints and points.
+"""Checks of speeds and accelerations of joints and points, and of the share of the limits that a plan leaves.
 
-The plane is taken as that of complex numbers here: a point is base + Σ lᵢ exp(i φᵢ) over the links before it.
+The share σ holds for velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
+share h of an effort's limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. The rule stands in
+``robot.coordinates`` too; the verifier reckons for itself, on purpose.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,9 +15,15 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.checked_problem import as_revolutes, bends_a_ball, joint_of_bend
-from ccm_opt.verification.link_motion import advance, link_headings
+from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried, lengths_of
+from ccm_opt.verification.checked_problem import CheckedProblem, as_revolutes, bends_a_ball, joint_of_bend
+from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+UNIT = "of the limit"
+HoldingEfforts = tuple[FloatArray, FloatArray]
+"""Torques of all revolutes, shape (T, 3 * links) [N m], and forces of the base's axes, (T, axes) [N], at rest."""
+
 
 _Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
 """Values of all revolutes at some times, the times, and the names of the revolutes."""
@@ -139,15 +149,21 @@ def check_points(
 ) -> list[Check]:
     """Check every limit on a point of the arm.
 
-    Speeds are judged by the reported velocities, by the distances from sample to sample, and by the motion whose
-    coordinates are linear between samples, at all its times; accelerations by the reported ones, by what reported
-    velocities gain, and by second differences of places.
+    Speeds are judged by the reported velocities, by the distances from sample to sample, and in the plane by the motion
+    whose coordinates are linear between samples, at all its times; accelerations by the reported ones, by what reported
+    velocities gain, and by second differences of places: means that no motion through the samples can be below.
     """
-    checks = []
+    checks: list[Check] = []
+    if not limits.points:
+        return checks
+    frames = LinkFrames.of(arm, trajectory.positions)
+    rates = LinkRates.of(arm, frames, trajectory.velocities, trajectory.accelerations)
     for limit in limits.points:
-        motion = _PointMotion.of_limit(arm, limit, trajectory)
+        motion = _PointMotion(arm, limit, trajectory, frames, rates)
         if np.isfinite(limit.velocity):
-            speeds = [motion.reported_speeds(), motion.mean_speeds(), motion.speeds_between()]
+            speeds = [lengths_of(motion.velocities), motion.mean_speeds()]
+            if arm.dimension == 2:
+                speeds.append(motion.speeds_between())
             checks.append(_check(f"{limit.name} velocity", limit.velocity, "m/s", speeds, trajectory.time, settings))
         if np.isfinite(limit.acceleration):
             gains = [motion.reported_accelerations(), motion.gained(), motion.second_differences()]
@@ -159,94 +175,94 @@ def check_points(
 
 @dataclass(frozen=True)
 class _PointMotion:
-    """What a point does at the samples.
+    """What a point of the arm does at the samples.
 
     Attributes:
-        levers: length of every link before the point, shape (links,) [m].
-        along: direction in which the base is carried, a complex number of length 1.
-        headings: of the links, shape (T, links) [rad].
+        arm: the arm.
+        limit: says which point.
         trajectory: the motion of the arm.
-        places: of the point, shape (T,), complex [m].
-        step: time from sample to sample, shape (T − 1,) [s].
+        frames: of the links.
+        rates: of the links, as they are reported.
     """
 
     arm: Arm
-    levers: FloatArray
-    along: complex
-    headings: FloatArray
+    limit: PointLimit
     trajectory: JointTrajectory
-    places: FloatArray
-    step: FloatArray
+    frames: LinkFrames
+    rates: LinkRates
 
-    @classmethod
-    def of_limit(cls, arm: Arm, limit: PointLimit, trajectory: JointTrajectory) -> "_PointMotion":
-        at = arm.links * arm.link_length if limit.at is None else limit.at
-        # Links before the point count in full, its own up to the point, those beyond it not at all.
-        levers = np.array([min(max(at - k * arm.link_length, 0.0), arm.link_length) for k in range(arm.links)])
-        along = complex(np.exp(1j * arm.base_heading))
-        headings = link_headings(arm, trajectory.positions)
-        places = np.exp(1j * headings) @ levers + advance(arm, trajectory.positions) * along
-        return cls(arm, levers, along, headings, trajectory, places, np.diff(trajectory.time))
+    @cached_property
+    def places(self) -> FloatArray:
+        """Of the point, but for where the base stands, shape (T, 3) [m]."""
+        return self._summed(self.frames.along) + self._carried(self.trajectory.positions)
 
-    def reported_speeds(self) -> FloatArray:
-        """By the reported velocities, shape (T,) [m/s]."""
-        return np.abs(self._velocities())
+    @cached_property
+    def velocities(self) -> FloatArray:
+        """By the reported ones, shape (T, 3) [m/s]."""
+        swing = np.cross(self.rates.rate, self.frames.along)
+        return self._summed(swing) + self._carried(self.trajectory.velocities)
 
     def mean_speeds(self) -> FloatArray:
         """Distance over time of every step, shape (T − 1,) [m/s]."""
-        return self._quotient(self.places, self.step)
+        return self._quotient(self.places)
 
     def speeds_between(self) -> FloatArray:
-        """Bound on the speed within every step while coordinates are linear in time, shape (T − 1,) [m/s].
+        """Bound on the speed within every step while coordinates are linear in time, in the plane, (T − 1,) [m/s].
 
         Within a step the velocity leaves its chord by at most h² / 8 times the greatest third derivative.
         """
-        rates = np.diff(self.headings, axis=0) / self.step[:, None]
-        carried = np.diff(advance(self.arm, self.trajectory.positions)) / self.step
-        first = self._turned(self.headings[:-1], rates) + carried * self.along
-        last = self._turned(self.headings[1:], rates) + carried * self.along
+        steps = np.diff(self.trajectory.positions, axis=0) / self._step[:, None]
+        turns = np.cumsum(bend_pairs(self.arm, steps)[..., 1], axis=1)
+        axis = self.arm.base_rotation[:, 1]
+        swings = np.cross(axis, self.frames.along)
+        ends = [self._summed(turns[..., None] * some) + self._carried(steps) for some in (swings[:-1], swings[1:])]
         # At constant rates the third derivative of the place is at most Σ l |φ̇|³.
-        third = np.abs(rates) ** 3 @ self.levers
-        return np.asarray(np.maximum(np.abs(first), np.abs(last)) + self.step**2 / 8.0 * third)
+        third = np.abs(turns) ** 3 @ self._levers
+        return np.asarray(np.maximum(*map(lengths_of, ends)) + self._step**2 / 8.0 * third)
 
     def reported_accelerations(self) -> FloatArray:
         """By the reported velocities and accelerations, shape (T,) [m/s²]."""
-        rates = self._heading_rates(self.trajectory.velocities)
-        gains = self._heading_rates(self.trajectory.accelerations)
-        # The second derivative of exp(iφ) is (i φ̈ − φ̇²) exp(iφ).
-        turned = ((1j * gains - rates**2) * np.exp(1j * self.headings)) @ self.levers
-        return np.asarray(np.abs(turned + advance(self.arm, self.trajectory.accelerations) * self.along))
+        # Between the middle of a link and its end the acceleration grows by half of what the link adds.
+        added = 2.0 / self.arm.link_length * (self.rates.ends - self.rates.middles)
+        return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
 
     def gained(self) -> FloatArray:
         """What reported velocities gain in every step, over its time, shape (T − 1,) [m/s²]."""
-        return self._quotient(self._velocities(), self.step)
+        return self._quotient(self.velocities)
 
     def second_differences(self) -> FloatArray:
         """What mean velocities gain from step to step, shape (T − 2,), and nothing at the first sample [m/s²]."""
-        means = np.diff(self.places) / self.step
-        apart = 0.5 * (self.step[1:] + self.step[:-1])
-        noise = _noise(self.places) / np.minimum(self.step[1:], self.step[:-1]) ** 2
+        step = self._step
+        means = np.diff(self.places, axis=0) / step[:, None]
+        apart = 0.5 * (step[1:] + step[:-1])
+        noise = self._noise(self.places) / np.minimum(step[1:], step[:-1]) ** 2
         # A leading zero, so that entry k belongs to the time of sample k, as ``_check`` expects.
-        return np.append(0.0, np.maximum(np.abs(np.diff(means)) / apart - noise, 0.0))
+        return np.append(0.0, np.maximum(lengths_of(np.diff(means, axis=0)) / apart - noise, 0.0))
 
-    def _velocities(self) -> FloatArray:
-        turned = self._turned(self.headings, self._heading_rates(self.trajectory.velocities))
-        return np.asarray(turned + advance(self.arm, self.trajectory.velocities) * self.along)
+    @property
+    def _step(self) -> FloatArray:
+        return np.diff(self.trajectory.time)
 
-    def _turned(self, headings: FloatArray, rates: FloatArray) -> FloatArray:
-        return np.asarray((1j * rates * np.exp(1j * headings)) @ self.levers)
+    @cached_property
+    def _levers(self) -> FloatArray:
+        """How much of every link lies before the point, shape (links,) [m]."""
+        arm = self.arm
+        at = arm.length if self.limit.at is None else self.limit.at
+        return np.clip(at - arm.link_length * np.arange(arm.links), 0.0, arm.link_length)
 
-    def _heading_rates(self, rates: FloatArray) -> FloatArray:
-        return np.cumsum(rates[:, : self.arm.links], axis=1)
+    def _summed(self, of_links: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("k,tkd->td", self._levers, of_links))
 
-    @staticmethod
-    def _quotient(values: FloatArray, step: FloatArray) -> FloatArray:
-        return np.asarray(np.maximum(np.abs(np.diff(values)) - _noise(values), 0.0) / step)
+    def _carried(self, values: FloatArray) -> FloatArray:
+        return np.asarray(carried(self.arm, values)[:, None] * self.arm.base_rotation[:, 0])
 
+    def _quotient(self, values: FloatArray) -> FloatArray:
+        change = lengths_of(np.diff(values, axis=0))
+        return np.asarray(np.maximum(change - self._noise(values), 0.0) / self._step)
 
-def _noise(values: FloatArray) -> float:
-    """What rounding can have added to a difference of values."""
-    return float(16.0 * np.finfo(np.float64).eps * np.max(np.abs(values)))
+    def _noise(self, values: FloatArray) -> float:
+        """What rounding can have added to a difference of values."""
+        return float((16.0 + self.arm.links) * np.finfo(np.float64).eps * np.max(np.abs(values)))
 
 
 def _check(
@@ -258,3 +274,105 @@ def _check(
     worst = float(greatest[k])
     passed = worst <= limit * (1.0 + settings.limit_tolerance)
     return Check(name, worst, float(limit), unit, f"t = {time[k]:.4f} s", passed=passed)
+
+
+def check_shares(
+    problem: CheckedProblem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    of_limits: Sequence[Check],
+    holding: HoldingEfforts,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> list[Check]:
+    """Check the share that plans keep; nothing where they may use the limits in full.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        joints: the same for the drives, with their efforts.
+        of_limits: the checks of the limits themselves, which know where the greatest share of each is taken.
+        holding: what holds the arm still at the samples.
+        settings: the tolerance of limits.
+    """
+    share = problem.planner.effort_share
+    if share == 1.0:
+        return []
+    checks = []
+    drives = ("joint", *trajectory.coordinates.base_names)
+    for kind in ("velocity", "acceleration", "jerk"):
+        limited = [check for check in of_limits if check.name in {f"{drive} {kind}" for drive in drives}]
+        if limited:
+            checks.append(_of_rate(kind, limited, share, settings))
+    taken, held, names = _efforts(problem, trajectory, joints, holding)
+    if names:
+        checks.append(_of_effort(taken, held, names, trajectory.time, share, settings))
+    return checks
+
+
+def _of_rate(kind: str, limited: Sequence[Check], share: float, settings: VerificationSettings) -> Check:
+    """The check for velocities, accelerations or jerks, from those of their limits."""
+    tightest = max(limited, key=lambda check: check.worst / check.limit)
+    worst = tightest.worst / tightest.limit
+    # The place of an axis that carries the base is a time alone.
+    where = tightest.where if tightest.name.startswith("joint") else f"{tightest.name} at {tightest.where}"
+    return Check(
+        f"share of {kind}", worst, share, UNIT, where, passed=worst <= share * (1.0 + settings.limit_tolerance)
+    )
+
+
+def _of_effort(
+    taken: FloatArray,
+    held: FloatArray,
+    names: Sequence[str],
+    time: FloatArray,
+    share: float,
+    settings: VerificationSettings,
+) -> Check:
+    """The check for efforts; what may be taken depends on what holds the arm still at each sample."""
+    allowed = allowed_share(held, share)
+    k, j = np.unravel_index(np.argmax(taken / allowed), taken.shape)
+    worst = float(taken[k, j])
+    bound = float(allowed[k, j])
+    where = f"{names[int(j)]} at t = {time[k]:.4f} s"
+    if bound > share:
+        where = f"{where}, where holding the arm still takes {held[k, j]:.3g} of the limit"
+    passed = worst <= bound * (1.0 + settings.limit_tolerance)
+    return Check("share of effort", worst, bound, UNIT, where, passed=passed)
+
+
+def allowed_share(held: FloatArray, share: float) -> FloatArray:
+    """Share of an effort's limit that a plan may use where holding the arm still takes some of it, in [0, 1]."""
+    return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
+
+
+def holding_efforts(problem: CheckedProblem, positions: FloatArray) -> HoldingEfforts:
+    """What holds the arm still at given poses, shape (T, c); zeros where no effort is limited."""
+    if problem.limits.torque is None and problem.limits.feed_force is None:
+        count = len(positions)
+        return np.zeros((count, 3 * problem.arm.links)), np.zeros((count, len(problem.arm.base_axes)))
+    rest = np.zeros_like(positions)
+    torques, force = drive_efforts(problem.arm, problem.simulation.gravity, positions, rest, rest)
+    return torques, np.repeat(force[:, None], len(problem.arm.base_axes), axis=1)
+
+
+def _efforts(
+    problem: CheckedProblem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
+) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Shares of the limits that efforts take and that hold the arm still, shape (T, N), and names of these drives."""
+    limits = problem.limits
+    torques_at_rest, forces_at_rest = holding
+    taken = []
+    held = []
+    names = []
+    if limits.torque is not None:
+        taken.append(np.abs(joints.torques) / limits.torque)
+        held.append(np.abs(torques_at_rest) / limits.torque)
+        names += [f"joint {j // 3 + 1} ({name})" for j, name in enumerate(joints.names)]
+    if limits.feed_force is not None:
+        taken.append(np.abs(joints.base_forces) / limits.feed_force)
+        held.append(np.abs(forces_at_rest) / limits.feed_force)
+        names += [f"the {name} axis" for name in trajectory.coordinates.base_names]
+    if not names:
+        return np.zeros((0, 0)), np.zeros((0, 0)), names
+    # More than all of it holds nothing still; the check of the limit itself says so.
+    return np.concatenate(taken, axis=1), np.minimum(np.concatenate(held, axis=1), 1.0), names

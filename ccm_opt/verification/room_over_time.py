@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
 from ccm_opt.solution.records import ShortCause
-from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.selfcollision import check_self_collision, first_distant, pairs_within, self_distances
-from ccm_opt.verification.stretch_proof import Pairs
+from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.selfcollision import check_self_collision, first_distant, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import WallGaps, check_walls
+from ccm_opt.verification.wall_clearance import check_walls, wall_gaps
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,15 @@ class _GapsAtSamples:
         gap: [m]; the reach where no pair is within it.
         wanted: gap that is wanted of the pair [m].
         link: from 1; 0 where no pair is within reach.
-        obstacle: number of the wall, or -1.
         second_link: from 1, or 0.
+        obstacle: name of the wall, or empty.
     """
 
     gap: FloatArray
     wanted: FloatArray
     link: IntArray
-    obstacle: IntArray
     second_link: IntArray
+    obstacle: npt.NDArray[np.object_]
 
     @property
     def lack(self) -> FloatArray:
@@ -72,12 +72,12 @@ class _GapsAtSamples:
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
         """These gaps at the samples of a mask, the others elsewhere."""
         return _GapsAtSamples(
-            *(np.where(choose, mine, theirs) for mine, theirs in zip(_columns(self), _columns(other), strict=True))
+            *(np.where(choose, mine, theirs) for mine, theirs in zip(*map(_columns, (self, other)), strict=True))
         )
 
 
 def _columns(gaps: _GapsAtSamples) -> tuple[np.ndarray, ...]:
-    return gaps.gap, gaps.wanted, gaps.link, gaps.obstacle, gaps.second_link
+    return gaps.gap, gaps.wanted, gaps.link, gaps.second_link, gaps.obstacle
 
 
 def room_over_time(
@@ -92,7 +92,7 @@ def room_over_time(
 
     Args:
         problem: what was asked.
-        trajectory: the planar motion, which passes the verifier.
+        trajectory: the motion, which passes the verifier.
         wanted: gap that was wanted [m]; 0 when none was.
         checks: of the verifier, which know the least gaps; made here when None.
         settings: what counts as enough, and how far is looked.
@@ -141,7 +141,7 @@ class _Room:
         """All of it."""
         motion = self._motion
         samples = self._samples
-        poses = motion.poses(_at_samples(samples, len(motion.time)))
+        poses = motion.points[samples]
         to_walls = self._wall_gaps(poses)
         to_itself, itself_lacks = self._self_gaps(poses)
         # What is nearest and what misses most of its wanted gap may be two pairs: links near along the arm want less.
@@ -162,34 +162,27 @@ class _Room:
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
         """The nearest wall at every sample looked at."""
-        arm = self.problem.arm
         clearance = self.problem.workspace.clearance
-        found = WallGaps(arm, self.problem.workspace)
-        pairs, distance = found.within(poses, self._reach + clearance)
-        best = _first_of_each(pairs.node, distance, len(poses))
-        gap = _filled(best, distance - clearance, self._reach)
-        wall = np.append(found.edges.owner[pairs.other], -1)[best]
-        none = np.zeros(len(poses), dtype=np.int64)
-        return _GapsAtSamples(gap, np.full(len(poses), self.wanted), _numbered(best, pairs.link), wall, none)
+        link, gap, names = wall_gaps(self.problem.arm, self.problem.workspace, poses, self._reach + clearance)
+        wanted = np.full(len(poses), self.wanted)
+        return _GapsAtSamples(gap - clearance, wanted, link + 1, np.zeros_like(link), np.array(names, dtype=np.object_))
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
         """The two links that are nearest at every sample looked at, and those that miss most of what they want."""
         arm = self.problem.arm
-        pairs = Pairs(*(np.zeros(0, dtype=np.int64) for _ in range(3)))
-        if arm.self_collision and first_distant(arm) < arm.links:
-            pairs = pairs_within(arm, poses, self._reach)
-        distance = self_distances(arm, poses, pairs)
+        may_meet = arm.self_collision and first_distant(arm) < arm.links
+        pairs, distance = link_gaps(arm, poses if may_meet else poses[:0], self._reach)
         wanted = arm.link_margins(pairs.link, pairs.other, self.wanted)
 
         def chosen(least: FloatArray) -> _GapsAtSamples:
-            best = _first_of_each(pairs.node, least, len(poses))
-            none = np.full(len(poses), -1)
+            best = _first_of_each(pairs.stretch, least, len(poses))
+            nothing = np.full(len(poses), "", dtype=np.object_)
             return _GapsAtSamples(
                 _filled(best, distance, self._reach),
                 _filled(best, wanted, self.wanted),
                 _numbered(best, pairs.link),
-                none,
                 _numbered(best, pairs.other),
+                nothing,
             )
 
         nearest = chosen(distance)
@@ -207,13 +200,12 @@ class _Room:
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
         """What stands at one sample."""
-        wall = int(gaps.obstacle[sample])
         return NearPlace(
             float(gaps.gap[sample]),
             float(gaps.wanted[sample]),
             float(self.trajectory.time[self._samples[sample]]),
             int(gaps.link[sample]),
-            self.problem.workspace.walls[wall].name if wall >= 0 else "",
+            str(gaps.obstacle[sample]),
             int(gaps.second_link[sample]),
         )
 
@@ -241,12 +233,6 @@ class _Room:
                     return "start"
                 return "goal" if number == len(rests) - 1 else "stop"
         return "passage"
-
-
-def _at_samples(numbers: IntArray, count: int) -> Nodes:
-    """A stretch of no length at each of some samples, of so many in all."""
-    last = numbers == count - 1
-    return Nodes(numbers - last, last.astype(np.float64), np.zeros(len(numbers)))
 
 
 def _first_of_each(node: IntArray, least: FloatArray, count: int) -> IntArray:

@@ -9,150 +9,82 @@ hat w that is highest at the sample and 0 at its neighbours. A moment is a produ
 mean differs from the product of the means; by how much at most is reckoned here. What is left over after that is a mean
 of efforts that *every* motion through the samples has to bear, so that some effort of it is at least as great.
 
-The theorem, its assumptions and its proof stand in ``docs/theory.md`` (theorem 9). The plane is taken as that of
-complex numbers here.
+The theorems, their assumptions and their proofs stand in ``docs/theory.md``: theorem 9 for the plane, where the axes of
+all joints are one direction, and theorem 16 for space, where a torque is a product of three: axis, lever and force.
+Everything is bounded by the samples beside it and by the limits on accelerations. Vectors leave what is linear between
+samples by at most an eighth of the square of the step times their second derivative.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem import Problem
-from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.checked_problem import CheckedProblem
-from ccm_opt.verification.consistency import point_rounding
-from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
-from ccm_opt.verification.newton_euler import efforts_in_plane
-from ccm_opt.verification.stretch_proof import HatMeans
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
+from ccm_opt.verification.checked_problem import CheckedProblem, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.limits import HoldingEfforts, allowed_share
+from ccm_opt.verification.newton_euler import from_tip
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-UNIT = "of the limit"
-
-HoldingEfforts = tuple[FloatArray, FloatArray]
-"""Torques of all revolutes, shape (T, 3 * links) [N m], and forces of the base's axes, (T, axes) [N], at rest."""
+_REFINEMENTS = 2
+"""How often a bound on how fast links turn is put into itself: each makes it smaller, and the third by little."""
 
 
-def check_shares(
-    problem: CheckedProblem,
-    trajectory: JointTrajectory,
-    joints: JointStates,
-    of_limits: Sequence[Check],
-    holding: HoldingEfforts,
-    settings: VerificationSettings = DEFAULT_VERIFICATION,
-) -> list[Check]:
-    """Check the share that plans keep; nothing where they may use the limits in full.
+@dataclass(frozen=True)
+class HatMeans:
+    """What values at samples say of the means around the inner ones, T − 2 of them; values have any further shape.
 
-    Args:
-        problem: what was asked.
-        trajectory: the planar motion.
-        joints: the same for the drives, with their efforts.
-        of_limits: the checks of the limits themselves, which know where the greatest share of each is taken.
-        holding: what holds the arm still at the samples.
-        settings: the tolerance of limits.
+    Attributes:
+        time: of the samples, shape (T,) [s].
     """
-    share = problem.planner.effort_share
-    if share == 1.0:
-        return []
-    checks = []
-    drives = ("joint", *trajectory.coordinates.base_names)
-    for kind in ("velocity", "acceleration", "jerk"):
-        limited = [check for check in of_limits if check.name in {f"{drive} {kind}" for drive in drives}]
-        if limited:
-            checks.append(_of_rate(kind, limited, share, settings))
-    taken, held, names = _efforts(problem, trajectory, joints, holding)
-    if names:
-        checks.append(_of_effort(taken, held, names, trajectory.time, share, settings))
-    return checks
 
-
-def _of_rate(kind: str, limited: Sequence[Check], share: float, settings: VerificationSettings) -> Check:
-    """The check for velocities, accelerations or jerks, from those of their limits."""
-    tightest = max(limited, key=lambda check: check.worst / check.limit)
-    worst = tightest.worst / tightest.limit
-    # The place of an axis that carries the base is a time alone.
-    where = tightest.where if tightest.name.startswith("joint") else f"{tightest.name} at {tightest.where}"
-    return Check(
-        f"share of {kind}", worst, share, UNIT, where, passed=worst <= share * (1.0 + settings.limit_tolerance)
-    )
-
-
-def _of_effort(
-    taken: FloatArray,
-    held: FloatArray,
-    names: Sequence[str],
-    time: FloatArray,
-    share: float,
-    settings: VerificationSettings,
-) -> Check:
-    """The check for efforts; what may be taken depends on what holds the arm still at each sample."""
-    allowed = allowed_share(held, share)
-    k, j = np.unravel_index(np.argmax(taken / allowed), taken.shape)
-    worst = float(taken[k, j])
-    bound = float(allowed[k, j])
-    where = f"{names[int(j)]} at t = {time[k]:.4f} s"
-    if bound > share:
-        where = f"{where}, where holding the arm still takes {held[k, j]:.3g} of the limit"
-    passed = worst <= bound * (1.0 + settings.limit_tolerance)
-    return Check("share of effort", worst, bound, UNIT, where, passed=passed)
-
-
-def allowed_share(held: FloatArray, share: float) -> FloatArray:
-    """Share of an effort's limit that a plan may use where holding the arm still takes some of it, in [0, 1]."""
-    return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
-
-
-def holding_efforts(problem: Problem, positions: FloatArray) -> HoldingEfforts:
-    """What holds the arm still at given poses, shape (T, c); zeros where no effort is limited."""
-    if problem.limits.torque is None and problem.limits.feed_force is None:
-        count = len(positions)
-        return np.zeros((count, 3 * problem.arm.links)), np.zeros((count, len(problem.arm.base_axes)))
-    rest = np.zeros_like(positions)
-    torques, force = efforts_in_plane(problem.arm, problem.simulation.gravity, positions, rest, rest)
-    return torques, np.repeat(force[:, None], len(problem.arm.base_axes), axis=1)
-
-
-def _efforts(
-    problem: CheckedProblem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
-) -> tuple[FloatArray, FloatArray, list[str]]:
-    """Shares of the limits that efforts take and that hold the arm still, shape (T, N), and names of these drives."""
-    limits = problem.limits
-    torques_at_rest, forces_at_rest = holding
-    taken = []
-    held = []
-    names = []
-    if limits.torque is not None:
-        taken.append(np.abs(joints.torques) / limits.torque)
-        held.append(np.abs(torques_at_rest) / limits.torque)
-        names += [f"joint {j // 3 + 1} ({name})" for j, name in enumerate(joints.names)]
-    if limits.feed_force is not None:
-        taken.append(np.abs(joints.base_forces) / limits.feed_force)
-        held.append(np.abs(forces_at_rest) / limits.feed_force)
-        names += [f"the {name} axis" for name in trajectory.coordinates.base_names]
-    if not names:
-        return np.zeros((0, 0)), np.zeros((0, 0)), names
-    # More than all of it holds nothing still; the check of the limit itself says so.
-    return np.concatenate(taken, axis=1), np.minimum(np.concatenate(held, axis=1), 1.0), names
-
-
-class MeansOfForce(Protocol):
-    """Means of the force on a feed axis around the inner samples, and what they may be off, shape (T − 2,) [N] each."""
+    time: FloatArray
 
     @property
-    def force(self) -> FloatArray:
-        """The means by differences."""
+    def steps(self) -> tuple[FloatArray, FloatArray]:
+        """Steps before and after the inner samples, each of shape (T − 2,) [s]."""
+        step = np.diff(self.time)
+        return step[:-1], step[1:]
 
-    @property
-    def force_errors(self) -> FloatArray:
-        """What the true means may be off."""
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Means of what is linear between samples, shape (T − 2, …)."""
+        before, after = self._beside(values)
+        change = after * (values[2:] - values[1:-1]) + before * (values[:-2] - values[1:-1])
+        return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
+
+    def first(self, values: FloatArray) -> FloatArray:
+        """Mean rates over both steps, shape (T − 2, …)."""
+        before, after = self._beside(values)
+        return np.asarray((values[2:] - values[:-2]) / (before + after))
+
+    def second(self, values: FloatArray) -> FloatArray:
+        """Second difference quotients: exactly the means of second derivatives, shape (T − 2, …)."""
+        before, after = self._beside(values)
+        rates = np.diff(values, axis=0)
+        return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
+
+    def at(self, sample: int) -> "HatMeans":
+        """Of one inner sample, counted from 0, alone."""
+        return HatMeans(self.time[sample : sample + 3])
+
+    def variance(self, values: FloatArray) -> FloatArray:
+        """Bound on the mean square of how far vectors (3, …, d) at the samples of one are from their mean, (…)."""
+        before, after = (float(step[0]) for step in self.steps)
+        # A square is convex, so that between samples it is below what is linear.
+        weights = np.array([before, 2.0 * (before + after), after]) / (3.0 * (before + after))
+        away = np.sum((values - self.mean(values)) ** 2, axis=-1)
+        return np.asarray(np.tensordot(weights, away, axes=1))
+
+    def _beside(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        before, after = (step.reshape(-1, *[1] * (values.ndim - 1)) for step in self.steps)
+        return before, after
 
 
 def check_sample_efforts(
-    problem: Problem,
+    problem: CheckedProblem,
+    motion: ChainMotion,
     trajectory: JointTrajectory,
     holding: HoldingEfforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -163,22 +95,37 @@ def check_sample_efforts(
     an effort. ``worst`` is the effort by differences, ``limit`` the limit with what differences may be off.
     """
     limits = problem.limits
-    if len(trajectory.time) < 3:
+    time = trajectory.time
+    if len(time) < 3:
         return []
     checks = []
-    means = SampleMeans(problem, trajectory)
+    means = SampleMeans(problem, motion)
     torques, forces = holding
     if limits.torque is not None:
-        limit = allowed_beside(torques[:, 1::3], limits.torque[1::3], problem)
-        checks.append(_torque_check(means, limit, settings))
+        bending = revolutes_of_bends(trajectory.coordinates)
+        allowed = _allowed_beside(torques[:, bending], limits.torque[bending], problem)
+        efforts = np.abs(means.torques)
+        limit = allowed * (1.0 + settings.limit_tolerance)
+        # The bound is worth its price only where the effort by differences passes the limit.
+        for sample, bend in np.argwhere(efforts > limit):
+            limit[sample, bend] += means.torque_error(int(sample), int(bend))
+        k, j = (int(index) for index in np.unravel_index(np.argmax(efforts / limit), efforts.shape))
+        where = f"{joint_of_bend(trajectory.coordinates, j)} at t = {time[k + 1]:.4f} s"
+        worst, bound = float(efforts[k, j]), float(limit[k, j])
+        checks.append(Check("joint torque of the samples", worst, bound, "N m", where, passed=worst <= bound))
     if limits.feed_force is not None:
+        efforts = np.abs(means.force)
         for name, held in zip(trajectory.coordinates.base_names, forces.T, strict=True):
-            limit = allowed_beside(held[:, None], np.array([limits.feed_force]), problem)[:, 0]
-            checks.append(force_check(name, means, trajectory.time, limit, settings))
+            allowed = _allowed_beside(held[:, None], np.array([limits.feed_force]), problem)[:, 0]
+            limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors
+            k = int(np.argmax(efforts / limit))
+            worst, bound = float(efforts[k]), float(limit[k])
+            where = f"t = {time[k + 1]:.4f} s"
+            checks.append(Check(f"{name} force of the samples", worst, bound, "N", where, passed=worst <= bound))
     return checks
 
 
-def allowed_beside(held: FloatArray, limit: FloatArray, problem: CheckedProblem) -> FloatArray:
+def _allowed_beside(held: FloatArray, limit: FloatArray, problem: CheckedProblem) -> FloatArray:
     """The greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
 
     Args:
@@ -190,205 +137,319 @@ def allowed_beside(held: FloatArray, limit: FloatArray, problem: CheckedProblem)
     return np.asarray(np.maximum(np.maximum(allowed[:-2], allowed[1:-1]), allowed[2:]))
 
 
-def _torque_check(means: "SampleMeans", allowed: FloatArray, settings: VerificationSettings) -> Check:
-    efforts = np.abs(means.torques)
-    limit = allowed * (1.0 + settings.limit_tolerance)
-    # The bound is worth its price only where the effort by differences passes the limit.
-    sample, joint = np.nonzero(efforts > limit)
-    limit[sample, joint] += means.torque_errors(sample, joint)
-    time = means.trajectory.time
-    return torque_check(efforts, limit, lambda k, j: f"joint {j + 1} at t = {time[k + 1]:.4f} s")
-
-
-def torque_check(efforts: FloatArray, limit: FloatArray, where: Callable[[int, int], str]) -> Check:
-    """The check of the torques that the inner samples take by themselves.
-
-    Args:
-        efforts: their absolute values, shape (T − 2, N) [N m].
-        limit: with what they may be off, of the same shape [N m].
-        where: says where an effort is, by its row and column.
-    """
-    k, j = (int(index) for index in np.unravel_index(np.argmax(efforts / limit), efforts.shape))
-    worst = float(efforts[k, j])
-    bound = float(limit[k, j])
-    return Check("joint torque of the samples", worst, bound, "N m", where(k, j), passed=worst <= bound)
-
-
-def force_check(
-    name: str,
-    means: MeansOfForce,
-    time: FloatArray,
-    allowed: FloatArray,
-    settings: VerificationSettings,
-) -> Check:
-    """The check of the force on a feed axis that the inner samples take by themselves.
-
-    Args:
-        name: of the axis.
-        means: the force by differences, and what it may be off.
-        time: of all samples, shape (T,) [s].
-        allowed: shape (T − 2,) [N].
-        settings: of the verifier.
-    """
-    efforts = np.abs(means.force)
-    limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors
-    k = int(np.argmax(efforts / limit))
-    where = f"t = {time[k + 1]:.4f} s"
-    worst = float(efforts[k])
-    bound = float(limit[k])
-    return Check(f"{name} force of the samples", worst, bound, "N", where, passed=worst <= bound)
-
-
 @dataclass(frozen=True)
 class SampleMeans:
     """Means of efforts around the inner samples, T − 2 of them, by the samples' places and times alone.
 
     Attributes:
         problem: arm, gravity, and the limits on accelerations.
-        trajectory: the motion, of at least three samples.
+        motion: the motion, of at least three samples.
     """
 
-    problem: Problem
-    trajectory: JointTrajectory
+    problem: CheckedProblem
+    motion: ChainMotion
 
-    @property
+    @cached_property
     def torques(self) -> FloatArray:
-        """Mean torques of the bends, counter-clockwise, shape (T − 2, links) [N m]."""
-        arm = self._arm
-        forces = self._forces
-        # Σ over the masses beyond joint i of (lever × force), the lever r − pᵢ, in two sums from the tip.
-        levers = self._hat.mean(self._bodies)
-        own = _from_tip(np.imag(np.conj(levers) * forces))[:, : arm.links]
-        beyond = _from_tip(forces)[:, : arm.links]
-        moments = own - np.imag(np.conj(self._hat.mean(self._joints[:, :-1])) * beyond)
-        # Links turn, rotors turn with their bends, and friction rubs.
-        spins = _from_tip(arm.inertia_transverse * self._hat.second(self._headings))
-        bends = self.trajectory.bend_angles
-        geared = _of_bends(arm, arm.rotor_inertia) * self._hat.second(bends)
-        rubbed = _of_bends(arm, arm.friction) * self._hat.first(bends)
-        return np.asarray(moments + spins + geared + rubbed)
+        """Mean torques of the revolutes that bend the arm, shape (T − 2, bends) [N m]."""
+        arm = self.problem.arm
+        hat = self._hat
+        axes = (self._frames.first_axes, self._frames.second_axes)
+        pairs = bend_pairs(arm, self.motion.positions)
+        torques = np.zeros((len(pairs) - 2, *pairs.shape[1:]))
+        bending = revolutes_of_bends(arm.coordinates)
+        for revolute in np.unique(bending % 3):
+            torques[..., revolute] = np.einsum("tld,tld->tl", hat.mean(axes[revolute]), self._moments)
+        torques += _of_bends(arm.rotor_inertia, arm.links) * hat.second(pairs)
+        torques += _of_bends(arm.friction, arm.links) * hat.first(pairs)
+        return np.asarray(torques[:, bending // 3, bending % 3])
 
     @property
     def force(self) -> FloatArray:
-        """Mean force along the base heading, shape (T − 2,) [N]; no lever is in it, so that it is exact."""
-        x, y = axis_direction(self._arm)
-        return np.asarray(np.real(np.sum(self._forces, axis=1) * np.conj(complex(x, y))))
+        """Mean force along the base's direction, shape (T − 2,) [N]; no lever is in it, so that it is exact."""
+        return np.asarray(np.sum(self._forces, axis=1) @ self.problem.arm.base_rotation[:, 0])
 
     @property
     def force_errors(self) -> FloatArray:
         """What rounding can have added to the mean force, shape (T − 2,) [N]."""
-        return np.asarray(np.sum(self._masses) * self._noise)
+        before, after = self._hat.steps
+        return np.asarray(4.0 * self.motion.rounding / (before * after) * np.sum(self._masses))
 
-    def torque_errors(self, sample: IntArray, joint: IntArray) -> FloatArray:
-        """How far mean torques may be from the means that every motion through the samples has, shape (m,) [N m].
+    def torque_error(self, sample: int, bend: int) -> float:
+        """How far a mean torque may be from the mean that every motion through the samples has [N m].
 
         Args:
-            sample: numbers of inner samples, from 0.
-            joint: numbers of bends, from 0.
+            sample: number of an inner sample, from 0.
+            bend: number of a bend, from 0.
         """
-        return np.array([self._torque_error(int(k), int(i)) for k, i in zip(sample, joint, strict=True)])
-
-    def _torque_error(self, k: int, i: int) -> float:
-        arm = self._arm
-        before = self._steps[0][k]
-        after = self._steps[1][k]
-        longest = max(before, after)
-        within = slice(k, k + 3)
-        # How fast links may turn and speed up between the samples, by the limits on accelerations.
-        growth = np.cumsum(self.problem.limits.acceleration[1::3])
-        mean_rates = np.diff(self._headings[within], axis=0) / np.array([[before], [after]])
-        rates = np.max(np.abs(mean_rates), axis=0) + longest * growth
-        of_links = arm.link_length * (growth + rates**2)
-        at_all = bounds_of_bodies(of_links) + (self.problem.limits.feed_acceleration or 0.0)
-        beyond = bounds_of_bodies(np.where(np.arange(arm.links) >= i, of_links, 0.0))
-
-        levers = (self._bodies[within] - self._joints[within, i : i + 1])[:, i:]
-        spread = np.abs(levers - self._mean_of(levers, before, after)) ** 2
-        weights = np.array([before, 2.0 * (before + after), after]) / (3.0 * (before + after))
-        bow = longest**2 / 8.0 * beyond[i:]
-        mean = self._accelerations[k, i:]
-        unsteady = np.sqrt(np.maximum(at_all[i:] ** 2 - np.abs(mean) ** 2, 0.0))
-        pull = np.abs(mean - self._gravity) + abs(self._gravity)
-        masses = self._masses[i:]
-        of_levers = float(masses @ ((np.sqrt(weights @ spread) + bow) * unsteady + bow * pull))
-
-        rubbing = float(_of_bends(arm, arm.friction)[i] * self.problem.limits.acceleration[3 * i + 1] * longest)
-        noise = self._noise[k]
-        turning = float(np.sum(arm.inertia_transverse[i:]) + _of_bends(arm, arm.rotor_inertia)[i]) / arm.link_length
-        rounded = noise * (float(masses @ np.max(np.abs(levers), axis=0)) + turning)
-        rounded += 2.0 * point_rounding(arm, self.trajectory.positions) * float(masses @ pull)
-        return float(of_levers + rubbing + rounded)
-
-    @property
-    def _arm(self) -> Arm:
-        return self.problem.arm
-
-    @property
-    def _hat(self) -> HatMeans:
-        return HatMeans(self.trajectory.time)
+        joint, revolute = divmod(int(revolutes_of_bends(self.problem.arm.coordinates)[bend]), 3)
+        axes = (self._frames.first_axes, self._frames.second_axes)[revolute]
+        moment = float(np.linalg.norm(self._moments[sample, joint]))
+        bounds = SampleBounds(self.problem, self.motion, self._frames, self._bodies, sample)
+        return bounds.of_torque(joint, revolute, axes[sample : sample + 3, joint], moment)
 
     @cached_property
-    def _steps(self) -> tuple[FloatArray, FloatArray]:
-        return self._hat.steps
+    def _moments(self) -> FloatArray:
+        """Mean moments about the joints, without what links take to spin about themselves, (T − 2, links, 3) [N m]."""
+        hat = self._hat
+        arm = self.problem.arm
+        forces = self._forces
+        # Σ over the masses beyond joint i of (lever × force), the lever r − pᵢ, in two sums from the tip.
+        own = from_tip(np.cross(hat.mean(self._bodies), forces))[:, : arm.links]
+        beyond = from_tip(forces)[:, : arm.links]
+        joints = arm.embedded(self.motion.points[:, :-1])
+        moments = own - np.cross(hat.mean(joints), beyond)
+        if arm.dimension == 2:
+            # All links turn about one direction, so that their spins are exact means.
+            turned = np.cumsum(bend_pairs(arm, self.motion.positions)[..., 1], axis=1)
+            turning = hat.second(turned)[..., None] * arm.base_rotation[:, 1]
+        else:
+            turning = np.cross(hat.mean(self._frames.along), hat.second(self._frames.along))
+        return np.asarray(moments + from_tip(arm.inertia_transverse[:, None] * turning))
 
     @cached_property
-    def _headings(self) -> FloatArray:
-        return link_headings(self._arm, self.trajectory.positions)
-
-    @cached_property
-    def _joints(self) -> FloatArray:
-        """Base, joints and tip, shape (T, links + 1), complex [m]."""
-        arm = self._arm
-        steps = arm.link_length * np.exp(1j * self._headings)
-        x, y = axis_direction(arm)
-        base = complex(*arm.base) + advance(arm, self.trajectory.positions) * complex(x, y)
-        return np.asarray(base[:, None] + np.concatenate((np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)), axis=1))
-
-    @cached_property
-    def _bodies(self) -> FloatArray:
-        """Where the masses are: the middles of the links, and the tip, shape (T, links + 1), complex [m]."""
-        joints = self._joints
-        return np.concatenate((0.5 * (joints[:, :-1] + joints[:, 1:]), joints[:, -1:]), axis=1)
+    def _forces(self) -> FloatArray:
+        """Mean forces that the masses need, shape (T − 2, links + 1, 3) [N]."""
+        gains = self._hat.second(self._bodies) - self.problem.simulation.gravity
+        return np.asarray(self._masses[:, None] * gains)
 
     @property
     def _masses(self) -> FloatArray:
         """Of the links, and the payload, shape (links + 1,) [kg]."""
-        return np.append(self._arm.masses, self._arm.payload)
-
-    @property
-    def _gravity(self) -> complex:
-        x, _, z = self.problem.simulation.gravity
-        return complex(x, z)
+        return np.append(self.problem.arm.masses, self.problem.arm.payload)
 
     @cached_property
+    def _bodies(self) -> FloatArray:
+        """Where the masses are: the middles of the links, and the tip, shape (T, links + 1, 3) [m]."""
+        points = self.motion.points
+        bodies = np.concatenate((0.5 * (points[:, :-1] + points[:, 1:]), points[:, -1:]), axis=1)
+        return self.problem.arm.embedded(bodies)
+
+    @cached_property
+    def _frames(self) -> LinkFrames:
+        return LinkFrames.of(self.problem.arm, self.motion.positions)
+
+    @property
+    def _hat(self) -> HatMeans:
+        return HatMeans(self.motion.time)
+
+
+def _of_bends(drives: FloatArray | float, links: int) -> FloatArray:
+    """A property of the drives for the first two revolutes of every ball, shape (links, 2)."""
+    return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * links,)).reshape(-1, 3)[:, :2]
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Bounds on products lever × force, each array of shape (n,), the force without its mass.
+
+    Attributes:
+        shares: of the products: masses, or moments of inertia.
+        longest: greatest lengths of the levers.
+        bows: how far levers leave what is linear between samples.
+        spread: root mean square of how far levers are from their means.
+        mean: sizes of the mean forces.
+        unsteady: root mean square of how far forces are from their means.
+    """
+
+    shares: FloatArray
+    longest: FloatArray
+    bows: FloatArray
+    spread: FloatArray
+    mean: FloatArray
+    unsteady: FloatArray
+
+    @property
+    def error(self) -> float:
+        """How far the mean of the products may be from the product of the means."""
+        return float(self.shares @ (self.spread * self.unsteady + self.bows * self.mean))
+
+    @property
+    def own_spread(self) -> float:
+        """Root mean square of how far the sum of the products is from its mean."""
+        return float(self.shares @ (self.longest * self.unsteady + self.spread * self.mean))
+
+
+@dataclass(frozen=True)
+class SampleBounds:
+    """Bounds around one inner sample.
+
+    Attributes:
+        problem: arm, gravity, and the limits on accelerations.
+        motion: the motion.
+        frames: of its samples.
+        bodies: where the masses are at the samples, shape (T, links + 1, 3) [m].
+        sample: number of the inner sample, from 0.
+    """
+
+    problem: CheckedProblem
+    motion: ChainMotion
+    frames: LinkFrames
+    bodies: FloatArray
+    sample: int
+
+    def of_torque(self, joint: int, revolute: int, axis: FloatArray, moment: float) -> float:
+        """How far the mean torque of a revolute may be from the one by means [N m].
+
+        Args:
+            joint: number of the joint, from 0.
+            revolute: its first or its second, from 0.
+            axis: about which it turns, at the three samples, shape (3, 3).
+            moment: size of the mean moment about the joint [N m].
+        """
+        arm = self.problem.arm
+        masses = self._masses_beyond(joint)
+        error = masses.error
+        bow = 0.0
+        turned = 0.0
+        # In the plane axes stand still, and the spins of links are exact means.
+        if arm.dimension == 3:
+            turning = self._turning_beyond(joint)
+            error += turning.error
+            # The first turns about an axis of the link before, which at the base stands still; the second about one of
+            # its own link.
+            carrier = joint if revolute else joint - 1
+            bow = self._eighth * float(self._curving[carrier]) if carrier >= 0 else 0.0
+            stray = float(np.sqrt(self._hat.variance(axis))) + bow
+            turned = bow * (moment + error) + stray * (masses.own_spread + turning.own_spread)
+            turned += float(arm.inertia_axial[joint:] @ self._curving[joint:])
+        friction = float(_of_bends(arm.friction, arm.links)[joint, revolute])
+        rubbing = friction * float(self._accelerations[joint, revolute]) * self._longest
+        held = self._held(joint, axis, bow)
+        return error + turned + rubbing + held + self._rounded(masses, joint, revolute, moment)
+
+    def _masses_beyond(self, joint: int) -> Factors:
+        arm = self.problem.arm
+        lever = self._levers(joint)
+        bow = self._eighth * self._bounds_beyond(joint)
+        gain = self._hat.second(self.bodies[self._within, joint:])[0]
+        at_all = _bounds_of_bodies(arm.link_length * self._curving)[joint:]
+        at_all = at_all + (self.problem.limits.feed_acceleration or 0.0)
+        return Factors(
+            np.append(arm.masses, arm.payload)[joint:],
+            np.max(np.linalg.norm(lever, axis=2), axis=0) + bow,
+            bow,
+            np.sqrt(self._hat.variance(lever)) + bow,
+            np.linalg.norm(gain - self.problem.simulation.gravity, axis=1),
+            _unsteady(at_all, gain),
+        )
+
+    def _turning_beyond(self, joint: int) -> Factors:
+        """Links that are turned: their directions stand for levers, how these are bent for forces."""
+        along = self.frames.along[self._within, joint:]
+        bow = self._eighth * self._curving[joint:]
+        gain = self._hat.second(along)[0]
+        return Factors(
+            self.problem.arm.inertia_transverse[joint:],
+            np.ones(len(bow)),
+            bow,
+            np.sqrt(self._hat.variance(along)) + bow,
+            np.linalg.norm(gain, axis=1),
+            _unsteady(self._curving[joint:], gain),
+        )
+
+    def _held(self, joint: int, axis: FloatArray, bow: float) -> float:
+        """By how much what holds the arm still can be more between samples than at them [N m].
+
+        The share of a limit that a plan may use grows with it.
+        """
+        arm = self.problem.arm
+        masses = np.append(arm.masses, arm.payload)[joint:]
+        moments = np.cross(np.einsum("m,kmd->kd", masses, self._levers(joint)), self.problem.simulation.gravity)
+        weight = float(np.linalg.norm(self.problem.simulation.gravity))
+        own = self._eighth * weight * float(masses @ self._bounds_beyond(joint))
+        both = np.linalg.norm(np.diff(axis, axis=0), axis=1) * np.linalg.norm(np.diff(moments, axis=0), axis=1)
+        return float(0.25 * np.max(both) + own + bow * (np.max(np.linalg.norm(moments, axis=1)) + own))
+
+    def _rounded(self, masses: Factors, joint: int, revolute: int, moment: float) -> float:
+        arm = self.problem.arm
+        before, after = (float(step[0]) for step in self._hat.steps)
+        place = self.motion.rounding
+        rotor = float(_of_bends(arm.rotor_inertia, arm.links)[joint, revolute])
+        turning = float(np.sum(arm.inertia_transverse[joint:])) + rotor
+        noise = 4.0 * place / (before * after) * (float(masses.shares @ masses.longest) + turning / arm.link_length)
+        # Directions are off by less than places by a link's length.
+        return noise + 2.0 * place * float(masses.shares @ masses.mean) + place / arm.link_length * moment
+
+    def _levers(self, joint: int) -> FloatArray:
+        """From a joint to the masses beyond it, at the three samples, shape (3, n, 3) [m]."""
+        joints = self.motion.points[self._within, joint : joint + 1]
+        return np.asarray(self.bodies[self._within, joint:] - self.problem.arm.embedded(joints))
+
+    def _bounds_beyond(self, joint: int) -> FloatArray:
+        """Bounds on the second derivatives of those levers, shape (n,) [m/s²]."""
+        arm = self.problem.arm
+        beyond = np.where(np.arange(arm.links) >= joint, arm.link_length * self._curving, 0.0)
+        return _bounds_of_bodies(beyond)[joint:]
+
+    @cached_property
+    def _curving(self) -> FloatArray:
+        """Bound on second derivatives of the axes of each link, which turn with it, shape (links,) [1/s²].
+
+        ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². How fast links turn is known by how far their axes go from sample to
+        sample, but for a step times that bound, which a bound that only adds up the joints begins with.
+        """
+        if self.problem.arm.dimension == 2:
+            turned = np.cumsum(bend_pairs(self.problem.arm, self.motion.positions[self._within])[..., 1], axis=1)
+            growth = np.cumsum(self._accelerations[:, 1])
+            step = np.diff(self.motion.time[self._within])
+            means = np.max(np.abs(np.diff(turned, axis=0)) / step[:, None], axis=0)
+            return np.asarray(growth + (means + self._longest * growth) ** 2)
+        frames = np.stack((self.frames.along, self.frames.second_axes, self.frames.across))[:, self._within]
+        step = np.diff(self.motion.time[self._within])
+        # |ω|² is half the sum of |ω × e|² over three axes.
+        gone = np.sqrt(0.5 * np.sum(np.diff(frames, axis=1) ** 2, axis=(0, 3)))
+        mean = np.max(gone / step[:, None], axis=0)
+        rates = self._rates
+        turn = np.cumsum(np.hypot(rates[:, 0], rates[:, 1]))
+        curving = self._growth(turn) + turn**2
+        for _ in range(_REFINEMENTS):
+            turn = np.minimum(turn, mean + np.sqrt(1.5) * self._longest * curving)
+            curving = self._growth(turn) + turn**2
+        return np.asarray(curving)
+
+    def _growth(self, turn: FloatArray) -> FloatArray:
+        """Bound on angular accelerations of the links, from one on how fast they turn, shape (links,) [rad/s²]."""
+        first, second = self._rates.T
+        before = np.concatenate(([0.0], turn[:-1]))
+        # The two axes of a joint are across each other, and turn with what carries them.
+        gains = np.hypot(self._accelerations[:, 0], self._accelerations[:, 1])
+        return np.cumsum(gains + first * before + second * (before + first))
+
+    @cached_property
+    def _rates(self) -> FloatArray:
+        """Bounds on the rates of the bends, shape (links, 2) [rad/s]."""
+        bends = bend_pairs(self.problem.arm, self.motion.positions[self._within])
+        means = np.abs(np.diff(bends, axis=0)) / np.diff(self.motion.time[self._within])[:, None, None]
+        return np.asarray(np.max(means, axis=0) + self._longest * self._accelerations)
+
+    @property
     def _accelerations(self) -> FloatArray:
-        """Mean accelerations of the masses, shape (T − 2, links + 1), complex [m/s²]."""
-        return self._hat.second(self._bodies)
+        """Limits of the bends, shape (links, 2) [rad/s²]."""
+        return self.problem.limits.acceleration.reshape(-1, 3)[:, :2]
 
     @property
-    def _forces(self) -> FloatArray:
-        """Mean forces that the masses need, shape (T − 2, links + 1), complex [N]."""
-        return np.asarray(self._masses * (self._accelerations - self._gravity))
+    def _longest(self) -> float:
+        return float(np.max(np.diff(self.motion.time[self._within])))
 
-    @cached_property
-    def _noise(self) -> FloatArray:
-        """What rounding of places can have added to a mean acceleration, shape (T − 2,) [m/s²]."""
-        before, after = self._steps
-        return np.asarray(4.0 * point_rounding(self._arm, self.trajectory.positions) / (before * after))
+    @property
+    def _eighth(self) -> float:
+        return self._longest**2 / 8.0
 
-    def _mean_of(self, three: FloatArray, before: float, after: float) -> FloatArray:
-        change = after * (three[2] - three[1]) + before * (three[0] - three[1])
-        return np.asarray(three[1] + change / (3.0 * (before + after)))
+    @property
+    def _within(self) -> slice:
+        return slice(self.sample, self.sample + 3)
+
+    @property
+    def _hat(self) -> HatMeans:
+        return HatMeans(self.motion.time).at(self.sample)
 
 
-def bounds_of_bodies(of_links: FloatArray) -> FloatArray:
+def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
+    """Root mean square of how far vectors of bounded size are from their means (n, 3)."""
+    return np.asarray(np.sqrt(np.maximum(at_all**2 - np.sum(mean**2, axis=1), 0.0)))
+
+
+def _bounds_of_bodies(of_links: FloatArray) -> FloatArray:
     """Bounds on the middles of the links and the tip, from those that each link adds, shape (links + 1,)."""
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))
-
-
-def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
-    return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * arm.links,))[1::3]
-
-
-def _from_tip(values: FloatArray) -> FloatArray:
-    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

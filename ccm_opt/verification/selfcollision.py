@@ -1,85 +1,71 @@
-"""Checks between links."""
+"""Clearance of the links from each other, at all times."""
 
 import numpy as np
 
-from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, NearPlace
+from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
 from ccm_opt.verification.consistency import UNIT, distance_rounding
-from ccm_opt.verification.link_motion import ChainMotion, Nodes
-from ccm_opt.verification.stretch_proof import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
+from ccm_opt.verification.stretch_proof import BLOCK, Measured, Pairs, Verdict, least_allowed_gap, prove_stretches
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-
-_PAIR_PROBES = 24
-"""Poses at which all pairs of links are measured first, likewise. Taste."""
-
-CHUNK = 65_536
-"""Pairs handled at a time, so that the intermediate arrays stay in the processor's cache."""
 
 
 def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
     """Distances between segments ab and cd; a segment may be a single point.
 
-    Two segments of the plane either cross or are nearest at an end of one of them (Ericson, Real-Time
-    Collision Detection, section 5.1.9).
+    The squared distance is convex in both shares: either it is least inside of both, or on an end of one of them.
 
     Args:
-        a: shape (N, 2) [m]; likewise b, c, d.
+        a: shape (N, 2) or (N, 3) [m]; likewise b, c, d.
         b: other end of the first segments.
         c: one end of the second segments.
         d: other end of the second segments.
 
     Returns:
-        Shape (N,) [m]; 0 where they cross.
+        Shape (N,) [m]; 0 where they cross in the plane.
     """
-    parts = [
-        _chunk_distances(a[k : k + CHUNK], b[k : k + CHUNK], c[k : k + CHUNK], d[k : k + CHUNK])
-        for k in range(0, len(a), CHUNK)
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    ends = ((a, c, d), (b, c, d), (c, a, b), (d, a, b))
+    least = np.min([_from_segment(point, start, end) for point, start, end in ends], axis=0)
+    line = b - a
+    other = d - c
+    offset = a - c
+    normal = _normal(line, other)
+    square = _dot(normal, normal)
+    safe = np.where(square > 0.0, square, 1.0)
+    share = -_dot(_normal(offset, other), normal) / safe
+    at = -_dot(_normal(offset, line), normal) / safe
+    meet = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
+    if a.shape[1] == 2:
+        # They cross where their boxes meet too; of those in line, which are but near each other, these do not.
+        low = np.maximum(np.minimum(a, b), np.minimum(c, d))
+        high = np.minimum(np.maximum(a, b), np.maximum(c, d))
+        least[meet & np.all(low <= high, axis=1)] = 0.0
+        return np.asarray(np.sqrt(least))
+    inside = np.flatnonzero(meet)
+    between = offset[inside] + share[inside, None] * line[inside] - at[inside, None] * other[inside]
+    least[inside] = np.minimum(least[inside], _dot(between, between))
+    return np.asarray(np.sqrt(least))
 
 
-def _chunk_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
-    least = _end_to_segment(a, c, d)
-    np.minimum(least, _end_to_segment(b, c, d), out=least)
-    np.minimum(least, _end_to_segment(c, a, b), out=least)
-    np.minimum(least, _end_to_segment(d, a, b), out=least)
-    # Segments that cross have ends that may all be far away, so crossing is asked for apart.
-    return np.where(_cross(a, b, c, d), 0.0, np.sqrt(least))
+def _from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Squared distances of points from segments, shape (N,) [m²]."""
+    line = end - start
+    away = point - start
+    square = np.maximum(_dot(line, line), np.finfo(np.float64).tiny)
+    away -= np.clip(_dot(away, line) / square, 0.0, 1.0)[:, None] * line
+    return _dot(away, away)
 
 
-def _end_to_segment(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Squared distance from points to segments."""
-    ux = b[:, 0] - a[:, 0]
-    uy = b[:, 1] - a[:, 1]
-    wx = p[:, 0] - a[:, 0]
-    wy = p[:, 1] - a[:, 1]
-    # The least positive number stands in for the squared length of a segment that is a point.
-    t = np.clip((wx * ux + wy * uy) / np.maximum(ux * ux + uy * uy, np.finfo(np.float64).tiny), 0.0, 1.0)
-    # From the foot of the perpendicular, or the nearer end, to the point.
-    wx -= t * ux
-    wy -= t * uy
-    return np.asarray(wx * wx + wy * wy)
+def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("pd,pd->p", first, second))
 
 
-def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
-    """Whether the segments cross in their interiors; a mere touch shows in the end distances."""
-    # The ends of each segment lie on opposite sides of the other one.
-    opposite = (_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)
-    return np.asarray(opposite & _boxes_meet(a, b, c, d))
-
-
-def _boxes_meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
-    """Whether the boxes around the segments meet; those of collinear ones, whose sides are but rounding, do not."""
-    low = np.maximum(np.minimum(a, b), np.minimum(c, d))
-    high = np.minimum(np.maximum(a, b), np.maximum(c, d))
-    return np.asarray(np.all(low <= high, axis=1))
-
-
-def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
-    return np.asarray(
-        (b[:, 0] - a[:, 0]) * (p[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (p[:, 0] - a[:, 0]),
-    )
+def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Cross products; in the plane their one component that is not zero, shape (N, 1)."""
+    if first.shape[1] == 2:
+        return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[:, None]
+    return np.cross(first, second)
 
 
 def first_distant(arm: Arm) -> int:
@@ -98,124 +84,175 @@ def first_distant(arm: Arm) -> int:
 
 
 def check_self_collision(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
-    """Check that links far apart along the arm never touch; the gap is between their surfaces."""
+    """Check that links far apart along the arm never touch, and in space that nearer ones do not cross.
+
+    The gap is between their surfaces.
+    """
+    # Links of an arm in the plane that are near each other may fold past each other in depth.
+    crossing = "" if motion.arm.dimension == 2 else crossing_near_links(motion, settings)
     verdict = nearest_links(motion, settings)
     if verdict is None:
-        return Check("self-collision", np.inf, 0.0, "m", "the arm is too short to meet itself", passed=True)
+        where = crossing or "the arm is too short to meet itself"
+        return Check("self-collision", np.inf, 0.0, "m", where, passed=not crossing)
     near = verdict.nearest
-    where = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
-    where = f"{where}: {verdict.remark}" if verdict.remark else where
+    pair = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
     place = NearPlace(near.gap, 0.0, near.time, near.link + 1, second_link=near.other + 1)
-    return Check("self-collision", near.gap, 0.0, "m", where, passed=verdict.proved, place=place)
+    joined = ": " if motion.arm.dimension == 2 else "; "
+    where = joined.join(part for part in (pair, verdict.remark, crossing) if part)
+    passed = verdict.proved and not crossing
+    return Check("self-collision", near.gap, 0.0, "m", where, passed=passed, place=place)
 
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
     """Whether distant links keep apart, with their nearest approach; None for an arm too short to meet itself."""
-    return None if first_distant(motion.arm) >= motion.arm.links else _prove(motion, settings)
-
-
-def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
     arm = motion.arm
-    thickness = 2.0 * arm.radius
-    least = least_allowed_gap(0.0, thickness, settings)
-
-    # Both links are off by what their places are.
-    lost = 2.0 * motion.rounding + distance_rounding(motion.size)
-
-    def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        k = pairs.node
-        i = pairs.link
-        j = pairs.other
-        interval = nodes.interval[k]
-        off = motion.off[interval, i] + motion.off[interval, j]
-        travel = nodes.half[k] * relative_travel(motion, interval, i, j)
-        return self_distances(arm, poses, pairs) - off - lost, travel
-
-    nodes = motion.whole
-    nearest = _probe(motion, evaluate, nodes, _PAIR_PROBES)
-    # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
-    look = thickness + max(least, min(nearest.gap, arm.link_length)) + 2.0 * (lost + float(np.max(motion.off)))
-    # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.
-    pairs = _candidates(arm, motion.poses(nodes), 0.5 * motion.turned, look)
-    return prove_apart(motion, pairs, evaluate, least, nearest, settings)
+    if first_distant(arm) >= arm.links:
+        return None
+    proof = LinkProof(motion, 2.0 * arm.radius)
+    return proof.prove(least_allowed_gap(0.0, proof.thickness, settings), settings)
 
 
-def relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.ndarray) -> FloatArray:
-    """Bound on how far points of link j move, seen from link i, over the interval's length [m].
-
-    Seen in world axes only the links i to j turn: l Σ_{k=i..j} |Δφ_k|. Seen in the frame of link i, which leaves
-    distances as they are, link k has turned by the bends between: l Σ_{k=i+1..j} (j − k + 1) |Δb_k|. Take the less.
-    """
-    turned = motion.turned[k, j + 1] - motion.turned[k, i]
-    bent = motion.bent[k, j + 1] - motion.bent[k, i + 1]
-    # Σ (j − k + 1) |Δb_k| by two running sums: (j + 2) Σ |Δb_k| − Σ (k + 1) |Δb_k|, as joints count from 1 in the
-    # weights and from 0 in the sum.
-    weighted = motion.bent_weighted[k, j + 1] - motion.bent_weighted[k, i + 1]
-    # Running sums lose digits when they are subtracted; what they can have lost is added to the bound.
-    count = motion.arm.links + 2
-    rounding = 4.0 * count * UNIT * (count * motion.bent[k, -1] + motion.bent_weighted[k, -1])
-    return np.asarray(motion.arm.link_length * (np.minimum(turned, (j + 2) * bent - weighted) + rounding))
-
-
-def pairs_within(arm: Arm, poses: FloatArray, reach: float) -> Pairs:
-    """Pairs of distant links that may have their surfaces within a reach of each other, and few others.
+class LinkProof:
+    """Proves that the axes of pairs of links keep a gap beyond a thickness.
 
     Args:
-        arm: with distant links.
-        poses: joint and tip positions, shape (N, links + 1, 2) [m].
+        motion: of the arm.
+        thickness: distance of axes that counts as no gap [m].
+    """
+
+    def __init__(self, motion: ChainMotion, thickness: float) -> None:
+        self.motion = motion
+        self.thickness = thickness
+        # Both links are off by what their places are.
+        self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
+
+    def prove(self, least: float, settings: VerificationSettings) -> Verdict:
+        """Prove that all distant links keep a gap."""
+        first, second = np.triu_indices(self.motion.arm.links, first_distant(self.motion.arm))
+        blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
+        return self.prove_pairs(blocks, Pairs.in_all(len(blocks), first, second), least, settings)
+
+    def prove_pairs(
+        self, stretches: TimeStretches, pairs: Pairs, least: float, settings: VerificationSettings
+    ) -> Verdict:
+        """Prove that some pairs do; arguments as for ``prove_stretches``."""
+        return prove_stretches(self.motion, stretches, pairs, self.measure, least, settings)
+
+    def measure(
+        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+    ) -> Measured:
+        """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
+        motion = self.motion
+        k, i, j = pairs.stretch, pairs.link, pairs.other
+        travels = motion.travels(stretches)
+        travel = np.maximum(travels[k, i], travels[k, i + 1]) + np.maximum(travels[k, j], travels[k, j + 1])
+        # Middles of links are at most half a link each from the places where the links are nearest.
+        middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
+        most = lengths_of(middles[k, i] - middles[k, j])
+        taken = self.thickness + self._lost + motion.off(stretches, k, i) + motion.off(stretches, k, j)
+        low = most - motion.arm.link_length * (1.0 + 1e-9) - taken
+        exact = low - travel < cutoff
+        k, i, j = k[exact], i[exact], j[exact]
+        most[exact] = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
+        low[exact] = (most - taken)[exact]
+        travel[exact] = np.minimum(travel[exact], relative_travels(motion, stretches, travels, pairs.where(exact)))
+        return Measured(low, most - self.thickness, travel, exact)
+
+
+def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
+    """How much nearer two links may come than they are at the middle, shape (P,) [m].
+
+    Within an interval what both do alike does not count. Seen in the frame of the first link, which leaves distances
+    as they are, a joint k between turns what is beyond it by its own turn ψ_k alone: l Σ (j − k + 1) ψ_k.
+
+    Args:
+        motion: of the arm.
+        stretches: of time.
+        travels: how far each joint goes from the middle of each, shape (S, links + 1) [m].
+        pairs: of links.
+    """
+    k, i, j = pairs.stretch, pairs.link, pairs.other
+    relative = np.full(len(k), np.inf)
+    within = np.flatnonzero((stretches.high - stretches.low)[k] <= 1.0)
+    if len(within):
+        chords = motion.poses(stretches.high) - motion.poses(stretches.low)
+        bows = 2.0 * travels - lengths_of(chords)
+        at, first, second = k[within], i[within], j[within]
+        apart = np.zeros(len(within))
+        for one in (first, first + 1):
+            for other in (second, second + 1):
+                chord = lengths_of(chords[at, one] - chords[at, other])
+                apart = np.maximum(apart, 0.5 * (chord + bows[at, one] + bows[at, other]))
+        relative[within] = apart
+    return np.asarray(np.minimum(relative, _travels_in_frame(motion, stretches, k, i, j)))
+
+
+def _travels_in_frame(
+    motion: ChainMotion, stretches: TimeStretches, k: IntArray, i: IntArray, j: IntArray
+) -> FloatArray:
+    arm = motion.arm
+    turns = [motion.turned(at) for at in (stretches.low, stretches.middle, stretches.high)]
+    turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
+    number = np.arange(1.0, arm.links + 1.0)
+    plain = np.cumsum(turned, axis=1)
+    weighted = np.cumsum(number * turned, axis=1)
+    # Running sums lose digits when they are subtracted; what they can have lost is added to the bound.
+    rounding = 8.0 * (arm.links + len(motion.time)) * UNIT * arm.links * turns[2].sum(axis=1)
+    between = (j + 2.0) * (plain[k, j] - plain[k, i]) - (weighted[k, j] - weighted[k, i])
+    return np.asarray(arm.link_length * (between + rounding[k]))
+
+
+def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
+    """Pairs of distant links whose surfaces are no farther apart than a reach.
+
+    Args:
+        arm: the arm.
+        poses: joint and tip positions, shape (N, links + 1, d) [m].
         reach: [m].
 
     Returns:
-        The pairs, their nodes being the numbers of the poses.
+        The pairs, their stretches being the numbers of the poses, and the gaps between their surfaces, shape (P,) [m].
     """
-    still = np.zeros((len(poses), arm.links + 1))
-    return _candidates(arm, poses, still, reach + 2.0 * arm.radius)
+    first, second = np.triu_indices(arm.links, first_distant(arm))
+    middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
+    farthest = arm.link_length * (1.0 + 1e-9) + reach + 2.0 * arm.radius
+    pose, number = np.nonzero(lengths_of(middles[:, first] - middles[:, second]) <= farthest)
+    pairs = Pairs(pose, first[number], second[number])
+    k, i, j = pairs.stretch, pairs.link, pairs.other
+    gap = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - 2.0 * arm.radius
+    return pairs.where(gap <= reach), gap[gap <= reach]
 
 
-def self_distances(arm: Arm, poses: FloatArray, pairs: Pairs) -> FloatArray:
-    """Gaps between the surfaces of pairs of links, shape (P,) [m]."""
-    k = pairs.node
-    i = pairs.link
-    j = pairs.other
-    distance = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
-    return np.asarray(distance - 2.0 * arm.radius)
+def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> str:
+    """Where two links cross that share no joint and are too near along the arm to be kept apart; empty if none do.
 
-
-def _candidates(arm: Arm, poses: FloatArray, turned: FloatArray, look: float) -> Pairs:
-    """Pairs whose links' middles are near enough for the pair to matter around a pose.
+    Axes that meet close a polygon, which turns by 2 π at least (Fenchel), of which the bends between them are all but
+    half a turn: where these add up to less than π nothing is to be proved. That is how it is almost always.
 
     Args:
-        arm: with distant links.
-        poses: joint and tip positions, shape (N, links + 1, 2) [m].
-        turned: running sum of what the links turn around a pose, shape (N, links + 1) [rad].
-        look: distance of two axes that matters [m].
+        motion: of the arm.
+        settings: with lengths in metres.
+
+    Returns:
+        The links and the time in words; where the proof is given up, that they may cross.
     """
-    middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
-    x = np.ascontiguousarray(middles[..., 0])
-    y = np.ascontiguousarray(middles[..., 1])
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for apart in range(first_distant(arm), arm.links):
-        dx = x[:, apart:] - x[:, :-apart]
-        dy = y[:, apart:] - y[:, :-apart]
-        travel = arm.link_length * (turned[:, apart + 1 :] - turned[:, : -apart - 1])
-        # Middles of links are at most half a link each from the places where the links are nearest.
-        reach = arm.link_length * (1.0 + 1e-9) + look + travel
-        node, first = np.nonzero(dx * dx + dy * dy <= reach * reach)
-        found.append((node, first, first + apart))
-    node, first, second = (np.concatenate(column) for column in zip(*found, strict=True))
-    return Pairs(node, first, second)
-
-
-def _probe(motion: ChainMotion, evaluate: Evaluate, nodes: Nodes, probes: int) -> Nearest:
-    """The nearest pair at a few poses spread over the motion: no proof, but a bound on the least gap."""
-    # All pairs at a few poses, rather than a few pairs at all poses: any of them may be the nearest.
-    first, second = np.triu_indices(motion.arm.links, first_distant(motion.arm))
-    chosen = np.unique(np.linspace(0, len(nodes) - 1, min(probes, len(nodes))).astype(int))
-    few = nodes.take(chosen)
-    count = len(first)
-    pairs = Pairs(np.repeat(np.arange(len(few)), count), np.tile(first, len(few)), np.tile(second, len(few)))
-    gap, _ = evaluate(few, pairs, motion.poses(few))
-    best = int(np.argmin(gap))
-    return Nearest(
-        float(gap[best]), int(pairs.link[best]), int(pairs.other[best]), motion.when(few, int(pairs.node[best]))
-    )
+    links = motion.arm.links
+    bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)
+    total = np.concatenate((np.zeros((len(bends), 1)), np.cumsum(bends, axis=1)), axis=1)
+    found = [np.zeros((3, 0), dtype=np.intp)]
+    for apart in range(2, min(first_distant(motion.arm), links)):
+        between = total[:, 1 + apart :] - total[:, 1:-apart]
+        # Sizes of bends are convex in time between samples, so that they are greatest at one of these.
+        interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
+        found.append(np.stack((interval, link, link + apart)))
+    interval, first, second = np.concatenate(found, axis=1)
+    if len(interval) == 0:
+        return ""
+    kept, stretch = np.unique(interval, return_inverse=True)
+    stretches = TimeStretches(kept.astype(np.float64), kept + 1.0)
+    verdict = LinkProof(motion, 0.0).prove_pairs(stretches, Pairs(stretch, first, second), settings.touch, settings)
+    if verdict.proved:
+        return ""
+    near = verdict.nearest
+    does = "may cross" if verdict.remark else "crosses"
+    return f"link {near.link + 1} {does} link {near.other + 1} at t = {near.time:.4f} s"

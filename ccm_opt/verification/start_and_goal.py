@@ -1,17 +1,17 @@
 """Checks of start, stops and goal."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification.checked_problem import CheckedProblem, revolutes_of_bends
-from ccm_opt.verification.link_motion import advance, chain_points, link_headings
+from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
+from ccm_opt.verification.checked_problem import CheckedProblem, joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _CURVE_SHAPE_FACTOR = 1.08
@@ -23,136 +23,149 @@ _ROUNDING = 1e-9
 """Angle beyond a tolerance that counts as rounding [rad]."""
 
 
-@dataclass(frozen=True)
-class _WantedGoal:
-    """What is wanted of one sample.
-
-    Attributes:
-        name: of the goal, before what is checked of it.
-        goal: where the arm should be.
-        tolerances: how near counts.
-        sample: its number.
-    """
-
-    name: str
-    goal: Goal
-    tolerances: Tolerances
-    sample: int
-
-
 def check_ends(
-    problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
+    problem: Problem,
+    motion: ChainMotion,
+    trajectory: JointTrajectory,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check start, stops and goal, and that the arm rests at all of them."""
-    checks = _start(problem, trajectory, settings)
+    """Check start, places on the way, stops and goal, and that the arm rests at start, stops and goal."""
+    tip_tolerance = settings.curve_tip_tolerance
+    # The start is a pose of the whole arm, and kept more strictly than a goal.
+    checks = _whole_arm(
+        "start ", problem.arm, trajectory, 0, problem.start, settings.start_tolerance, tip_tolerance, settings
+    )
     checks += _rest(problem, trajectory, settings)
-    for wanted in _goals(problem, trajectory):
-        checks += _goal(problem.arm, trajectory, wanted, settings)
+    samples = (0, *trajectory.stops, len(trajectory.time) - 1)
+    goals = problem.goals
+    for number, (stop, (before, sample)) in enumerate(zip(goals, pairwise(samples), strict=True), start=1):
+        name = "goal " if number == len(goals) else f"stop {number} "
+        goal = stop.goal
+        tolerances = stop.tolerances
+        if isinstance(goal, TipGoal):
+            checks += _tip_checks(name, motion, sample, goal, tolerances, settings)
+            checks += _places(name, motion, goal.via, (before, sample), tolerances.position)
+        else:
+            checks += _whole_arm(
+                name, problem.arm, trajectory, sample, goal, tolerances.heading, tolerances.position, settings
+            )
     return checks
 
 
-def _goals(problem: Problem, trajectory: JointTrajectory) -> Iterator[_WantedGoal]:
-    """The goals on the way, in order, and the last."""
-    for number, (stop, sample) in enumerate(zip(problem.stops, trajectory.stops, strict=True), start=1):
-        yield _WantedGoal(f"stop {number} ", stop.goal, stop.tolerances, sample)
-    yield _WantedGoal("goal ", problem.goal, problem.tolerances, len(trajectory.time) - 1)
-
-
-def _start(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
-    """The start is a pose of the whole arm, and kept more strictly than a goal."""
-    start = problem.start
-    bends = trajectory.bend_angles[0]
-    tip_tolerance = settings.curve_tip_tolerance
-    on_base = _base_place("start ", start, trajectory, 0, tip_tolerance, settings)
-    if start.curve is None:
-        return [_same_joints("start joints", bends, start.bends, settings.start_tolerance), *on_base]
-    return [*_on_curve("start ", problem.arm, bends, start.curve, tip_tolerance, settings), *on_base]
-
-
-def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
+def _rest(problem: CheckedProblem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
     """The arm rests at both ends and at every stop."""
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
-    limits = problem.limits
+    limits = problem.limits.velocity[revolutes_of_bends(trajectory.coordinates)]
     speeds = np.abs(trajectory.bend_velocities[places])
     # Shares are compared, for the joints need not have the same limits.
-
-    share = speeds / limits.velocity[1::3]
+    share = speeds / limits
     k, j = np.unravel_index(np.argmax(share), share.shape)
-    where = f"joint {j + 1} at t = {trajectory.time[places[k]]:.4f} s"
-    bound = float(settings.rest_share * limits.velocity[3 * j + 1])
+    where = f"{joint_of_bend(trajectory.coordinates, int(j))} at t = {trajectory.time[places[k]]:.4f} s"
+    bound = float(settings.rest_share * limits[j])
     resting = bool(share[k, j] <= settings.rest_share)
     checks = [Check("rest", float(speeds[k, j]), bound, "rad/s", where, passed=resting)]
 
     # An arm that is not fed has no velocity limit here, and no axis to be checked either.
-    bound = settings.rest_share * (limits.feed_velocity or 0.0)
+    bound = settings.rest_share * (problem.limits.feed_velocity or 0.0)
     for name, on_axis in zip(trajectory.coordinates.base_names, trajectory.base_velocities[places].T, strict=True):
         worst = float(np.max(np.abs(on_axis)))
         checks.append(Check(f"{name} at rest", worst, bound, "m/s", "at the ends and stops", passed=worst <= bound))
     return checks
 
 
-def _goal(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, settings: VerificationSettings) -> list[Check]:
-    """A goal of the tip, of all joints, or of the whole arm along a curve."""
-    name = wanted.name
-    goal = wanted.goal
-    tolerances = wanted.tolerances
-    if isinstance(goal, TipGoal):
-        return _tip_checks(arm, trajectory, wanted, goal, settings)
-    bends = trajectory.bend_angles[wanted.sample]
-    on_base = _base_place(name, goal, trajectory, wanted.sample, tolerances.position, settings)
-    if goal.curve is None:
-        return [_same_joints(f"{name}joints", bends, goal.bends, tolerances.heading), *on_base]
-    return [*_on_curve(name, arm, bends, goal.curve, tolerances.position, settings), *on_base]
-
-
-def _base_place(
+def _whole_arm(
     name: str,
-    pose: JointPose,
+    arm: Arm,
     trajectory: JointTrajectory,
     sample: int,
-    tolerance: float,
+    pose: JointPose,
+    of_joints: float,
+    of_places: float,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Whether the base stands where a whole-arm pose wants it; nothing to check when it is fixed."""
-    checks = []
+    """A pose of all joints, or of the whole arm along a curve, and where the base stands.
+
+    Args:
+        name: of the pose, before what is checked of it.
+        arm: the arm.
+        trajectory: the motion.
+        sample: number of its sample.
+        pose: wanted there.
+        of_joints: tolerance of bends [rad].
+        of_places: tolerance of the tip on a curve, and of the base [m].
+        settings: of the verifier.
+    """
+    bends = trajectory.bend_angles[sample]
+    if pose.curve is not None:
+        checks = _on_curve(name, arm, bends, pose.curve, of_places, settings)
+    else:
+        error = np.abs(bends - np.ravel(pose.bends))
+        j = int(np.argmax(error))
+        worst = float(error[j])
+        where = joint_of_bend(trajectory.coordinates, j)
+        passed = worst <= of_joints + _ROUNDING
+        checks = [Check(f"{name}joints", worst, of_joints, "rad", where, passed=passed)]
     for axis, place in zip(trajectory.coordinates.base_names, trajectory.base_positions[sample], strict=True):
-        error = abs(float(place) - pose.feed)
-        passed = error <= tolerance + settings.goal_rounding
-        checks.append(Check(f"{name}{axis}", error, tolerance, "m", "base", passed=passed))
+        off = abs(float(place) - pose.feed)
+        passed = off <= of_places + settings.goal_rounding
+        checks.append(Check(f"{name}{axis}", off, of_places, "m", "base", passed=passed))
     return checks
 
 
 def _tip_checks(
-    arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, goal: TipGoal, settings: VerificationSettings
+    name: str,
+    motion: ChainMotion,
+    sample: int,
+    goal: TipGoal,
+    tolerances: Tolerances,
+    settings: VerificationSettings,
 ) -> list[Check]:
-    """Place of the tip and, when one is wanted, heading of the last link; whole turns do not count."""
-    place = trajectory.positions[wanted.sample]
-    headings = link_headings(arm, place)
-    tip = chain_points(arm, headings, advance(arm, place))[-1]
-    when = f"at t = {trajectory.time[wanted.sample]:.4f} s"
-    error = float(np.linalg.norm(tip - goal.position))
-    bound = wanted.tolerances.position
-    name = f"{wanted.name}position"
-    checks = [Check(name, error, bound, "m", f"tip {when}", passed=error <= bound + settings.goal_rounding)]
-    if goal.heading is not None:
-        # The difference is brought into [−π, π), so that whole turns do not count.
-        turn = abs(float(np.remainder(headings[-1] - goal.heading + np.pi, 2.0 * np.pi) - np.pi))
-        bound = wanted.tolerances.heading
-        name = f"{wanted.name}heading"
-        checks.append(Check(name, turn, bound, "rad", f"last link {when}", passed=turn <= bound + _ROUNDING))
+    """Place of the tip and, when one is wanted, direction of the last link; whole turns do not count."""
+    when = f"at t = {motion.time[sample]:.4f} s"
+    error = float(np.linalg.norm(motion.points[sample, -1] - goal.position))
+    bound = tolerances.position
+    passed = error <= bound + settings.goal_rounding
+    checks = [Check(f"{name}position", error, bound, "m", f"tip {when}", passed=passed)]
+    if goal.direction is not None:
+        along = link_directions(motion.arm, motion.positions[sample : sample + 1])[0, -1]
+        wanted = goal.direction / np.linalg.norm(goal.direction)
+        # By both halves of the angle, since a cosine says nothing of small ones.
+        turn = 2.0 * float(np.arctan2(np.linalg.norm(along - wanted), np.linalg.norm(along + wanted)))
+        bound = tolerances.heading
+        kind = "heading" if len(wanted) == 2 else "direction"
+        passed = turn <= bound + _ROUNDING
+        checks.append(Check(f"{name}{kind}", turn, bound, "rad", f"last link {when}", passed=passed))
     return checks
 
 
-def _same_joints(name: str, bends: FloatArray, wanted: FloatArray, tolerance: float) -> Check:
-    """The joint that is farthest from where it should be."""
-    error = np.abs(bends - wanted)
-    j = int(np.argmax(error))
-    worst = float(error[j])
-    return Check(name, worst, tolerance, "rad", f"joint {j + 1}", passed=worst <= tolerance + _ROUNDING)
+def _places(
+    name: str, motion: ChainMotion, via: Sequence[FloatArray], samples: tuple[int, int], tolerance: float
+) -> list[Check]:
+    """Whether the tip passes the places on its way to a goal between two samples, one after the other."""
+    begin, end = samples
+    bound = max(tolerance, motion.arm.link_length)
+    tip = motion.points[begin : end + 1, -1]
+    checks = []
+    first = 0
+    for number, place in enumerate(via, start=1):
+        away = np.linalg.norm(tip - place, axis=1)
+        passing = first + np.flatnonzero(away[first:] <= bound)
+        # The next place may be passed as soon as this one is near, but not before.
+        first = int(passing[0]) if len(passing) else first
+        nearest = first + int(np.argmin(away[first:]))
+        where = f"tip at t = {motion.time[begin + nearest]:.4f} s"
+        worst = float(away[nearest])
+        checks.append(Check(f"{name}via {number}", worst, bound, "m", where, passed=len(passing) > 0))
+    return checks
 
 
 def _on_curve(
-    name: str, arm: Arm, bends: FloatArray, curve: Configuration, tip_tolerance: float, settings: VerificationSettings
+    name: str,
+    arm: Arm,
+    bends: FloatArray,
+    curve: Configuration,
+    tip_tolerance: float,
+    settings: VerificationSettings,
 ) -> list[Check]:
     """Check that an arm lies on its curve, whichever mapping laid it there.
 
@@ -160,7 +173,7 @@ def _on_curve(
     farther off than the worst error of the paper's own.
     """
     # The curve is given as it lies while the base is not carried along.
-    points = chain_points(arm, link_headings(arm, bends), np.zeros(()))
+    points = chain_points(arm, arm.configuration(bends, 0.0)[None])[0]
     # Forty places a link stand for the curve: the distance to them is too great by at most some l / 80 at a joint.
     arc = np.linspace(0.0, curve.length, 40 * arm.links + 1)
     trace = curve.positions_at(arc)

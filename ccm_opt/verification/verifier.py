@@ -1,6 +1,6 @@
-"""The verifier in the plane.
+"""The verifier.
 
-What stands here a second time (headings and points of the arm, its mount, pairs of links, inverse dynamics, distances)
+What stands here a second time (frames and points of the arm, its mount, pairs of links, inverse dynamics, distances)
 stands here on purpose: a mistake in the planners' code must not hide itself.
 """
 
@@ -8,26 +8,18 @@ from ccm_opt.core.expected import expect
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.checked_problem import Efforts, check_names
+from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.checked_problem import check_names
 from ccm_opt.verification.consistency import check_consistency, check_form
-from ccm_opt.verification.limits import check_limits, check_points
-from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import efforts_in_plane
-from ccm_opt.verification.sample_efforts import check_sample_efforts, check_shares, holding_efforts
+from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
+from ccm_opt.verification.newton_euler import drive_efforts
+from ccm_opt.verification.sample_efforts import check_sample_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
+from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
-
-
-def check_joint_error(
-    problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
-) -> Check:
-    """Check that no error of the joints up to the one asked for brings the arm into contact; ``worst`` in [rad]."""
-    survived = survived_error(problem.arm, problem.workspace, trajectory, joint_errors(problem.arm), settings)
-    return check_of(problem.joint_error, survived)
 
 
 def verify(
@@ -43,12 +35,15 @@ def verify(
 
     Args:
         problem: what was asked.
-        trajectory: the planar motion.
+        trajectory: the motion.
         joints: the same for the drives, with their efforts.
         settings: tolerances, and how hard to look.
 
     Returns:
         One check a promise, each with its worst value and where it was met; malformed data end the list at once.
+
+    Raises:
+        ProblemError: an argument is of another type.
     """
     Problem.expected(problem)
     expect(trajectory, JointTrajectory, "a ccm_opt.solution.JointTrajectory", "solutions and loaded plans have one")
@@ -63,27 +58,23 @@ def verify(
 
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks = [form, names]
-    # Walls are known by their edges alone: that the arm is on the right side of them is a check of its own.
+    # Walls are known by their surfaces alone: that the arm is on the right side of them is a check of its own.
     checks.append(check_free_side(motion, problem.workspace))
     checks.append(check_walls(motion, problem.workspace, settings))
     if problem.arm.self_collision:
         checks.append(check_self_collision(motion, settings))
     checks += check_limits(problem.arm, problem.limits, trajectory, joints, settings)
     checks += check_points(problem.arm, problem.limits, trajectory, settings)
-    needed = _needed_efforts(problem, trajectory)
+    states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    needed = drive_efforts(problem.arm, problem.simulation.gravity, *states)
     checks += check_consistency(problem, trajectory, joints, needed, settings)
     checks += check_base_axes(problem, trajectory, joints, needed, settings)
     holding = holding_efforts(problem, trajectory.positions)
     checks += check_shares(problem, trajectory, joints, checks, holding, settings)
-    checks += check_sample_efforts(problem, trajectory, holding, settings)
-    checks += check_ends(problem, trajectory, settings)
+    checks += check_sample_efforts(problem, motion, trajectory, holding, settings)
+    checks += check_ends(problem, motion, trajectory, settings)
     checks += check_pauses(problem, trajectory, settings)
     # Only of a motion that touches nothing by itself can be said what errors it survives.
     if problem.joint_error > 0.0 and all(check.passed for check in checks):
-        checks.append(check_joint_error(problem, trajectory))
+        checks.append(check_of(problem.joint_error, survived_error(problem, trajectory, joint_errors(problem.arm))))
     return tuple(checks)
-
-
-def _needed_efforts(problem: Problem, trajectory: JointTrajectory) -> Efforts:
-    states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    return efforts_in_plane(problem.arm, problem.simulation.gravity, *states)

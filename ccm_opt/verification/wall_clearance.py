@@ -1,4 +1,4 @@
-"""Clearance from the walls, taken apart into edges, at all times."""
+"""Clearance of an arm from what stands around it at all times: from edges in the plane, from triangles in space."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,243 +6,189 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.workspace import Workspace
+from ccm_opt.scene.workspace import ROOM_NAME, Workspace
 from ccm_opt.solution import Check, NearPlace
+from ccm_opt.verification.body_sides import depth_enclosed, separations
+from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
 from ccm_opt.verification.consistency import distance_rounding
-from ccm_opt.verification.link_motion import ChainMotion, Nodes, unit_rows
 from ccm_opt.verification.selfcollision import segment_distances
-from ccm_opt.verification.stretch_proof import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
+from ccm_opt.verification.stretch_proof import (
+    BLOCK,
+    Measured,
+    Nearest,
+    Pairs,
+    Verdict,
+    least_allowed_gap,
+    prove_stretches,
+)
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-_ALONG = 1e-6
-"""Sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between two samples it
-goes aside by far less than any tolerance of contact."""
+TOUCHING = 1e-4
+"""Share of the radius by which a gap may differ from none that is told as a touch."""
+_PROBES = 8
+"""Moments at which the nearest surface is looked for first. Taste."""
+_FAN = 8
+"""Boxes in a box."""
+_ALONG = 0.01
+"""Share of its way by which a link may go aside and still count as one that slides along itself. Taste."""
 
-_MANY_EDGES = 64
-"""Walls with as many edges are looked at in runs of them first. Taste."""
-_EDGES_A_RUN = 16
-"""Edges in a run. Taste: their chord is near all of them, and few runs are near the arm."""
 
-
-@dataclass(frozen=True)
-class Boxes:
-    """Boxes with sides along the axes.
+@dataclass(frozen=True, eq=False)
+class CheckedSurfaces:
+    """Boxes level by level from the top, of which the last are those of single edges or triangles.
 
     Attributes:
-        low: shape (B, 2) [m].
-        high: shape (B, 2) [m].
+        low: lower corners of the boxes, shape (nodes, d) [m].
+        high: upper corners, likewise.
+        rounding: the largest radius of what is about the parts in a box, shape (nodes,) [m].
+        offsets: number of the first box of every level, then that of all boxes, shape (levels + 1,).
+        parts: corners of edges or triangles in the order of the last level, shape (m, d, d) [m].
+        owner: number of the parts' owners, likewise, shape (m,).
+        names: of the owners.
     """
 
     low: FloatArray
     high: FloatArray
-
-    @classmethod
-    def around(cls, start: FloatArray, end: FloatArray, radius: FloatArray) -> "Boxes":
-        """Boxes around segments swept by discs; start and end of shape (B, 2), radius of shape (B,) [m]."""
-        grow = radius[:, None]
-        return cls(np.minimum(start, end) - grow, np.maximum(start, end) + grow)
-
-    def tree(self) -> shapely.STRtree:
-        """Spatial index of the boxes."""
-        return shapely.STRtree(shapely.box(self.low[:, 0], self.low[:, 1], self.high[:, 0], self.high[:, 1]))
-
-    def in_groups(self, width: int, first: IntArray) -> "Boxes":
-        """Boxes around several rows each, column by column.
-
-        Args:
-            width: boxes in a row.
-            first: the first row of each group, shape (G,).
-
-        Returns:
-            One box for each group and column, G * width in all.
-        """
-        low, high = (bound.reshape(-1, width, 2) for bound in (self.low, self.high))
-        grown = Boxes(np.minimum.reduceat(low, first), np.maximum.reduceat(high, first))
-        return Boxes(grown.low.reshape(-1, 2), grown.high.reshape(-1, 2))
-
-
-@dataclass(frozen=True)
-class WallEdges:
-    """The walls taken apart into straight edges; a circle's centre is an edge of no length.
-
-    Attributes:
-        start: shape (E, 2) [m].
-        end: shape (E, 2) [m].
-        rounding: radius of the disc that sweeps the edge, shape (E,) [m].
-        owner: number of the wall an edge belongs to, shape (E,).
-        names: of the walls.
-    """
-
-    start: FloatArray
-    end: FloatArray
     rounding: FloatArray
+    offsets: IntArray
+    parts: FloatArray
     owner: IntArray
     names: tuple[str, ...]
 
+    @classmethod
+    def of(cls, workspace: Workspace) -> "CheckedSurfaces":
+        """The boxes over at least one part: of about one size and place in the lower levels."""
+        if workspace.dimension == 2:
+            return cls._over(*edges_of(workspace))
+        soup = workspace.soup
+        return cls._over(soup.triangles, soup.rounding, soup.owner, soup.names)
+
+    @classmethod
+    def _over(
+        cls, parts: FloatArray, rounding: FloatArray, owner: IntArray, names: tuple[str, ...]
+    ) -> "CheckedSurfaces":
+        order = _by_size_and_place(parts)
+        parts = parts[order]
+        levels = [(parts.min(axis=1), parts.max(axis=1), rounding[order])]
+        while len(levels[-1][0]) > 1:
+            low, high, radius = levels[-1]
+            starts = np.arange(0, len(low), _FAN)
+            above = (np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts))
+            levels.append((*above, np.maximum.reduceat(radius, starts)))
+        levels.reverse()
+        low, high, radius = (np.concatenate(part) for part in zip(*levels, strict=True))
+        offsets = np.cumsum([0, *(len(level[0]) for level in levels)])
+        return cls(low, high, radius, offsets, parts, owner[order], names)
+
     @cached_property
     def size(self) -> float:
-        """What no coordinate of the walls exceeds [m]."""
-        return float(max(np.max(np.abs(self.start), initial=0.0), np.max(np.abs(self.end), initial=0.0)))
+        """What no coordinate exceeds [m]."""
+        return float(np.max(np.abs(self.parts)))
+
+    def name_of(self, node: int) -> str:
+        """Whose surface a box of one part is."""
+        return str(self.names[self.owner[node - self.offsets[-2]]])
+
+    def is_single(self, node: IntArray) -> BoolArray:
+        """Which nodes are single edges or triangles, shape (P,)."""
+        return np.asarray(node >= self.offsets[-2])
+
+    def children(self, node: IntArray) -> tuple[IntArray, IntArray]:
+        """Places in the list of nodes, and the children of these, each of shape (Q,)."""
+        level = np.searchsorted(self.offsets, node, side="right") - 1
+        first = self.offsets[level + 1] + _FAN * (node - self.offsets[level])
+        count = np.minimum(self.offsets[level + 2] - first, _FAN)
+        place = np.repeat(np.arange(len(node)), count)
+        within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
+        return place, first[place] + within
+
+    def bounds(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far segments (P, d) are from what is in boxes, at least and at most, without rounding, each (P,) [m]."""
+        # Numpy takes rows in a quarter of the time in which it indexes them.
+        low = self.low.take(node, axis=0)
+        high = self.high.take(node, axis=0)
+        beyond = np.maximum(low - np.maximum(start, end), np.minimum(start, end) - high)
+        apart = lengths_of(np.maximum(beyond, 0.0))
+        line = end - start
+        centre = 0.5 * (low + high)
+        square = np.einsum("pd,pd->p", line, line)
+        share = np.einsum("pd,pd->p", centre - start, line) / np.where(square > 0.0, square, 1.0)
+        from_centre = lengths_of(start + np.clip(share, 0.0, 1.0)[:, None] * line - centre)
+        half = 0.5 * self.diagonals.take(node)
+        return np.maximum(apart, from_centre - half), from_centre + half
+
+    def separations(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same of single edges or triangles, as exactly as they are known."""
+        parts = self.parts[node - self.offsets[-2]]
+        if parts.shape[1] == 2:
+            distance = segment_distances(start, end, parts[:, 0], parts[:, 1])
+            return distance, distance
+        return separations(start, end, parts)
 
     @cached_property
-    def tree(self) -> shapely.STRtree:
-        """Spatial index of the edges' boxes, each grown by its rounding."""
-        return Boxes.around(self.start, self.end, self.rounding).tree()
-
-    @cached_property
-    def lines(self) -> shapely.STRtree:
-        """Spatial index of the edges themselves."""
-        return _line_tree(self.start, self.end)
-
-    @cached_property
-    def runs(self) -> "EdgeRuns":
-        """Runs of edges that follow each other along a wall."""
-        return edge_runs(self)
+    def diagonals(self) -> FloatArray:
+        """Of all boxes, shape (nodes,) [m]."""
+        return lengths_of(self.high - self.low)
 
 
-@dataclass(frozen=True)
-class EdgeRuns:
-    """Runs of edges of walls with very many, each as its chord swept by a disc that contains them; else single edges.
-
-    Attributes:
-        first: number of each run's first edge, shape (R + 1,), the number of edges at its end.
-        start: of the chord, shape (R, 2) [m].
-        end: of the chord, shape (R, 2) [m].
-        radius: of the disc, roundings of the edges included, shape (R,) [m].
-    """
-
-    first: IntArray
-    start: FloatArray
-    end: FloatArray
-    radius: FloatArray
-
-    @cached_property
-    def boxes(self) -> Boxes:
-        """The runs' boxes, each grown by its radius."""
-        return Boxes.around(self.start, self.end, self.radius)
-
-    @cached_property
-    def tree(self) -> shapely.STRtree:
-        """Spatial index of the boxes."""
-        return self.boxes.tree()
-
-    @cached_property
-    def lines(self) -> shapely.STRtree:
-        """Spatial index of the chords."""
-        return _line_tree(self.start, self.end)
-
-    def edges_of(self, runs: IntArray) -> tuple[IntArray, IntArray]:
-        """All edges of some runs, shape (k,): each edge's place in ``runs``, and its number; each of shape (m,)."""
-        place, within = _numbered(self.first[runs + 1] - self.first[runs])
-        return place, self.first[runs][place] + within
-
-    def meeting(self, boxes: Boxes, width: int, rows: int) -> tuple[IntArray, IntArray]:
-        """Pairs of a box and a run whose boxes meet.
-
-        Args:
-            boxes: row after row; those of a column hardly move from one row to the next.
-            width: boxes in a row.
-            rows: how many the tree is asked for at once.
-
-        Returns:
-            Numbers of the boxes and of the runs, each of shape (m,).
-        """
-        count = len(boxes.low) // width
-        first = np.arange(0, count, rows)
-        groups = boxes.in_groups(width, first)
-        # The tree asks for boxes alone, and a diagonal, which is made sooner, has the same box as its rectangle.
-        found, run = self.tree.query(shapely.linestrings(np.stack((groups.low, groups.high), axis=1)))
-        group, column = np.divmod(found, width)
-        place, within = _numbered(np.minimum(rows, count - first[group]))
-        box = (first[group][place] + within) * width + column[place]
-        run = run[place]
-        apart = (boxes.low[box] > self.boxes.high[run]) | (boxes.high[box] < self.boxes.low[run])
-        meets = ~np.any(apart, axis=1)
-        return box[meets], run[meets]
-
-
-def _numbered(counts: IntArray) -> tuple[IntArray, IntArray]:
-    """So many things of each of several kinds: each one's kind, and its number among its kind; each of shape (m,)."""
-    kind = np.repeat(np.arange(len(counts)), counts)
-    return kind, np.arange(len(kind)) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-def _line_tree(start: FloatArray, end: FloatArray) -> shapely.STRtree:
-    return shapely.STRtree(np.asarray(shapely.linestrings(np.stack((start, end), axis=1))))
-
-
-def edge_runs(edges: WallEdges) -> EdgeRuns:
-    """Walls with many edges in runs, all others edge by edge."""
-    number = np.arange(len(edges.owner))
-    begins = np.flatnonzero(np.diff(edges.owner, prepend=-1))
-    count = np.diff([*begins, len(number)])
-    place = number - np.repeat(begins, count)
-    length = np.where(np.repeat(count, count) >= _MANY_EDGES, _EDGES_A_RUN, 1)
-    # A ring's last edge and the next ring's first one need not meet: a run ends there.
-    broken = np.concatenate(([True], np.any(edges.start[1:] != edges.end[:-1], axis=1)))
-    first = np.flatnonzero((place % length == 0) | (broken & (length > 1)))
-    last = np.append(first[1:], len(number)) - 1
-    start = edges.start[first]
-    end = edges.end[last]
-    # Distance from a segment is convex, so that no point of an edge is farther from the chord than the edge's ends.
-    run = np.repeat(np.arange(len(first)), last - first + 1)
-    away = segment_distances(edges.end, edges.end, start[run], end[run]) * (number != last[run])
-    sag = np.zeros(len(first))
-    np.maximum.at(sag, run, away)
-    spare = np.where(last > first, distance_rounding(edges.size), 0.0)
-    return EdgeRuns(np.append(first, len(number)), start, end, sag + spare + edges.rounding[first])
-
-
-def wall_edges(workspace: Workspace) -> WallEdges:
-    """The edges of everything the arm must keep away from."""
+def edges_of(workspace: Workspace) -> tuple[FloatArray, FloatArray, IntArray, tuple[str, ...]]:
+    """Edges of all walls, shape (E, 2, 2) [m], with their roundings and owners, and the names of the walls."""
     walls = workspace.walls
-    pieces = [np.concatenate([_edges_of(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
+    pieces = [np.concatenate([_edges_of_part(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
     counts = [len(piece) for piece in pieces]
-    edges = np.concatenate(pieces)
     rounding = np.repeat([wall.rounding for wall in walls], counts)
-    return WallEdges(
-        edges[:, 0], edges[:, 1], rounding, np.repeat(np.arange(len(walls)), counts), tuple(wall.name for wall in walls)
-    )
+    owner = np.repeat(np.arange(len(walls)), counts)
+    return np.concatenate(pieces), rounding, owner, tuple(wall.name for wall in walls)
 
 
-def _edges_of(part: shapely.Geometry) -> FloatArray:
-    """Edges of a polygon, line or point, shape (E, 2, 2) [m]."""
+def _edges_of_part(part: shapely.Geometry) -> FloatArray:
+    """Edges of a polygon, line or point, shape (E, 2, 2) [m]; the centre of a circle is one of no length."""
     if isinstance(part, shapely.Polygon):
-        return np.concatenate([_edges_of(ring) for ring in (part.exterior, *part.interiors)])
+        return np.concatenate([_edges_of_part(ring) for ring in (part.exterior, *part.interiors)])
     points = shapely.get_coordinates(part)
-    if len(points) == 1:  # the centre of a circle
+    if len(points) == 1:
         return np.repeat(points[None], 2, axis=1)
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-_WALL_PROBES = 48
-"""Poses at which the nearest wall is looked up first, to know how far the search must look. Taste."""
-_ROWS_AT_ONCE = 16
-"""Poses that follow each other whose links are looked for near walls together first. Measured: with 16 the search takes
-half the time that it takes pose by pose, and hardly less with more."""
-
-TOUCHING = 1e-4
-"""Share of the radius by which a gap may differ from none that is told as a touch."""
+def _by_size_and_place(parts: FloatArray) -> IntArray:
+    """An order in which neighbours are alike in size and near each other, shape (m,)."""
+    low = parts.min(axis=1)
+    high = parts.max(axis=1)
+    extent = high.max(axis=0) - low.min(axis=0)
+    span = max(float(extent.max()), np.finfo(np.float64).tiny)
+    # Walls of few large triangles would blow up the boxes of fine meshes beside them.
+    size = lengths_of(high - low) / span
+    kind = np.floor(np.log2(np.maximum(size, 1e-6)) / 3.0)
+    cells = ((0.5 * (low + high) - low.min(axis=0)) / span * 1023.0).astype(np.int64)
+    number = np.zeros(len(parts), dtype=np.int64)
+    dimension = cells.shape[1]
+    for bit in range(10):
+        for axis in range(dimension):
+            number |= (cells[:, axis] >> bit & 1) << dimension * bit + axis
+    return np.lexsort((number, kind))
 
 
 def check_walls(
-    motion: ChainMotion, workspace: Workspace, settings: VerificationSettings = DEFAULT_VERIFICATION
+    motion: ChainMotion,
+    workspace: Workspace,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
     """Check that the arm beyond its mount keeps the clearance from every wall at all times."""
     found = nearest_wall(motion, workspace, settings)
     if found is None:
-        return Check(
-            "wall clearance", np.inf, workspace.clearance, "m", "the whole arm counts as its mount", passed=True
-        )
+        mount = np.all(exposed_starts(motion.arm) == 1.0)
+        why = "the whole arm counts as its mount" if mount else "there is no wall"
+        return Check("wall clearance", np.inf, workspace.clearance, "m", why, passed=True)
     verdict, wall = found
     near = verdict.nearest
     remark = verdict.remark or touch_beside_mount(motion.arm, near.link, near.gap)
     # What a flush mount touches hides all that comes near the links beyond.
     if not verdict.remark and remark and (beyond := nearest_wall(motion, workspace, settings, near.link + 1)):
-        remark += gap_beyond(beyond[0].nearest.gap, beyond[1])
+        remark += f"; links beyond it keep {short_length(beyond[0].nearest.gap)} from {beyond[1]!r}"
     where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
     return Check(
         "wall clearance",
@@ -263,55 +209,17 @@ def nearest_wall(
 ) -> tuple[Verdict, str] | None:
     """Whether the arm keeps the clearance from every wall, with the nearest approach and the name of its wall.
 
-    None when the whole arm counts as its mount, so that there is nothing to keep away. Links before the first, counted
-    from 0, are not looked at.
+    None where there is nothing to keep away, as when the whole arm counts as its mount. Links before the first,
+    counted from 0, are not looked at.
     """
-    edges = wall_edges(workspace)
     exposed = exposed_starts(motion.arm)
     exposed[:first] = 1.0
-    if not np.any(exposed < 1.0):
+    if np.all(exposed == 1.0) or is_empty(workspace):
         return None
+    surfaces = CheckedSurfaces.of(workspace)
     least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
-    verdict = _prove(motion, edges, exposed, least, settings)
-    return verdict, edges.names[edges.owner[verdict.nearest.other]]
-
-
-@dataclass(frozen=True)
-class WallGaps:
-    """Measures gaps between poses of an arm and the walls.
-
-    Attributes:
-        arm: the arm.
-        workspace: the room.
-    """
-
-    arm: Arm
-    workspace: Workspace
-
-    @cached_property
-    def edges(self) -> WallEdges:
-        """The walls' edges."""
-        return wall_edges(self.workspace)
-
-    def within(self, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-        """Pairs of an exposed link and an edge whose surfaces are no farther apart than a reach.
-
-        Args:
-            poses: joint and tip positions, shape (N, links + 1, 2) [m].
-            reach: [m].
-
-        Returns:
-            The pairs, their nodes being the numbers of the poses, and the gaps between their surfaces, shape (P,) [m].
-        """
-        exposed = exposed_starts(self.arm)
-        links = np.flatnonzero(exposed < 1.0)
-        look = np.full((len(poses), len(links)), reach + self.arm.radius)
-        pairs = _candidates(poses, self.edges, exposed, links, look)
-        start, end = _axis(poses, pairs.node, pairs.link, exposed)
-        distance = segment_distances(start, end, self.edges.start[pairs.other], self.edges.end[pairs.other])
-        gap = distance - self.edges.rounding[pairs.other] - self.arm.radius
-        near = gap <= reach
-        return pairs.where(near), gap[near]
+    verdict = WallProof(motion, surfaces, exposed).prove(least, settings)
+    return verdict, surfaces.name_of(verdict.nearest.other)
 
 
 def exposed_starts(arm: Arm) -> FloatArray:
@@ -328,127 +236,200 @@ def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
 
 
-def gap_beyond(gap: float, wall: str) -> str:
-    """Say the least gap [m] of the links beyond the one that touches beside the mount."""
-    return f"; links beyond it keep {short_length(gap)} from {wall!r}"
+def wall_gaps(
+    arm: Arm, workspace: Workspace, poses: FloatArray, reach: float
+) -> tuple[IntArray, FloatArray, list[str]]:
+    """The link and the wall that are nearest in each of some poses.
 
+    Args:
+        arm: the arm.
+        workspace: what stands around it.
+        poses: joint and tip positions, shape (N, links + 1, d) [m].
+        reach: surfaces that are farther apart are not told apart [m].
 
-def _prove(
-    motion: ChainMotion, edges: WallEdges, exposed: FloatArray, least: float, settings: VerificationSettings
-) -> Verdict:
-    arm = motion.arm
+    Returns:
+        Numbers of the links from 0, −1 where no wall is within reach, shape (N,); gaps between the surfaces, the reach
+        where there is none, shape (N,) [m]; and names of the walls, empty where there is none.
+    """
+    exposed = exposed_starts(arm)
     links = np.flatnonzero(exposed < 1.0)
-    lost = motion.rounding + distance_rounding(max(motion.size, edges.size))
-
-    def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        interval = nodes.interval[pairs.node]
-        start, end = _axis(poses, pairs.node, pairs.link, exposed)
-        # A point moves with all links up to its own, so their turns add up; the first entry is what carries the base.
-        travel = nodes.half[pairs.node] * arm.link_length * motion.turned[interval, pairs.link + 1]
-        # A link that slides along itself sweeps a longer one, and goes aside by next to nothing.
-        aslant = motion.aslant[interval, pairs.link]
-        carried = np.where(aslant <= _ALONG, nodes.half[pairs.node] * motion.carried_by[interval], 0.0)
-        ahead = carried[:, None] * unit_rows(end - start)
-        start = start - ahead
-        end = end + ahead
-        travel -= carried * (1.0 - aslant)
-        distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
-        thick = edges.rounding[pairs.other] + arm.radius + motion.off[interval, pairs.link]
-        return distance - thick - lost, travel
-
-    nodes = motion.whole
-    poses = motion.poses(nodes)
-    nearest = _probe(motion, edges, exposed, links, poses, _WALL_PROBES)
-    # Walls that are farther away than this at the middle of an interval come no nearer than the nearest known one.
-    travel = 0.5 * arm.link_length * motion.turned[:, links + 1] + motion.off[:, links]
-    look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length)) + 2.0 * lost
-    pairs = _candidates(poses, edges, exposed, links, look)
-    return prove_apart(motion, pairs, evaluate, least, nearest, settings)
-
-
-def _axis(poses: FloatArray, node: IntArray, link: IntArray, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends of the exposed part of the links' axes, each shape (P, 2) [m]."""
-    start = poses[node, link]
-    end = poses[node, link + 1]
-    return start + exposed[link, None] * (end - start), end
+    gaps = np.full(len(poses), reach)
+    found = np.full(len(poses), -1)
+    names = [""] * len(poses)
+    if len(links) == 0 or is_empty(workspace):
+        return found, gaps, names
+    surfaces = CheckedSurfaces.of(workspace)
+    pairs = Pairs.in_all(len(poses), links, np.zeros_like(links))
+    while len(pairs):
+        start, end = link_axes(poses, pairs, exposed)
+        low, high = surfaces.bounds(pairs.other, start, end)
+        single = surfaces.is_single(pairs.other)
+        low[single], high[single] = surfaces.separations(pairs.other[single], start[single], end[single])
+        least = low - surfaces.rounding.take(pairs.other) - arm.radius
+        most = high - np.where(single, surfaces.rounding.take(pairs.other), 0.0) - arm.radius
+        for best in np.flatnonzero(single & (most <= gaps[pairs.stretch])):
+            pose = pairs.stretch[best]
+            if most[best] <= gaps[pose]:
+                gaps[pose], found[pose] = most[best], pairs.link[best]
+                names[pose] = surfaces.name_of(int(pairs.other[best]))
+        ceiling = gaps.copy()
+        np.minimum.at(ceiling, pairs.stretch, most)
+        near = pairs.where(~single & (least <= ceiling[pairs.stretch]))
+        place, child = surfaces.children(near.other)
+        pairs = Pairs(near.stretch[place], near.link[place], child)
+    return found, gaps, names
 
 
-def _candidates(
-    poses: FloatArray,
-    edges: WallEdges,
-    exposed: FloatArray,
-    links: IntArray,
-    look: FloatArray,
-) -> Pairs:
-    """Pairs whose boxes come within ``look``, shape (N, exposed links) [m], at the middle of an interval."""
-    node, link = (index.ravel() for index in np.indices(look.shape))
-    start, end = _axis(poses, node, links[link], exposed)
-    grow = look.reshape(-1, 1)
-    boxes = Boxes(np.minimum(start, end) - grow, np.maximum(start, end) + grow)
-    # Boxes decide quickly and err on the safe side: a pair too many costs time, a missing one would break the proof.
-    runs = edges.runs
-    found, run = runs.meeting(boxes, look.shape[1], _ROWS_AT_ONCE)
-    # Where runs are long their chords decide again, before all of their edges are looked at.
-    long = runs.first[run + 1] - runs.first[run] > 1
-    gap = segment_distances(start[found[long]], end[found[long]], runs.start[run[long]], runs.end[run[long]])
-    near = np.ones(len(run), dtype=bool)
-    near[long] = gap - runs.radius[run[long]] <= grow[found[long], 0]
-    found = found[near]
-    place, other = runs.edges_of(run[near])
-    item = found[place]
-    return Pairs(node[item], links[link[item]], other)
+def is_empty(workspace: Workspace) -> bool:
+    """Whether there is nothing that an arm might touch."""
+    return workspace.dimension == 3 and len(workspace.soup) == 0
 
 
-def _probe(
-    motion: ChainMotion, edges: WallEdges, exposed: FloatArray, links: IntArray, poses: FloatArray, probes: int
-) -> Nearest:
-    """The nearest wall at a few poses spread over the motion: no proof, but a bound on the least gap."""
-    count = len(poses)
-    chosen = np.unique(np.linspace(0, count - 1, min(probes, count)).astype(int))
-    node = np.repeat(chosen, len(links))
-    link = np.tile(links, len(chosen))
-    start, end = _axis(poses, node, link, exposed)
-    # Roundings differ from wall to wall, so the nearest chord need not be the nearest wall: a bound is all it gives.
-    runs = edges.runs
-    near, run = runs.lines.query_nearest(shapely.linestrings(np.stack((start, end), axis=1)), all_matches=False)
-    place, other = runs.edges_of(run)
-    found = near[place]
-    distance = segment_distances(start[found], end[found], edges.start[other], edges.end[other])
-    gap = distance - edges.rounding[other] - motion.arm.radius
-    best = int(np.argmin(gap))
-    item = found[best]
-    when = motion.when(motion.whole, int(node[item]))
-    return Nearest(float(gap[best]), int(link[item]), int(other[best]), when)
+def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends of the exposed part of the links' axes, each shape (P, d) [m]."""
+    points = poses.reshape(-1, poses.shape[2])
+    joint = pairs.stretch * poses.shape[1] + pairs.link
+    end = points.take(joint + 1, axis=0)
+    start = points.take(joint, axis=0)
+    start += exposed.take(pairs.link)[:, None] * (end - start)
+    return start, end
+
+
+class WallProof:
+    """Proves that links keep a gap to the surfaces of a scene, by measuring them against boxes of these.
+
+    Args:
+        motion: of the arm.
+        surfaces: of the scene.
+        exposed: share of each link that may touch walls.
+    """
+
+    def __init__(self, motion: ChainMotion, surfaces: CheckedSurfaces, exposed: FloatArray) -> None:
+        self.motion = motion
+        self.surfaces = surfaces
+        self._exposed = exposed
+        self._lost = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
+
+    def prove(self, least: float, settings: VerificationSettings) -> Verdict:
+        """Prove that all links keep a gap."""
+        samples = len(self.motion.time)
+        # At a few moments the nearest surface is looked for alone, to know how far the search must look.
+        moments = self._of_all_links(TimeStretches.moments(samples, _PROBES), least, settings, None)
+        if moments.nearest.gap < least:
+            return moments
+        return self._of_all_links(TimeStretches.blocks(samples, BLOCK), least, settings, moments.nearest)
+
+    def _of_all_links(
+        self, stretches: TimeStretches, least: float, settings: VerificationSettings, nearest: Nearest | None
+    ) -> Verdict:
+        links = np.flatnonzero(self._exposed < 1.0)
+        pairs = Pairs.in_all(len(stretches), links, np.zeros_like(links))
+        return prove_stretches(self.motion, stretches, pairs, self.measure, least, settings, self.opened, nearest)
+
+    def measure(
+        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+    ) -> Measured:
+        """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
+        arm = self.motion.arm
+        travels = self.motion.travels(stretches).ravel()
+        joint = pairs.stretch * poses.shape[1] + pairs.link
+        travel = np.maximum(travels.take(joint), travels.take(joint + 1))
+        start, end = link_axes(poses, pairs, self._exposed)
+        low, high = self.surfaces.bounds(pairs.other, start, end)
+        thick = arm.radius + self.surfaces.rounding.take(pairs.other)
+        taken = thick + self._lost + self.motion.off(stretches, pairs.stretch, pairs.link)
+        # Parts whose boxes are far enough need not be measured.
+        exact = self.surfaces.is_single(pairs.other) & (low - taken - travel < cutoff)
+        low[exact], high[exact] = self.surfaces.separations(pairs.other[exact], start[exact], end[exact])
+        # A box may hold parts of less rounding than the largest, which are farther.
+        most = high - np.where(exact, thick, arm.radius)
+        low -= taken
+        if arm.base_axes:
+            close = np.flatnonzero(exact & (low - travel < cutoff) & (travel > 0.0))
+            self._slide(stretches, pairs, close, start, end, taken, low, travel)
+        return Measured(low, most, travel, exact)
+
+    def _slide(
+        self,
+        stretches: TimeStretches,
+        pairs: Pairs,
+        close: IntArray,
+        start: FloatArray,
+        end: FloatArray,
+        taken: FloatArray,
+        low: FloatArray,
+        travel: FloatArray,
+    ) -> None:
+        """Put what a longer link keeps, and how far it goes aside, in the place of ``low`` and ``travel``.
+
+        A link that slides along itself, as in a guide tube, sweeps a longer one, and goes aside by next to nothing.
+        """
+        stretch, link = pairs.stretch[close], pairs.link[close]
+        within = (stretches.high - stretches.low)[stretch] <= 1.0
+        close, stretch, link = close[within], stretch[within], link[within]
+        if len(close) == 0:
+            return
+        chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
+        line = end[close] - start[close]
+        ahead = line / np.maximum(lengths_of(line), np.finfo(np.float64).tiny)[:, None]
+        # Of its way a joint has half from the middle to either end; all but what is along the link is aside.
+        aside = np.zeros(len(close))
+        for joint in (link, link + 1):
+            chord = chords[stretch, joint]
+            along = np.einsum("pd,pd->p", chord, ahead)
+            across = lengths_of(chord - along[:, None] * ahead)
+            aside = np.maximum(aside, travel[close] - 0.5 * (lengths_of(chord) - across))
+        slides = aside < _ALONG * travel[close]
+        close, ahead = close[slides], travel[close[slides], None] * ahead[slides]
+        longer, _ = self.surfaces.separations(pairs.other[close], start[close] - ahead, end[close] + ahead)
+        low[close] = longer - taken[close]
+        travel[close] = aside[slides]
+
+    def opened(self, pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
+        """The children of boxes that are larger than what moves, and which pairs these were."""
+        surfaces = self.surfaces
+        size = surfaces.diagonals.take(pairs.other)
+        boxes = ~surfaces.is_single(pairs.other) & ((size > travel) | (size == 0.0))
+        place, child = surfaces.children(pairs.other[boxes])
+        closed = pairs.where(boxes)
+        return Pairs(closed.stretch[place], closed.link[place], child), boxes
 
 
 def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
-    """Check that the arm lies inside the room and outside the obstacles.
+    """Check that the arm lies inside the room and outside of all solid obstacles.
 
-    One point decides: an arm that never meets an edge cannot change sides, neither along itself nor over time.
+    One point decides: an arm that never meets a closed surface cannot change sides, neither along itself nor over time.
 
     Returns:
         The check, its worst value the depth of that point in forbidden space, negated [m].
     """
     arm = motion.arm
-    joints = motion.poses(Nodes(np.array([0]), np.zeros(1), np.zeros(1)))[0]
     # The point where the mount ends: what lies before it may be inside a wall.
     k = min(int(arm.mount_length // arm.link_length), arm.links - 1)
     share = min(arm.mount_length / arm.link_length - k, 1.0)
-    point = shapely.points(joints[k] + share * (joints[k + 1] - joints[k]))
-    walls = workspace.walls
-    depths = [*(_depth(wall.core, point) for wall in workspace.obstacles), _depth_outside(workspace.boundary, point)]
-    worst = int(np.argmax(depths))
-    side = f", on the wrong side of {walls[worst].name!r}" if depths[worst] > 0.0 else ""
-    return Check(
-        "free side", 0.0 - depths[worst], 0.0, "m", f"link {k + 1} at t = 0{side}", passed=depths[worst] <= 0.0
-    )
+    joints = motion.points[0]
+    point = joints[k] + share * (joints[k + 1] - joints[k])
+    depths = _depths(workspace, point) if workspace.dimension == 2 else _depths_in_space(workspace, point)
+    depth, worst = max([*depths, (0.0, "")], key=lambda found: found[0])
+    side = f", on the wrong side of {worst!r}" if depth > 0.0 else ""
+    return Check("free side", 0.0 - depth, 0.0, "m", f"link {k + 1} at t = 0{side}", passed=depth <= 0.0)
 
 
-def _depth(core: shapely.Geometry, point: shapely.Point) -> float:
+def _depths(workspace: Workspace, point: FloatArray) -> list[tuple[float, str]]:
+    place = shapely.points(point)
     # On the boundary itself the depth is 0, which is allowed: the clearance is checked elsewhere.
-    inside = bool(shapely.contains_properly(core, point))
-    return float(shapely.distance(shapely.boundary(core), point)) if inside else 0.0
+    depths = [
+        (float(shapely.distance(shapely.boundary(each.core), place)), each.name)
+        for each in workspace.obstacles
+        if shapely.contains_properly(each.core, place)
+    ]
+    return [*depths, (float(shapely.distance(workspace.boundary, place)), workspace.walls[-1].name)]
 
 
-def _depth_outside(room: shapely.Polygon, point: shapely.Point) -> float:
-    return float(shapely.distance(room, point))
+def _depths_in_space(workspace: Workspace, point: FloatArray) -> list[tuple[float, str]]:
+    solid = [each for each in workspace.obstacles if each.body.solid]
+    depths = [(depth_enclosed(each.body.triangles, point), each.name) for each in solid]
+    if workspace.bounds is not None:
+        beyond = np.concatenate((workspace.bounds[0] - point, point - workspace.bounds[1]))
+        depths.append((float(np.max(beyond)), ROOM_NAME))
+    return depths

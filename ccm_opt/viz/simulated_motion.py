@@ -14,7 +14,7 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
-from ccm_opt.verification.survived_in_space import moved_by_joint_errors
+from ccm_opt.verification.tolerance.levers import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, Side, draw_body, draw_workspace, polygon_patch
 from ccm_opt.viz.arm_section import draw_section

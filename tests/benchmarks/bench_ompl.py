@@ -24,8 +24,8 @@ from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.solution import JointPath, JointStates
-from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify
+from tests.arms import joint_torques
 from tests.benchmarks.ompl_planners import PLANNERS, run_peer
 from tests.crossings import CrossingCheck
 from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES

@@ -32,7 +32,7 @@ from ccm_opt.retiming.timing import Profile, sample_motion
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointPath, JointTrajectory
-from ccm_opt.verification.newton_euler import joint_torques
+from tests.arms import joint_torques
 from tests.dynamics_arms import swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -149,7 +149,7 @@ def main() -> None:
         except CcmError:
             continue
         begin = time.process_time()
-        found = survived_error(problem.arm, problem.workspace, solution.trajectory, joint_errors(problem.arm))
+        found = survived_error(problem, solution.trajectory, joint_errors(problem.arm))
         spent = time.process_time() - begin
         count = random_motions_that_touch(solution, found, motions)
         touched += count

@@ -25,7 +25,7 @@ from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.verification.space_verifier import verify_in_space
+from ccm_opt.verification.verifier import verify
 from tests.benchmarks.bench_planning import head, row
 
 NEARLY_LONGEST = 0.75
@@ -60,7 +60,7 @@ def measure(job: str, seed: int, problem: Problem) -> None:
     motion = timed_and_verified(problem, (leg,), Stages())
     trajectory, joints = motion.trajectory, motion.joints
     begun = user_time()
-    checks = verify_in_space(problem, trajectory, joints)
+    checks = verify(problem, trajectory, joints)
     verified = user_time() - begun
     gap = next(check.worst for check in checks if check.name == "wall clearance")
     names = ("free space", "motion", "configuration", "optimisation", "smooth path")

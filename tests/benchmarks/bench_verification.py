@@ -11,9 +11,8 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.verifier import verify
-from tests.arms import plain_arm
+from tests.arms import joint_torques, plain_arm
 
 
 def make_case(links: int, samples: int = 1001, duration: float = 4.0) -> tuple[Problem, JointTrajectory, JointStates]:

@@ -34,19 +34,19 @@ from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallPr
 from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQuestion, PairSearch
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
+from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.left_unchecked import left_unchecked
-from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, base_heading_error, joint_errors
-from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error, tube_of, worst_motion
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, MODELS, base_heading_error, joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_error, tube_of, worst_motion
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
 from ccm_opt.verification.wall_clearance import check_walls
-from tests.arms import plain_arm
+from tests.arms import bare_problem, plain_arm
 
 ROOM = shapely.box(-1.6, -1.5, 1.7, 1.4)
 LINKS = 6
@@ -121,7 +121,7 @@ def states_of(problem: Problem, trajectory: JointTrajectory) -> JointStates:
     """The same for all drives."""
     planar = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
     motion = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    torques, force = efforts_in_plane(problem.arm, problem.simulation.gravity, *motion)
+    torques, force = drive_efforts(problem.arm, problem.simulation.gravity, *motion)
     angles = [revolute_angles(problem.arm, values) for values in planar]
     forces = force[:, None] if problem.arm.base_axes else np.zeros((len(trajectory.time), 0))
     return JointStates(joint_names(problem.arm), *angles, torques, forces)
@@ -299,7 +299,9 @@ def given_up(scale: float) -> None:
     check_walls(ChainMotion(arm_of(scale, mount_length=0.7 * scale), time, poses), room)
     still = np.zeros_like(poses)
     trajectory = JointTrajectory(0.004 * np.arange(2), 0.02 * poses, still, still, arm.coordinates)
-    survived_error(arm, room, trajectory, joint_errors(arm), replace(DEFAULT_TOLERANCE, most_cases=1, depth=1))
+    survived_error(
+        bare_problem(arm, room), trajectory, joint_errors(arm), replace(DEFAULT_TOLERANCE, most_cases=1, depth=1)
+    )
     mean = np.diff(trajectory.positions, axis=0) / 0.004
     # Either end of a cubic may lead beyond the step.
     for first, last in ((3.5, 1.0), (1.0, 3.5)):
@@ -319,7 +321,7 @@ def survived(scale: float) -> None:
         trajectory = JointTrajectory(0.01 * np.arange(4), poses, still, still, arm.coordinates)
         room = Workspace(ROOM, walls(), 0.001)
         for make in MODELS:
-            found = survived_error(arm, room, trajectory, make(arm))
+            found = survived_error(bare_problem(arm, room), trajectory, make(arm))
             if found.worst:
                 worst_motion(trajectory, found, 1.5 * found.size)
         for model in (joint_errors(arm), base_heading_error(arm)):

@@ -13,7 +13,7 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.verification.newton_euler import efforts_in_plane
+from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.verifier import verify
 from tests.arms import plain_arm
 
@@ -65,7 +65,7 @@ class Case:
         planar = motion.bend_angles, motion.bend_velocities, motion.bend_accelerations
         everything = motion.positions, motion.velocities, motion.accelerations
         gravity = self.problem.simulation.gravity
-        torques, force = efforts_in_plane(arm, gravity, *everything)
+        torques, force = drive_efforts(arm, gravity, *everything)
         forces = np.repeat(force[:, None], len(arm.base_axes), axis=1)
         return JointStates(joint_names(arm), *(revolute_angles(arm, part) for part in planar), torques, forces)
 

@@ -1,5 +1,6 @@
 """Errors of joints, links, base, walls and loads, and their numbers."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -67,6 +68,16 @@ def wall_errors(arm: Arm) -> ErrorModel:
     return ErrorModel("walls", "m", np.zeros(arm.links + 1), shift=1.0, with_itself=False)
 
 
+MODELS: tuple[Callable[[Arm], ErrorModel], ...] = (
+    joint_errors,
+    link_length_errors,
+    base_heading_error,
+    base_position_error,
+    wall_errors,
+)
+"""Everything that may be wrong with the geometry."""
+
+
 @dataclass(frozen=True)
 class ToleranceSettings:
     """Numbers of the search for the largest errors that a motion survives.
@@ -108,6 +119,12 @@ class ToleranceSettings:
 
 DEFAULT_TOLERANCE = ToleranceSettings()
 """What is used unless others are given."""
+
+
+def largest_error(arm: Arm, model: ErrorModel, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> float:
+    """Errors above this are not looked at [unit]."""
+    turned = float(np.sum(model.turns))
+    return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
 
 
 NAME = "survived joint error"

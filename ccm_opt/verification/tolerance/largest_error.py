@@ -267,7 +267,7 @@ class LinkCases:
 
     def cases(self, pairs: Pairs) -> ChainCases:
         """The ends of either link against the other, over whole intervals."""
-        ends = (pairs.node, pairs.link, pairs.other)
+        ends = (pairs.stretch, pairs.link, pairs.other)
         return joined_cases([make(*ends, far=far) for make in (self._outwards, self._inwards) for far in (False, True)])
 
     def _outwards(self, interval: IntArray, first: IntArray, second: IntArray, *, far: bool) -> ChainCases:

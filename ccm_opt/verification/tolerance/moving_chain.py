@@ -12,7 +12,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.link_motion import ChainMotion, chain_points
+from ccm_opt.verification.chain_motion import ChainMotion, carried, chain_points
 from ccm_opt.verification.tolerance.chain_cases import ChainCases
 from ccm_opt.verification.tolerance.error_model import ErrorModel
 
@@ -55,7 +55,9 @@ class MovingChain:
     @classmethod
     def in_strides(cls, motion: ChainMotion, model: ErrorModel, travel: float) -> "MovingChain":
         """The chain at samples between which no point of the arm travels farther than some length [m], or at all."""
-        gone = np.append(0.0, np.cumsum(motion.turned[:, -1])) * motion.arm.link_length
+        arm = motion.arm
+        turned = np.sum(np.abs(np.cumsum(motion.steps[:, arm.coordinates.bends], axis=1)), axis=1)
+        gone = np.append(0.0, np.cumsum(arm.link_length * turned + np.abs(carried(arm, motion.steps))))
         at = [0]
         while at[-1] < len(gone) - 1:
             farthest = int(np.searchsorted(gone, gone[at[-1]] + travel, side="right")) - 1
@@ -72,8 +74,9 @@ class MovingChain:
 
     @cached_property
     def _all_angles(self) -> FloatArray:
-        headings = self.motion.headings
-        return np.column_stack((np.full(len(headings), self.arm.base_heading), headings))
+        x, y = self.arm.direction
+        turned = np.cumsum(self.motion.positions[:, self.arm.coordinates.bends], axis=1)
+        return float(np.arctan2(y, x)) + np.column_stack((np.zeros(len(turned)), turned))
 
     @cached_property
     def angles(self) -> FloatArray:
@@ -83,7 +86,11 @@ class MovingChain:
     @cached_property
     def carried(self) -> FloatArray:
         """How far the base is carried, shape (N + 1,) [m]."""
-        return self.motion.carried[self.at]
+        return self._all_carried[self.at]
+
+    @cached_property
+    def _all_carried(self) -> FloatArray:
+        return carried(self.arm, self.motion.positions)
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -98,7 +105,7 @@ class MovingChain:
     @cached_property
     def base_strays(self) -> FloatArray:
         """The same of the base, shape (N,) [m]."""
-        return self._strays(self.motion.carried[:, None])[:, 0]
+        return self._strays(self._all_carried[:, None])[:, 0]
 
     def _strays(self, values: FloatArray) -> FloatArray:
         time = self.motion.time
@@ -115,13 +122,13 @@ class MovingChain:
     @cached_property
     def middles(self) -> FloatArray:
         """Base, joints and tip half-way, shape (N, links + 1, 2) [m]."""
-        headings = 0.5 * (self.angles[:-1, 1:] + self.angles[1:, 1:])
-        return chain_points(self.arm, headings, 0.5 * (self.carried[:-1] + self.carried[1:]))
+        positions = self.motion.positions[self.at]
+        return chain_points(self.arm, 0.5 * (positions[:-1] + positions[1:]))
 
     @cached_property
     def held(self) -> BoolArray:
         """Joints that a guide tube holds straight during whole intervals, shape (N, links + 1); not the base."""
-        feed = np.maximum.reduceat(self.motion.carried, self.at[:-1])
+        feed = np.maximum.reduceat(self._all_carried, self.at[:-1])
         feed = np.maximum(feed, self.carried[1:])
         return np.column_stack((np.zeros(len(feed), dtype=bool), self.arm.held(feed)))
 

@@ -15,26 +15,25 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
-from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import first_distant, segment_distances
 from ccm_opt.verification.stretch_proof import Pairs
 from ccm_opt.verification.tolerance.chain_cases import ChainCases, chain_support, joined_cases, worst_errors
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
+    MODELS,
     ErrorModel,
     ToleranceSettings,
-    base_heading_error,
-    base_position_error,
-    joint_errors,
-    link_length_errors,
-    wall_errors,
+    largest_error,
 )
 from ccm_opt.verification.tolerance.largest_error import LargestError, Limiting, LinkCases
+from ccm_opt.verification.tolerance.levers import survived_by_levers
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.wall_clearance import WallEdges, exposed_starts, wall_edges
+from ccm_opt.verification.wall_clearance import edges_of, exposed_starts
 
 _STRIDE = 0.4
 """No point of the arm travels farther between the samples that are looked at first than this many link lengths.
@@ -42,6 +41,44 @@ Measured on the problems of the package: with a quarter of it fed arms take two 
 nothing."""
 _PROBES = 64
 """Poses at which the nearest wall of every link, and all pairs of links, are looked up first. Taste."""
+
+
+@dataclass(frozen=True)
+class WallEdges:
+    """The walls taken apart into straight edges; a circle's centre is an edge of no length.
+
+    Attributes:
+        start: shape (E, 2) [m].
+        end: shape (E, 2) [m].
+        rounding: radius of the disc that sweeps the edge, shape (E,) [m].
+        owner: number of the wall an edge belongs to, shape (E,).
+        names: of the walls.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    rounding: FloatArray
+    owner: IntArray
+    names: tuple[str, ...]
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Spatial index of the edges' boxes, each grown by its rounding."""
+        grow = self.rounding[:, None]
+        low = np.minimum(self.start, self.end) - grow
+        high = np.maximum(self.start, self.end) + grow
+        return shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+
+    @cached_property
+    def lines(self) -> shapely.STRtree:
+        """Spatial index of the edges themselves."""
+        return shapely.STRtree(np.asarray(shapely.linestrings(np.stack((self.start, self.end), axis=1))))
+
+
+def wall_edges(workspace: Workspace) -> WallEdges:
+    """The edges of everything the arm must keep away from."""
+    edges, rounding, owner, names = edges_of(workspace)
+    return WallEdges(edges[:, 0], edges[:, 1], rounding, owner, names)
 
 
 @dataclass(frozen=True)
@@ -124,7 +161,7 @@ class WallCases:
 
     def cases(self, pairs: Pairs) -> ChainCases:
         """Both kinds of cases for links near edges, over whole intervals."""
-        interval = pairs.node
+        interval = pairs.stretch
         link = pairs.link
         edge = pairs.other
         first = link == self._links[0]
@@ -197,30 +234,21 @@ def _of_ring(ring: shapely.LinearRing, *, room_inside: bool) -> BoolArray:
     return np.stack((at_start, np.roll(at_start, -1)), axis=1)
 
 
-MODELS: tuple[Callable[[Arm], ErrorModel], ...] = (
-    joint_errors,
-    link_length_errors,
-    base_heading_error,
-    base_position_error,
-    wall_errors,
-)
-"""Everything that may be wrong with the geometry."""
-
+_CasesOf = Callable[[MovingChain], WallCases | LinkCases]
 _TINY = 1e-300
 _DIGITS = 3
 """Digits of the shares of the worst errors that are worth telling."""
 
 
 def survived_errors(
-    arm: Arm, workspace: Workspace, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
+    problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
     """The largest errors of every kind, one kind at a time; arguments as for ``survived_error``."""
-    return tuple(survived_error(arm, workspace, trajectory, make(arm), settings) for make in MODELS)
+    return tuple(survived_error(problem, trajectory, make(problem.arm), settings) for make in MODELS)
 
 
 def survived_error(
-    arm: Arm,
-    workspace: Workspace,
+    problem: Problem,
     trajectory: JointTrajectory,
     model: ErrorModel,
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
@@ -233,20 +261,23 @@ def survived_error(
     straight have no error.
 
     Args:
-        arm: the arm.
-        workspace: the room, its obstacles and the clearance.
+        problem: with the arm, its room and the clearance.
         trajectory: the plan, linear between its samples.
         model: what may be wrong.
         settings: how closely the error is sought.
         most: larger errors are not looked at [unit]; what is survived is told as this.
     """
+    if problem.dimension == 3:
+        return survived_by_levers(problem, trajectory, model, settings, most)
+    arm = problem.arm
+    workspace = problem.workspace
     motion = ChainMotion(arm, trajectory.time, trajectory.positions)
     edges = wall_edges(workspace)
-    search = LargestError(min(most, _largest(arm, model, settings)), settings)
+    search = LargestError(min(most, largest_error(arm, model, settings)), settings)
     coarse = MovingChain.in_strides(motion, model, _STRIDE * arm.link_length)
     fine = MovingChain.through_all(motion, model)
 
-    kinds: list[Callable[[MovingChain], WallCases | LinkCases]] = []
+    kinds: list[_CasesOf] = []
     if np.any(exposed_starts(arm) < 1.0):
         hidden = hidden_corners(workspace)
         kinds.append(lambda chain: WallCases(chain, edges, workspace.clearance, hidden))
@@ -258,12 +289,6 @@ def survived_error(
     for kind in kinds:
         _prove(search, kind(coarse), kind(fine))
     return _named(model, search.certified, search.limiting, fine, edges)
-
-
-def _largest(arm: Arm, model: ErrorModel, settings: ToleranceSettings) -> float:
-    """Errors above this are not looked at [unit]."""
-    turned = float(np.sum(model.turns))
-    return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
 
 
 def _prove(search: LargestError, coarse: WallCases | LinkCases, fine: WallCases | LinkCases) -> None:
@@ -303,8 +328,7 @@ def _named(
 
 def _place(case: ChainCases, chain: MovingChain, edges: WallEdges) -> tuple[float, ...]:
     """Half-way between the link of a case and what is nearest to it, shape (2,) [m]."""
-    node = Nodes(case.interval, case.stretch[:, 0], np.zeros(1))
-    points = chain.motion.poses(node)[0]
+    points = chain.motion.poses(case.interval + case.stretch[:, 0])[0]
     link = int(case.link[0])
     other = int(case.other[0])
     ends = points[other : other + 2] if case.with_link[0] else np.stack((edges.start[other], edges.end[other]))

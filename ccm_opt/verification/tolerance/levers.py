@@ -20,35 +20,18 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.body_sides import separations
-from ccm_opt.verification.consistency import distance_rounding
-from ccm_opt.verification.space_chain_motion import SpaceChainMotion, TimeStretches, carried, chain_of
-from ccm_opt.verification.space_clearance import (
-    CheckedSurfaces,
-    SurfaceProof,
-    axis_distances,
-    exposed_shares,
-    first_apart,
-    relative_travels,
-)
-from ccm_opt.verification.stretch_proof import (
-    DEFAULT_SPACE_PROOF,
-    Measured,
-    Nearest,
-    StretchPairs,
-    Verdict,
-    prove_stretches,
-)
+from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, carried, chain_points
+from ccm_opt.verification.selfcollision import LinkProof, first_distant, segment_distances
+from ccm_opt.verification.stretch_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
     ErrorModel,
     ToleranceSettings,
-    base_heading_error,
-    base_position_error,
     joint_errors,
-    link_length_errors,
-    wall_errors,
+    largest_error,
 )
-from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts
 
 _PROVED_SHARES = (0.998, 0.98, 0.9, 0.5)
 """Shares of the least error that was met in space which are proved, in the order of trying. Taste: the first is the
@@ -94,21 +77,21 @@ class LimitingPair:
 
     def distances(self, poses: FloatArray) -> FloatArray:
         """Between the axes of both, or of the link and the triangle, in configurations (N, c), shape (N,) [m]."""
-        points = chain_of(self.arm, poses)
+        points = chain_points(self.arm, poses)
         start = points[:, self.link]
         end = points[:, self.link + 1]
         if self.triangle is None:
-            return axis_distances(start, end, points[:, self.other], points[:, self.other + 1])
+            return segment_distances(start, end, points[:, self.other], points[:, self.other + 1])
         return separations(start, end, np.broadcast_to(self.triangle, (len(poses), 3, 3)))[1]
 
     def place(self, q: FloatArray) -> tuple[float, ...]:
         """The place on the link's axis that is nearest, shape (3,) [m]."""
-        points = chain_of(self.arm, q[None])[0]
+        points = chain_points(self.arm, q[None])[0]
         share = np.linspace(0.0, 1.0, _PLACES)[:, None]
         along = (1.0 - share) * points[self.link] + share * points[self.link + 1]
         if self.triangle is None:
             ends = (np.broadcast_to(points[self.other + k], along.shape) for k in (0, 1))
-            away = axis_distances(along, along, *ends)
+            away = segment_distances(along, along, *ends)
         else:
             away = separations(along, along, np.broadcast_to(self.triangle, (_PLACES, 3, 3)))[1]
         return tuple(float(value) for value in along[np.argmin(away)])
@@ -134,7 +117,7 @@ class ErrorLevers:
     model: ErrorModel
     inside: float
 
-    def to_surfaces(self, poses: FloatArray, travels: FloatArray, pairs: StretchPairs) -> FloatArray:
+    def to_surfaces(self, poses: FloatArray, travels: FloatArray, pairs: Pairs) -> FloatArray:
         """How far the links of pairs move against the scene at most, shape (P,) [m a unit].
 
         Args:
@@ -153,7 +136,7 @@ class ErrorLevers:
 
         return self._of_pairs(of_some, poses, travels, pairs)
 
-    def to_links(self, poses: FloatArray, travels: FloatArray, pairs: StretchPairs) -> FloatArray:
+    def to_links(self, poses: FloatArray, travels: FloatArray, pairs: Pairs) -> FloatArray:
         """How far the second links of pairs move against the first, nearer to the base; arguments likewise."""
 
         def of_some(sums: FloatArray, _: FloatArray, pose: IntArray, first: IntArray, second: IntArray) -> FloatArray:
@@ -178,7 +161,7 @@ class ErrorLevers:
         of_some: Callable[[FloatArray, FloatArray, IntArray, IntArray, IntArray], FloatArray],
         poses: FloatArray,
         travels: FloatArray,
-        pairs: StretchPairs,
+        pairs: Pairs,
     ) -> FloatArray:
         levers = np.empty(len(pairs))
         size = max(_MOST_NUMBERS // (self.arm.links + 1) ** 2, 1)
@@ -223,27 +206,17 @@ def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: flo
         inside: as for ``ErrorLevers``.
     """
     links = np.arange(arm.links)
-    pairs = StretchPairs(np.zeros_like(links), links, links)
+    pairs = Pairs(np.zeros_like(links), links, links)
     levers = ErrorLevers(arm, joint_errors(arm), inside)
     return size * levers.to_surfaces(points[None], np.zeros((1, arm.links + 1)), pairs)
 
 
-MODELS = (joint_errors, link_length_errors, base_heading_error, base_position_error, wall_errors)
-"""Everything that may be wrong with the geometry."""
-
-
-def survived_errors_in_space(
-    problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
-) -> tuple[SurvivedError, ...]:
-    """The largest errors of every kind, one kind at a time; arguments as for ``survived_error_in_space``."""
-    return tuple(survived_error_in_space(problem, trajectory, make(problem.arm), settings) for make in MODELS)
-
-
-def survived_error_in_space(
+def survived_by_levers(
     problem: Problem,
     trajectory: JointTrajectory,
     model: ErrorModel,
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
+    most: float = np.inf,
 ) -> SurvivedError:
     """The largest error of one kind with which every motion keeps clear, certified at all times.
 
@@ -256,12 +229,13 @@ def survived_error_in_space(
         trajectory: the plan, linear between its samples, which keeps the clearance.
         model: what may be wrong.
         settings: largest errors that are looked at, and the share of one that may be given away.
+        most: larger errors are not looked at [unit]; what is survived is told as this.
     """
-    motion = SpaceChainMotion(problem.arm, trajectory.time, trajectory.positions)
+    motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     numbers = DEFAULT_VERIFICATION.for_problem(problem)
     proofs = _proofs(motion, problem.workspace, model, numbers.inside)
-    largest = _largest(problem.arm, model, settings)
-    verdicts = [proof.proved(0.0, numbers) for proof in proofs]
+    largest = min(most, largest_error(problem.arm, model, settings))
+    verdicts = [proof.prove(0.0, numbers) for proof in proofs]
     if not all(verdict.proved for verdict in verdicts):
         number = next(k for k, verdict in enumerate(verdicts) if not verdict.proved)
         return _named(model, 0.0, proofs[number], verdicts[number].nearest)
@@ -271,20 +245,14 @@ def survived_error_in_space(
     first = int(np.argmin(met))
     for share in _PROVED_SHARES:
         size = share * met[first]
-        if all(proof.proved(size * proof.unit, numbers).proved for proof in proofs):
+        if all(proof.prove(size * proof.unit, numbers).proved for proof in proofs):
             break
     else:
         size = 0.0
     return _named(model, size, proofs[first], verdicts[first].nearest)
 
 
-def _largest(arm: Arm, model: ErrorModel, settings: ToleranceSettings) -> float:
-    """Errors above this are not looked at [unit]."""
-    turned = float(np.sum(model.turns))
-    return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
-
-
-class _SurfacesWithErrors(SurfaceProof):
+class _SurfacesWithErrors(WallProof):
     """Gaps to surfaces, as errors that they survive, times the greatest lever.
 
     Args:
@@ -293,14 +261,14 @@ class _SurfacesWithErrors(SurfaceProof):
         levers: of the errors.
     """
 
-    def __init__(self, motion: SpaceChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
-        super().__init__(motion, CheckedSurfaces.of(workspace.soup), exposed_shares(motion.arm))
+    def __init__(self, motion: ChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
+        super().__init__(motion, CheckedSurfaces.of(workspace), exposed_starts(motion.arm))
         self._workspace = workspace
         self._levers = levers
         self.unit = levers.greatest
 
     def measure(
-        self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, cutoff: FloatArray | float
+        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """What is known of the errors that the gaps of pairs survive."""
         travels = self.motion.travels(stretches)
@@ -310,49 +278,27 @@ class _SurfacesWithErrors(SurfaceProof):
         known = super().measure(stretches, poses, pairs, cutoff * during + clearance)
         return _in_error(known, during, middle, clearance)
 
-    def proved(self, least: float, settings: VerificationSettings) -> Verdict:
-        """Whether all gaps survive an error, times the greatest lever."""
-        return self.prove(least, settings, DEFAULT_SPACE_PROOF)
-
     def where(self, near: Nearest) -> tuple[str, FloatArray]:
         """What limits the error, in words, and its triangle."""
-        number = near.other - self.surfaces.offsets[-2]
-        name = self._workspace.soup.names[self.surfaces.owner[number]]
-        return repr(name), self.surfaces.triangles[number]
+        return repr(self.surfaces.name_of(near.other)), self.surfaces.parts[near.other - self.surfaces.offsets[-2]]
 
 
-class _LinksWithErrors:
+class _LinksWithErrors(LinkProof):
     """Gaps between links, likewise; arguments as above."""
 
-    def __init__(self, motion: SpaceChainMotion, levers: ErrorLevers) -> None:
-        self.motion = motion
+    def __init__(self, motion: ChainMotion, levers: ErrorLevers) -> None:
+        super().__init__(motion, 2.0 * motion.arm.radius)
         self._levers = levers
         self.unit = levers.greatest
 
-    def proved(self, least: float, settings: VerificationSettings) -> Verdict:
-        """Whether all gaps survive an error, times the greatest lever."""
-        motion = self.motion
-        arm = motion.arm
-        blocks = TimeStretches.blocks(len(motion.time), DEFAULT_SPACE_PROOF.block)
-        first, second = np.triu_indices(arm.links, first_apart(arm.link_length, arm.radius))
-        stretch = np.repeat(np.arange(len(blocks)), len(first))
-        pairs = StretchPairs(stretch, np.tile(first, len(blocks)), np.tile(second, len(blocks)))
-        return prove_stretches(motion, blocks, pairs, self._measure, least, settings)
-
-    def _measure(self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, _: float) -> Measured:
-        motion = self.motion
-        k = pairs.stretch
-        i = pairs.link
-        j = pairs.other
-        apart = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - 2.0 * motion.arm.radius
-        lost = 2.0 * motion.rounding + distance_rounding(float(np.max(np.abs(motion.points))))
-        travels = motion.travels(stretches)
+    def measure(
+        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+    ) -> Measured:
+        """What is known of the errors that the gaps of pairs survive."""
+        travels = self.motion.travels(stretches)
         during = self._levers.to_links(poses, travels, pairs) / self.unit
         middle = self._levers.to_links(poses, np.zeros_like(travels), pairs) / self.unit
-        exact = np.ones(len(pairs), dtype=bool)
-        return _in_error(
-            Measured(apart - lost, apart, relative_travels(motion, stretches, pairs), exact), during, middle
-        )
+        return _in_error(super().measure(stretches, poses, pairs, cutoff * during), during, middle)
 
     @staticmethod
     def where(near: Nearest) -> tuple[str, None]:
@@ -368,15 +314,15 @@ def _in_error(known: Measured, during: FloatArray, middle: FloatArray, taken: fl
 
 
 def _proofs(
-    motion: SpaceChainMotion, workspace: Workspace, model: ErrorModel, inside: float
+    motion: ChainMotion, workspace: Workspace, model: ErrorModel, inside: float
 ) -> list[_SurfacesWithErrors | _LinksWithErrors]:
     """What has to be proved: that the arm keeps off the scene, and off itself."""
     arm = motion.arm
     levers = ErrorLevers(arm, model, inside)
     proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
-    if len(workspace.soup) and np.any(exposed_shares(arm) < 1.0):
+    if len(workspace.soup) and np.any(exposed_starts(arm) < 1.0):
         proofs.append(_SurfacesWithErrors(motion, workspace, levers))
-    if model.with_itself and arm.self_collision and first_apart(arm.link_length, arm.radius) < arm.links:
+    if model.with_itself and arm.self_collision and first_distant(arm) < arm.links:
         proofs.append(_LinksWithErrors(motion, levers))
     return proofs
 

@@ -1,4 +1,8 @@
-"""How links in space move between samples."""
+"""The verifier's own kinematics: frames and places of the links, and where these move between samples.
+
+Vectors of links are those of the world, in which an arm in the plane moves in x-z; places, of which distances are
+taken, have the arm's own dimension d.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,11 +11,26 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.verification.checked_problem import as_revolutes
+from ccm_opt.verification.consistency import point_rounding
+
+
+def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
+    """Turns of every joint about its z axis and then about the new y axis, shape (T, c) to (T, links, 2).
+
+    The map is linear, so it serves rates and changes too.
+    """
+    return as_revolutes(arm.coordinates, values[:, arm.coordinates.bends]).reshape(len(values), arm.links, 3)[..., :2]
+
+
+def carried(arm: Arm, positions: FloatArray) -> FloatArray:
+    """How far the base is carried along its direction, shape (T, c) to (T,) [m]; linear, so it serves rates too."""
+    return np.asarray(np.sum(positions[:, arm.coordinates.base], axis=1))
 
 
 @dataclass(frozen=True)
 class LinkFrames:
-    """How the links are turned in T poses.
+    """How the links are turned in T poses, in the world.
 
     Attributes:
         first_axes: about which the joints turn first, the z axes of the links before, shape (T, links, 3).
@@ -28,13 +47,13 @@ class LinkFrames:
     @classmethod
     def of(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
         """The frames of configurations, shape (T, c)."""
+        if arm.dimension == 2:
+            return cls._in_plane(arm, positions)
         shape = (len(positions), arm.links, 3)
         frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
         # Left, up and ahead of the base make a frame that turns right: ahead × left = up.
-        ahead = np.broadcast_to(arm.direction, (len(positions), 3))
-        up = np.broadcast_to(arm.up, ahead.shape)
-        left = np.cross(up, ahead)
-        bends = np.ascontiguousarray(positions[:, : 2 * arm.links].T)
+        ahead, left, up = (np.broadcast_to(axis, (len(positions), 3)) for axis in arm.base_rotation.T)
+        bends = np.ascontiguousarray(bend_pairs(arm, positions).reshape(len(positions), -1).T)
         cosines = np.cos(bends)[:, :, None]
         sines = np.sin(bends)[:, :, None]
         for link in range(arm.links):
@@ -51,27 +70,40 @@ class LinkFrames:
             frames.across[:, link] = up
         return frames
 
+    @classmethod
+    def _in_plane(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
+        ahead, left, up = arm.base_rotation.T
+        turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)[:, :, None]
+        cosine, sine = np.cos(turned), np.sin(turned)
+        across = cosine * up - sine * ahead
+        first = np.concatenate((np.broadcast_to(up, (len(across), 1, 3)), across[:, :-1]), axis=1)
+        return cls(first, np.broadcast_to(left, across.shape), cosine * ahead + sine * up, across)
 
-def carried(arm: Arm, positions: FloatArray) -> FloatArray:
-    """How far the base is carried along its direction, shape (T,) [m]; linear, so it serves rates too."""
-    return np.asarray(np.sum(positions[:, 2 * arm.links :], axis=1))
+
+def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Directions of the links in configurations (T, c), shape (T, links, d)."""
+    if arm.dimension == 3:
+        return LinkFrames.of(arm, positions).along
+    turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
+    cosine, sine = np.cos(turned), np.sin(turned)
+    x, y = arm.direction
+    return np.stack((x * cosine - y * sine, y * cosine + x * sine), axis=-1)
 
 
-def chain_of(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Base, joints and tip in configurations (T, c), shape (T, links + 1, 3) [m]."""
-    along = LinkFrames.of(arm, positions).along
-    points = np.empty((len(positions), arm.links + 1, 3))
+def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Base, joints and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
+    along = link_directions(arm, positions)
+    points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
     points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
-    points[:, 1:] = points[:, :1] + arm.link_length * np.cumsum(along, axis=1)
+    np.cumsum(along, axis=1, out=points[:, 1:])
+    points[:, 1:] *= arm.link_length
+    points[:, 1:] += points[:, :1]
     return points
 
 
 def lengths_of(vectors: FloatArray) -> FloatArray:
-    """Lengths of vectors, shape (..., 3) to (...); numpy's norm along a short axis takes three times as long."""
+    """Lengths of vectors, shape (..., d) to (...); numpy's norm along a short axis takes three times as long."""
     return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
-
-
-_UNIT = 2.0**-53
 
 
 @dataclass(frozen=True)
@@ -94,6 +126,12 @@ class TimeStretches:
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
 
+    @classmethod
+    def moments(cls, samples: int, most: int) -> "TimeStretches":
+        """Stretches of no length at some samples, spread evenly."""
+        few = np.unique(np.linspace(0, samples - 1, min(most, samples)).astype(np.intp)).astype(np.float64)
+        return cls(few, few)
+
     def __len__(self) -> int:
         return len(self.low)
 
@@ -114,7 +152,7 @@ class TimeStretches:
 
 
 @dataclass(frozen=True)
-class SpaceChainMotion:
+class ChainMotion:
     """An arm whose coordinates are linear in time between samples.
 
     Attributes:
@@ -140,8 +178,8 @@ class SpaceChainMotion:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Base, joints and tip at the samples, shape (T, links + 1, 3) [m]."""
-        return chain_of(self.arm, self.positions)
+        """Base, joints and tip at the samples, shape (T, links + 1, d) [m]."""
+        return chain_points(self.arm, self.positions)
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -150,7 +188,7 @@ class SpaceChainMotion:
 
     @cached_property
     def chords(self) -> FloatArray:
-        """From where a joint is at one sample to where it is at the next, shape (T − 1, links + 1, 3) [m]."""
+        """From where a joint is at one sample to where it is at the next, shape (T − 1, links + 1, d) [m]."""
         return np.diff(self.points, axis=0)
 
     @cached_property
@@ -160,25 +198,39 @@ class SpaceChainMotion:
 
     @cached_property
     def rounding(self) -> float:
-        """What rounding may take from a place of the arm [m].
+        """What rounding may take from a place of the arm [m]."""
+        return point_rounding(self.arm, self.positions)
 
-        Each link's frame is that before, turned twice: some thirty operations with errors of a unit in the last place,
-        which add up along the arm, as do the places.
-        """
-        reach = np.max(np.abs(self.points)) + self.arm.length + np.max(np.abs(self.positions))
-        return float(64.0 * _UNIT * (self.arm.links + 2) * reach)
+    @cached_property
+    def size(self) -> float:
+        """What no coordinate of the arm exceeds at any time [m]."""
+        return float(np.max(np.abs(self.points))) + self.arm.length
 
     def poses(self, at: FloatArray) -> FloatArray:
-        """Base, joints and tip at times counted in samples, shape (S, links + 1, 3) [m]."""
+        """Base, joints and tip at times counted in samples, shape (S, links + 1, d) [m]."""
         between = at != np.floor(at)
         poses = self.points[np.floor(at).astype(np.intp)]
-        poses[between] = chain_of(self.arm, self._places(at[between]))
+        if np.any(between):
+            poses[between] = chain_points(self.arm, self.places(at[between]))
         return poses
 
-    def _places(self, at: FloatArray) -> FloatArray:
-        """Coordinates at times counted in samples that are none, shape (S, c) [rad, m]."""
+    def places(self, at: FloatArray) -> FloatArray:
+        """Coordinates at times counted in samples, before the last one, shape (S, c) [rad, m]."""
         interval = at.astype(np.intp)
         return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
+
+    def turned(self, at: FloatArray) -> FloatArray:
+        """How far every joint has turned, to and fro, up to times counted in samples, shape (S, links) [rad]."""
+        interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
+        return np.asarray(self._turned[interval] + (at - interval)[:, None] * self._turns[interval])
+
+    @cached_property
+    def _turns(self) -> FloatArray:
+        return lengths_of(bend_pairs(self.arm, self.steps))
+
+    @cached_property
+    def _turned(self) -> FloatArray:
+        return np.concatenate((np.zeros((1, self.arm.links)), np.cumsum(self._turns, axis=0)))
 
     def when(self, at: float) -> float:
         """Time of what is counted in samples [s]."""
@@ -206,7 +258,7 @@ class SpaceChainMotion:
         """The same for parts of intervals, in which as much less changes."""
         steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
         chords = self.poses(stretches.high) - self.poses(stretches.low)
-        return half_travels(chords, bows_of(self.arm, self._places(stretches.middle), steps))
+        return half_travels(chords, bows_of(self.arm, self.places(stretches.middle), steps))
 
     def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
         """The same for stretches of several intervals: the farthest sample, and what a path leaves its chords by."""
@@ -227,20 +279,24 @@ def bows_of(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
 
     With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of joint j
     turn with what carries them; S_j = |ω_j at the middle| + ½ D_j is never less than |ω_j|. A link adds
-    l (ω' × t + ω × (ω × t)) to the second derivative of what is beyond it.
+    l (ω' × t + ω × (ω × t)) to the second derivative of what is beyond it. In the plane no axis turns, and ω' is zero.
 
     Args:
         arm: the arm.
         middle: configurations in the middle, shape (N, c) [rad, m].
         steps: what changes over the stretch, evenly, shape (N, c) [rad, m].
     """
-    bends = steps[:, : 2 * arm.links].reshape(-1, arm.links, 2)
+    bows = np.zeros((len(steps), arm.links + 1))
+    if arm.dimension == 2:
+        turned = np.cumsum(steps[:, arm.coordinates.bends], axis=1)
+        np.cumsum(arm.link_length * turned**2, axis=1, out=bows[:, 1:])
+        return bows
+    bends = bend_pairs(arm, steps)
     frames = LinkFrames.of(arm, middle)
     turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
     rates = lengths_of(np.cumsum(turns, axis=1))
     each = np.hypot(bends[..., 0], bends[..., 1])
     both = np.abs(bends[..., 0] * bends[..., 1])
-    bows = np.zeros((len(bends), arm.links + 1))
     fastest = np.zeros(len(bends))
     gain = np.zeros(len(bends))
     for link in range(arm.links):

@@ -7,7 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.consistency import point_rounding, turn_rounding
+
+from .rounding import point_rounding, turn_rounding
 
 
 def link_headings(arm: Arm, positions: FloatArray) -> FloatArray:
