@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from ccm_opt.compare.suites import SPACE_SUITES, shared_folder, space_maker
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.legs import PlannerOf, plan_legs
+from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.planning.settings import SpaceMotionSettings
@@ -57,7 +57,7 @@ class FoundAlone:
         return joint_path(task, find_motion(task))
 
 
-def outcome(problem: Problem, planner: PlannerOf[Problem]) -> str:
+def outcome(problem: Problem, planner: Planner) -> str:
     """What comes of a problem: "safe", "touches", "no plan", "refused" by the verifier, or "crash"."""
     try:
         trajectory = timed_and_verified(problem, plan_legs(problem, planner), Stages()).trajectory
