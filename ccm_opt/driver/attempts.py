@@ -6,7 +6,7 @@ what it makes of the plans.
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanF
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.problem import Problem
+from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.solution import Solution, SurvivedError, TryRecord
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
@@ -40,8 +41,8 @@ STAGE = "tolerance"
 
 Asked = TypeVar("Asked")
 Result = TypeVar("Result")
-PlannedProblem = TypeVar("PlannedProblem", bound=Problem)
-"""A problem in the plane, or one in space."""
+Asking: TypeAlias = Generator[Problem, VerifiedPlan, VerifiedPlan]
+"""Asks for problems to be planned, and returns a plan."""
 
 
 class Attempts(Generic[Asked, Result]):
@@ -77,11 +78,11 @@ class Attempts(Generic[Asked, Result]):
 
 
 def with_lowered_costs(
-    problem: PlannedProblem,
+    problem: Problem,
     terms: UserTerms | None,
-    each: Callable[[PlannedProblem], Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]],
+    each: Callable[[Problem], Asking],
     shares: Sequence[float] = COST_SHARES,
-) -> Generator[tuple[PlannedProblem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
+) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
     """Ask for a plan with as much of the user's costs as one is found with; hard constraints hold in full.
 
     Args:
@@ -118,8 +119,8 @@ def with_lowered_costs(
 
 
 def _beside(
-    asking: Generator[PlannedProblem, VerifiedPlan, VerifiedPlan], terms: UserTerms | None
-) -> Generator[tuple[PlannedProblem, UserTerms | None], VerifiedPlan, VerifiedPlan]:
+    asking: Asking, terms: UserTerms | None
+) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, VerifiedPlan]:
     """Ask for the same problems, each beside the terms."""
     attempts = Attempts(asking)
     for asked in attempts:
@@ -133,10 +134,10 @@ def _lowered(terms: UserTerms, share: float) -> UserTerms:
 
 
 def best_of_tries(
-    problem: PlannedProblem,
-    each: Callable[[PlannedProblem], Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]],
-    as_it_stands: Callable[[PlannedProblem, VerifiedPlan], Solution],
-) -> Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]:
+    problem: Problem,
+    each: Callable[[Problem], Asking],
+    as_it_stands: Callable[[Problem, VerifiedPlan], Solution],
+) -> Asking:
     """Ask for as many tries as the problem names, each with the next seed and an equal share of the time.
 
     A seed gives the same plan as long as no try runs out of its share of the time.
@@ -237,17 +238,11 @@ def short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
     )
     advice = (
         f"ask for tolerance.joint_error_deg = {_below(reached)}, which the best motion survives",
-        *_advice(problem),
+        *room_advice(problem.arm.radius, problem.workspace.clearance),
         "move what limits it, or the goal, apart",
     )
     evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}
     return Diagnosis(reason, STAGE, advice, evidence)
-
-
-def _advice(problem: Problem) -> tuple[str, ...]:
-    from ccm_opt.scene.bad_pose import room_advice  # noqa: PLC0415 - of walls in the plane
-
-    return room_advice(problem.arm.radius, problem.workspace.clearance)
 
 
 def _below(angle: float) -> str:
@@ -256,9 +251,7 @@ def _below(angle: float) -> str:
     return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
 
 
-def surviving_errors(
-    problem: PlannedProblem, settings: ToleranceSettings = DEFAULT_TOLERANCE
-) -> Generator[PlannedProblem, VerifiedPlan, VerifiedPlan]:
+def surviving_errors(problem: Problem, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> Asking:
     """Ask for motions with more room, until one survives the error of the joints that a problem names.
 
     Args:
@@ -273,13 +266,14 @@ def surviving_errors(
     if problem.joint_error == 0.0:
         return (yield problem)
     deadline = Deadline.after(problem.planner.time_limit)
-    search: Any = _with_growing_gaps if problem.dimension == 3 else _with_shares_of_room
-    plan: VerifiedPlan
-    plan, survived = yield from search(problem, settings, deadline)
-    check = check_of(problem.joint_error, survived)
+    if problem.dimension == 3:
+        plan, best = yield from _with_growing_gaps(problem, settings, deadline)
+    else:
+        plan, best = yield from _RoomSearch(problem, settings, deadline).best()
+    check = check_of(problem.joint_error, best)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
-    raise MotionNotFound(short_of(problem, survived))
+    raise MotionNotFound(short_of(problem, best))
 
 
 def _judged(problem: Problem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
@@ -310,13 +304,6 @@ def _with_growing_gaps(
             break
         best = max(best, _judged(problem, roomier, settings), key=lambda found: found[1].size)
     return best
-
-
-def _with_shares_of_room(
-    problem: Problem, settings: ToleranceSettings, deadline: Deadline
-) -> Generator[Problem, VerifiedPlan, "_Found"]:
-    """Ask for ever smaller shares of the room that errors may take up at most."""
-    return (yield from _RoomSearch(problem, settings, deadline).best())
 
 
 _Found: TypeAlias = tuple[VerifiedPlan, SurvivedError]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ccm_opt.core.expected import expect
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.calls import expect_arguments, expect_problem
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.legs import Leg, Planner, Retimer
 from ccm_opt.driver.planning_run import default_planner
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -57,7 +57,7 @@ class BuiltInPlanner:
             ProblemError: the planner cannot be used for this problem.
             NoPlanFound: with a diagnosis, when there is none within the limits.
         """
-        expect_problem(problem)
+        Problem.expected(problem)
         terms = compiled_terms(problem.arm, self.constraints, self.costs)
         return default_planner(problem, Stages(), terms, self.settings).plan(problem)
 
@@ -86,6 +86,6 @@ class BuiltInRetimer:
             RetimingError: with a diagnosis, when there is no timing within the limits.
             VerificationError: the path is no solution of the problem.
         """
-        expect_problem(problem)
+        Problem.expected(problem)
         expect(path, JointPath, "a ccm_opt.JointPath", "planners make them")
         return timed_and_verified(problem, (Leg(problem, path),), Stages(), settings=self.settings).trajectory

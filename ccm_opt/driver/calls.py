@@ -13,15 +13,6 @@ if TYPE_CHECKING:
     from ccm_opt.driver.settings import Settings
 
 
-def expect_problem(value: object) -> None:
-    """Refuse what is no problem.
-
-    Raises:
-        ProblemError: with what was given, and how a problem is had.
-    """
-    expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
-
-
 def expect_arguments(
     *,
     progress: Callable[..., Any] | None = None,

@@ -12,7 +12,7 @@ from ccm_opt.core.length_words import short_length, words_for_unit, words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, expect_problem, refuse_without_effect
+from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
@@ -112,7 +112,7 @@ def find_pose(
         ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
         NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
     """
-    expect_problem(problem)
+    Problem.expected(problem)
     refuse_without_effect(problem)
     expect_arguments(progress=progress, settings=settings)
     numbers = settings or DEFAULT_SETTINGS

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, NoPlanFound
-from ccm_opt.problem import JointPose, Problem, Tolerances
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
@@ -60,7 +60,7 @@ class Leg:
         path: the motion to it.
     """
 
-    problem: Any
+    problem: Problem
     path: JointPath
 
 
@@ -113,17 +113,15 @@ def plan_legs(
         NoPlanFound: naming the goal that is not reached.
     """
     known = [] if recorded is None else recorded
-    either: Any = problem
-    goals: list[tuple[Any, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
-    goals.append((problem.goal, problem.tolerances))
-    start: Any = problem.start
+    goals = [*((stop.goal, stop.tolerances) for stop in problem.stops), (problem.goal, problem.tolerances)]
+    start = problem.start
     deadline = Deadline.after(problem.planner.time_limit)
     legs: list[Leg] = []
     for number, (goal, tolerances) in enumerate(goals, start=1):
         options = problem.planner
         if legs:
             options = replace(options, time_limit=max(deadline.left, _LEAST_TIME))
-        leg = replace(either, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
+        leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
         path = (way_back(legs, goal) if retrace else None) or recorded_path(known, leg)
         if path is None:
             try:

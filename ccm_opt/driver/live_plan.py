@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, expect_problem, refuse_without_effect
+from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
@@ -165,12 +164,12 @@ class LivePlan:
     plan: Solution = field(init=False, repr=False)
     current: bool = field(init=False, default=True)
     reason: str = field(init=False, default="")
-    _planner: Any = field(init=False, repr=False)
+    _planner: _ResumingPlanner | _FindingPlanner = field(init=False, repr=False)
     _verified: VerifiedPlan = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         problem = self.problem
-        expect_problem(problem)
+        Problem.expected(problem)
         refuse_without_effect(problem)
         expect_arguments(settings=self.settings)
         expect(self.live, LiveSettings, "LiveSettings for live=")
@@ -237,15 +236,14 @@ class LivePlan:
         Raises:
             ProblemError: there is no obstacle of that name, or it cannot be moved there.
         """
-        workspace: Any = self.problem.workspace
+        workspace = self.problem.workspace
         expect(name, str, "the name of an obstacle")
         if name not in {obstacle.name for obstacle in workspace.obstacles}:
             known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
         shift = self._vector(by, "how far to move it, {} in metres")
-        moved: Any = workspace.with_moved(name, shift)
-        changed = replace(self.problem, workspace=moved, source="")
-        if changed.dimension == 3:
+        changed = replace(self.problem, workspace=workspace.with_moved(name, shift), source="")
+        if isinstance(self._planner, _FindingPlanner):
             self._planner.tree_of(changed)  # what it refuses leaves all as it was
         return self._changed(changed)
 

@@ -7,7 +7,7 @@ from ccm_opt.core.expected import expect
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.calls import expect_arguments, expect_problem
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.kept_plan import room_in_space
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -85,7 +85,7 @@ def pareto(
         VerificationError: the verifier refuses that plan.
         CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
     """
-    expect_problem(problem)
+    Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings, explain=explain)
     expect(trade_off, ParetoSettings, "ParetoSettings for trade_off=")
     _refuse_planners_without_gaps(problem)

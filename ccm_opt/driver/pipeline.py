@@ -9,7 +9,7 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.attempts import STAGE, Attempts, best_of_tries, surviving_errors, with_lowered_costs
-from ccm_opt.driver.calls import expect_arguments, expect_problem, refuse_without_effect
+from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.driver.planning_run import PlanningRun
@@ -55,7 +55,7 @@ def solve(
         VerificationError: the verifier refuses the plan; a defect of the planner.
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
     """
-    expect_problem(problem)
+    Problem.expected(problem)
     if planner is None:
         refuse_without_effect(problem)
     expect_arguments(progress=progress, planner=planner, retimer=retimer, settings=settings, explain=explain)

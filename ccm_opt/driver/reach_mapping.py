@@ -14,7 +14,7 @@ from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
-from ccm_opt.driver.calls import expect_arguments, expect_problem
+from ccm_opt.driver.calls import expect_arguments
 from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError
@@ -81,7 +81,7 @@ def reach_map(
         ProblemError: the base moves, or the grid makes no sense.
         UnreachableGoal: the start touches something or breaks a joint limit.
     """
-    expect_problem(problem)
+    Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings)
     _expect_grid(step, headings, workers)
     numbers = settings or DEFAULT_SETTINGS

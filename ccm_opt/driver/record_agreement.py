@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -234,8 +233,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
     """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
-    arm: Any = problem.arm
-    models: dict[str, ErrorModel] = {model.name: model for model in (make(arm) for make in MODELS)}
+    models: dict[str, ErrorModel] = {model.name: model for model in (make(problem.arm) for make in MODELS)}
     wrong = []
     for error in recorded:
         model = models.get(error.name)

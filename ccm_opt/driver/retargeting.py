@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -119,7 +118,7 @@ def _braked(solution: Solution, time: float, changed: "_ChangedGoal") -> "_Under
 class _ChangedGoal:
     """What the way from rest is planned to, and with; attributes as the arguments of ``retarget``."""
 
-    goal: Any
+    goal: Goal
     tolerances: Tolerances
     planner: Planner | None
     constraints: Sequence[Constraint]
@@ -137,10 +136,9 @@ class _ChangedGoal:
         Raises:
             KeyboardInterrupt: on Ctrl-C; the way from rest alone is no plan for an arm that is still moving.
         """
-        either: Any = onward
         try:
-            solution: Solution = solve(
-                either,
+            return solve(
+                onward,
                 progress=self.progress,
                 planner=self.planner,
                 constraints=self.constraints,
@@ -149,7 +147,6 @@ class _ChangedGoal:
             )
         except CancelledWithPlan as cancelled:
             raise KeyboardInterrupt from cancelled
-        return solution
 
 
 @dataclass(frozen=True)
@@ -200,13 +197,12 @@ def _onward(problem: Problem, under_way: _UnderWay, changed: _ChangedGoal) -> So
     arm = problem.arm
     numbers = changed.numbers
     rest = JointPose.from_configuration(under_way.rest, arm.coordinates)
-    either: Any = problem
-    onward = replace(either, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
+    onward = replace(problem, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
     leg = changed.reached(onward)
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     # The arm stopped at its first goals on the way before it was braked; the others are dropped.
-    passed: Any = problem.stops[: len(under_way.first.stops)]
+    passed = problem.stops[: len(under_way.first.stops)]
     whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
     trajectory, joints = under_way.whole(leg.trajectory, arm)
     with under_way.stages("verification"):
