@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
-    from ccm_opt.driver.timed_plan import check
+    from ccm_opt.driver.verified_plan import check
     from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
     from ccm_opt.ik.quantities import Quantities
     from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
@@ -99,7 +99,7 @@ __all__ = [
 
 _NAMES = {
     "ccm_opt.driver.built_in": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
-    "ccm_opt.driver.timed_plan": ("check",),
+    "ccm_opt.driver.verified_plan": ("check",),
     "ccm_opt.driver.finding_pose": ("find_pose",),
     "ccm_opt.driver.live_plan": ("LivePlan",),
     "ccm_opt.driver.pareto": ("pareto",),

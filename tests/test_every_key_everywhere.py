@@ -85,13 +85,10 @@ CHANGES: dict[str, dict[str, Any]] = {
     },
 }
 """Options by the key that they change."""
-AWAITED = {("space", "optimiser"), *(("space", f"weights.{name}") for name in ("smoothness", "clearance", "duration"))}
-"""What does nothing yet."""
 
 
-@pytest.mark.parametrize(
-    ("dimension", "key"), [(where, key) for where in TEXTS for key in CHANGES if (where, key) not in AWAITED]
-)
+@dimensions
+@pytest.mark.parametrize("key", list(CHANGES))
 def test_an_option_of_the_planner_changes_the_motion(dimension: str, key: str) -> None:
     """A motion that is planned under another value is another one, and as verified."""
     other = planned(dimension, **CHANGES[key])

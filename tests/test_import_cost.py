@@ -10,7 +10,7 @@ import pytest
 from .conftest import PROBLEMS
 
 HEAVY = ("casadi", "toppra", "matplotlib")
-PLANAR_ALONE = ("ccm_opt.baseline.hill_climbing_planner", "ccm_opt.planning.curve_planner", "ccm_opt.viz.scene_data")
+PLANAR_ALONE = ("ccm_opt.baseline.hill_climbing_planner", "ccm_opt.planning.curve_planner")
 """What a solve in space has no use for."""
 SELDOM = (
     "ccm_opt.compare",

@@ -16,7 +16,7 @@ from ccm_opt.cli.tables import columned_table, peak_torque, report_console, unit
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.core.length_words import in_unit
-from ccm_opt.driver.timed_plan import check, failed_checks
+from ccm_opt.driver.verified_plan import check, failed_checks
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data

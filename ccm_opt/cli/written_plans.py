@@ -14,7 +14,7 @@ from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.core.files import put_file
-from ccm_opt.driver.timed_plan import check as checked_again
+from ccm_opt.driver.verified_plan import check as checked_again
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays
 from ccm_opt.io.controller_points import controller_points

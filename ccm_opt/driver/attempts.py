@@ -11,7 +11,7 @@ from typing import Generic, TypeAlias, TypeVar
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.driver.timed_plan import VerifiedPlan
+from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES

@@ -23,7 +23,7 @@ from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.metrics import metrics
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, DEFAULT_SPACE_LOOKS, Settings, SpaceLookSettings
 from ccm_opt.driver.surviving import tolerance_at_once
-from ccm_opt.driver.timed_plan import VerifiedPlan
+from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.planning.space_ends import GapsAtSamples

@@ -19,8 +19,9 @@ from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
-from ccm_opt.driver.timed_plan import VerifiedPlan, check, failed_checks, timed_and_verified
+from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms
+from ccm_opt.driver.verified_plan import VerifiedPlan, check, failed_checks
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner

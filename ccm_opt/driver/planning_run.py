@@ -13,8 +13,9 @@ from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossi
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.timed_plan import VerifiedPlan, timed_and_verified
+from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.user_terms import compiled_terms, named_terms
+from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost

@@ -18,8 +18,8 @@ from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.timed_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.driver.user_terms import compiled_terms
+from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError

@@ -20,7 +20,8 @@ from ccm_opt.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import plan_legs
-from ccm_opt.driver.timed_plan import failed_checks, timed_and_verified
+from ccm_opt.driver.timed_plan import timed_and_verified
+from ccm_opt.driver.verified_plan import failed_checks
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem import Problem
