@@ -410,7 +410,7 @@ class PlannerTable(Table):
     """CPU time of the process after which the search stops [s], so that what is found does not depend on what else the
     machine does. Three times as much wall time ends it too."""
     routes: Annotated[int, Field(ge=1)] = PlannerOptions.routes
-    """Corridors tried, shortest first."""
+    """Corridors tried, shortest first; refused in space, where none are sought."""
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
     """Of the order in which candidates are tried, of the poses at the goal that are drawn, and of the trees; 0 tries
     the most promising candidate first. The same seed gives the same plan."""
@@ -419,7 +419,8 @@ class PlannerTable(Table):
     those that keep nine tenths of the room that the roomiest keeps the shortest motion is taken. The paper's planner
     draws nothing, so more than one try is refused."""
     optimiser: OptimiserName = PlannerOptions.optimiser
-    """How the motion is optimised over all keyframes; `"interior-point"` is the slow reference, by IPOPT."""
+    """How the motion is optimised over all keyframes; `"interior-point"` is the slow reference, by IPOPT, for
+    arms in the plane with a fixed base alone."""
     retiming: RetimingName = PlannerOptions.retiming
     """How the path is timed: `"toppra"`, as fast as the limits allow; or `"paul"`, the paper's: joints move at constant
     speed between keyframes and turn smoothly at each. The second leaves the certified path a little, so shorter turns
