@@ -155,8 +155,6 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
         ("simulation.controller", simulation.controller, get_args(ControllerName)),
     ):
         yield from _name_defects(key, name, names)
-    if planner.optimiser == "interior-point" and arm.dimension > 2:
-        yield 'planner.optimiser = "interior-point" optimises motions in the plane only'
     yield from _weight_defects(planner.weights)
     yield from _point_defects(arm, limits)
     if not 0.0 < planner.effort_share <= 1.0:
