@@ -324,11 +324,14 @@ class SpaceQuantities(ArmQuantities):
 
         A link that turns about an axis of bends, the others staying, adds to its own bend what it takes from the next.
         """
-        turned: FloatArray = slopes * np.append(
-            np.ones(2 * self.arm.links), np.full(len(self.arm.base_axes), self.arm.length)
-        )
+        turned: FloatArray = slopes * self._units
         turned[:, : 2 * self.arm.links - 2] -= slopes[:, 2 : 2 * self.arm.links]
         return turned
+
+    @cached_property
+    def _units(self) -> FloatArray:
+        """What counts as a radian of each coordinate, shape (c,) [rad, m]."""
+        return np.append(np.ones(2 * self.arm.links), np.full(len(self.arm.base_axes), self.arm.length))
 
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a configuration, bends [rad] and the feed [m] where there is one, and the expression."""

@@ -23,6 +23,7 @@ from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.tracking import tracked_to_arrival
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _PRICE = 10000.0
@@ -134,31 +135,21 @@ class _Tracking:
     def run(self) -> SpaceMotion:
         """The tracked motion."""
         stepper = self.task.stepper(self.motion.curve)
-        poses = [stepper.pose(self.motion.unknowns[0])]
-        u = [0.0]
-        advance = self.settings.first_advance
-        while u[-1] < self.settings.arrival:
-            to = self._next(u[-1], advance)
-            there = replace(stepper, user=self.user.placed(to))
-            further = self._advanced(there, to, poses[-1])
-            if further is None:
-                # Rows that move a little with u may be met where a large step of u outruns the arm.
-                advance *= 0.5
-                if advance < self.settings.least_advance or self.task.deadline.passed():
-                    raise self._failed(there, poses[-1], to)
-                continue
-            u.extend(np.linspace(u[-1], to, len(further) + 1)[1:].tolist())
-            poses.extend(further)
-            advance = min(self.settings.largest_advance, self.settings.growth * advance)
-        last = self._ended(stepper, poses[-1])
-        u.extend(np.linspace(u[-1], 1.0, len(last) + 1)[1:].tolist())
-        return self._motion([*poses, *last], np.array(u))
+        start = stepper.pose(self.motion.unknowns[0])
 
-    def _next(self, u: float, advance: float) -> float:
-        """The next path parameter: no constraint begins or ends between two of them."""
-        to = min(self.settings.arrival, u + advance)
-        between = [float(at) for at in self.user.breaks if u < at < to]
-        return between[0] if between else to
+        def placed(u: float) -> SpaceStepper:
+            return replace(stepper, user=self.user.placed(u))
+
+        tracked = tracked_to_arrival(
+            start,
+            lambda u, pose: self._advanced(placed(u), u, pose),
+            lambda u, poses: self._failed(placed(u), poses[-1], u),
+            self.task.deadline,
+            self.settings,
+            self.user.breaks,
+        )
+        tracked.append(self._ended(stepper, tracked.poses[-1]), 1.0)
+        return self._motion(tracked.poses, np.array(tracked.u))
 
     def _reference(self, share: float) -> FloatArray:
         """Unknowns of the reference, shape (p,)."""

@@ -4,7 +4,9 @@ The path parameter u advances in small steps. At each the arm is drawn to the re
 these limits, while the limits at u are rows of every step; u goes on when they are met.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.step import GoalPose, Stepper, smoothness_terms
 
 _STILL_WEIGHT = 0.02
@@ -49,8 +52,11 @@ class ReferenceMotion:
         return between
 
 
+AnyPose = TypeVar("AnyPose")
+
+
 @dataclass(frozen=True)
-class TrackedPoses:
+class TrackedPoses(Generic[AnyPose]):
     """Poses on the way, and how far each has come.
 
     Attributes:
@@ -58,13 +64,54 @@ class TrackedPoses:
         u: path parameter of each, increasing from 0 to 1.
     """
 
-    poses: list[Pose]
+    poses: list[AnyPose]
     u: list[float]
+
+    def append(self, poses: list[AnyPose], u: float) -> None:
+        """Add poses, the path parameter growing evenly up to u."""
+        self.u.extend(np.linspace(self.u[-1], u, len(poses) + 1)[1:].tolist())
+        self.poses.extend(poses)
+
+
+def tracked_to_arrival(
+    start: AnyPose,
+    advanced: Callable[[float, AnyPose], list[AnyPose] | None],
+    refused: Callable[[float, list[AnyPose]], Exception],
+    deadline: Deadline,
+    settings: TrackingSettings,
+    breaks: Sequence[float] = (),
+) -> TrackedPoses[AnyPose]:
+    """Poses from a start until the path parameter arrives.
+
+    Args:
+        start: where the motion begins.
+        advanced: poses from one to another that keeps the limits at a path parameter; None where there are none.
+        refused: the error for a path parameter at which there are none after the poses so far.
+        deadline: when to stop.
+        settings: steps of the path parameter.
+        breaks: path parameters that no step passes by, increasing.
+    """
+    tracked = TrackedPoses([start], [0.0])
+    advance = settings.first_advance
+    while tracked.u[-1] < settings.arrival:
+        u = min(settings.arrival, tracked.u[-1] + advance)
+        u = next((at for at in breaks if tracked.u[-1] < at < u), u)
+        poses = advanced(u, tracked.poses[-1])
+        if poses is None:
+            # The arm stays where it was: rows that move a little with u may be met where a large step of u outruns the
+            # arm.
+            advance *= 0.5
+            if advance < settings.least_advance or deadline.passed():
+                raise refused(u, tracked.poses)
+            continue
+        tracked.append(poses, u)
+        advance = min(settings.largest_advance, settings.growth * advance)
+    return tracked
 
 
 def follow_reference(
     stepper: Stepper, reference: ReferenceMotion, goal: GoalPose, start: Pose, deadline: Deadline
-) -> TrackedPoses:
+) -> TrackedPoses[Pose]:
     """The reference motion bent to the stepper's limits, then settled on the goal.
 
     Args:
@@ -78,32 +125,17 @@ def follow_reference(
         Stalled: naming the constraint that could not be met, and by how much it was missed.
     """
     settings = stepper.settings.tracking
-    tracked = TrackedPoses([start], [0.0])
-    advance = settings.first_advance
-    while tracked.u[-1] < settings.arrival:
+
+    def advanced(u: float, pose: Pose) -> list[Pose] | None:
         # The last stretch of u belongs to settling, so the reference is run through by the time of arrival.
-        u = min(settings.arrival, tracked.u[-1] + advance)
-        there = stepper.at(u)
-        poses = _advanced(there, reference.at(u / settings.arrival), tracked.poses[-1])
-        if poses is None:
-            # The arm stays where it was: rows that move a little with u may be met where a large step of u outruns the
-            # arm.
-            advance *= 0.5
-            if advance < settings.least_advance or deadline.passed():
-                raise Stalled(_why(there, tracked.poses[-1], u), tracked.poses)
-            continue
-        _append(tracked, poses, u)
-        advance = min(settings.largest_advance, settings.growth * advance)
+        return _advanced(stepper.at(u), reference.at(u / settings.arrival), pose)
 
-    settled = settle(stepper.at(1.0), goal, tracked.poses[-1], deadline)[1:]
-    _append(tracked, settled, 1.0)
+    def refused(u: float, poses: list[Pose]) -> Stalled:
+        return Stalled(_why(stepper.at(u), poses[-1], u), poses)
+
+    tracked = tracked_to_arrival(start, advanced, refused, deadline, settings)
+    tracked.append(settle(stepper.at(1.0), goal, tracked.poses[-1], deadline)[1:], 1.0)
     return tracked
-
-
-def _append(tracked: TrackedPoses, poses: list[Pose], u: float) -> None:
-    """Add poses, the path parameter growing evenly up to u."""
-    tracked.u.extend(np.linspace(tracked.u[-1], u, len(poses) + 1)[1:].tolist())
-    tracked.poses.extend(poses)
 
 
 def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | None:
