@@ -203,7 +203,7 @@ def _travels_in_frame(
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-    """Pairs of distant links whose surfaces are no farther apart than a reach.
+    """Pairs of distant links that may have their surfaces within a reach of each other, and few others.
 
     Args:
         arm: the arm.
@@ -220,7 +220,7 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
     pairs = Pairs(pose, first[number], second[number])
     k, i, j = pairs.stretch, pairs.link, pairs.other
     gap = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - 2.0 * arm.radius
-    return pairs.where(gap <= reach), gap[gap <= reach]
+    return pairs, gap
 
 
 def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> str:
