@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator
 from typing import Any, TypeVar
 
-from ccm_opt.driver.attempts import Attempts
+from ccm_opt.driver.pipeline import Attempts
 
 Asked = TypeVar("Asked")
 Result = TypeVar("Result")

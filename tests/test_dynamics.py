@@ -20,8 +20,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
     joint_states,
 )
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.mjcf import mjcf_text
-from ccm_opt.io.urdf import urdf_text
+from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.pose_report import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck

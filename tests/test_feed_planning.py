@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.driver.metrics import deviation
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import load_problem
@@ -18,7 +19,6 @@ from ccm_opt.planning.feed.feed_planner import FeedPlanner, Reshaping, reshaping
 from ccm_opt.planning.feed.finishing import path_time
 from ccm_opt.planning.feed.leader_paths import ElasticBand
 from ccm_opt.planning.feed.query import FeedMotions, FeedQuery
-from ccm_opt.planning.following.deviation import deviation
 from ccm_opt.planning.following.leader import LeaderPath, path_of_pose, pose_on, slide, straight_while_held
 from ccm_opt.planning.settings import DEFAULT_FOLLOWING
 from ccm_opt.planning.spline_path import clamped_spline

@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.mjcf import mjcf_text
+from ccm_opt.io.robot_models import mjcf_text, scene_meshes, stl, urdf_text
 from ccm_opt.io.scene_solids import Prism, SolidScene, convex_parts, prism_mesh, solid_scene
-from ccm_opt.io.urdf import scene_meshes, stl, urdf_text
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

@@ -16,7 +16,7 @@ from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.controller import gains, hermite, inertia_at_most, step_reference
 from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
-from ccm_opt.io.mjcf import mjcf_text
+from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d

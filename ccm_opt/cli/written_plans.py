@@ -22,10 +22,10 @@ from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, read_arrays
 from ccm_opt.io.record_file import RecordedResults, recorded_curves, recorded_results
+from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.solution_json import room_data
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
-from ccm_opt.io.urdf import MESHES, URDF_MESHES
 from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, RoomRecord

@@ -1,25 +1,392 @@
-"""The stages of solving, in their order: plan, time, verify, measure the room, simulate."""
+"""The steps from a problem to a verified plan, and the attempts that each takes.
 
-from collections.abc import Callable, Sequence
+Each of them is a generator: it asks for a problem to be planned, is told the plan or why there is none, and returns
+what it makes of the plans.
+"""
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Generic, TypeAlias, TypeVar
+
+import numpy as np
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.attempts import STAGE, Attempts, best_of_tries, surviving_errors, with_lowered_costs
 from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
+from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import check_options
-from ccm_opt.errors import NoPlanFound
-from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal, VerificationError
+from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.solution import Solution, SurvivedError, TryRecord
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_error
+
+_ROOM_SHARE = 0.9
+"""Share of the gap that the roomiest try keeps, as far as it is wanted, that a try must keep to be taken. Taste, like
+the share of the wanted gap below which a record calls a motion short of room."""
+
+_ROOM_SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
+"""Of what errors of the joints move the links by at most, that planning leaves room for, in the order of trying; after
+the last none. Taste: the levers of a bent arm are a half to a fifth of its lengths."""
+_GAP_ROUNDS = 4
+"""Times that a motion in space is planned anew with a larger wanted gap. Taste."""
+_GAP_GROWTH = (1.2, 4.0)
+"""Least and most that it grows at a time. Taste."""
+_GAP_BEYOND = 1.1
+"""Beyond what the error in proportion asks for. Taste."""
+
+STAGE = "tolerance"
+"""Where a motion is refused that does not survive the errors asked for."""
+
+
+Asked = TypeVar("Asked")
+Result = TypeVar("Result")
+Asking: TypeAlias = Generator[Problem, VerifiedPlan, VerifiedPlan]
+"""Asks for problems to be planned, and returns a plan."""
+
+
+class Attempts(Generic[Asked, Result]):
+    """What is asked for in turn, as a loop: ``for asked in attempts: with attempts: attempts.found = planned(asked)``.
+
+    A failure in the block is told to who asks, who raises it, or goes on with something else.
+
+    Args:
+        asking: yields what is asked for, is sent what was found, and returns the result.
+    """
+
+    found: VerifiedPlan
+    result: Result
+
+    def __init__(self, asking: Generator[Asked, VerifiedPlan, Result]) -> None:
+        self._asking = asking
+        self._asked: list[Asked] = [next(asking)]
+
+    def __iter__(self) -> Iterator[Asked]:
+        while self._asked:
+            yield self._asked.pop()
+
+    def __enter__(self) -> None:
+        """Begin an attempt."""
+
+    def __exit__(self, kind: object, failure: BaseException | None, trace: object) -> bool:
+        """Tell what came of it."""
+        try:
+            self._asked.append(self._asking.send(self.found) if failure is None else self._asking.throw(failure))
+        except StopIteration as over:
+            self.result = over.value
+        return failure is not None
+
+
+def with_lowered_costs(
+    problem: Problem,
+    terms: UserTerms | None,
+    each: Callable[[Problem], Asking],
+    shares: Sequence[float] = COST_SHARES,
+) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
+    """Ask for a plan with as much of the user's costs as one is found with; hard constraints hold in full.
+
+    Args:
+        problem: what to solve.
+        terms: the user's constraints and costs.
+        each: what is asked for at a share of the costs, given the problem with the time that is left.
+        shares: of the costs' weights that are tried, one after the other.
+
+    Yields:
+        A problem, and the terms with the share of the costs that is tried.
+
+    Returns:
+        The plan, and the share of the costs' weights that it was made with.
+
+    Raises:
+        NoPlanFound: there is none without any costs either; or the goal cannot be reached.
+        VerificationError: the verifier refuses the last plan, which knows no costs.
+    """
+    deadline = Deadline.after(problem.planner.time_limit)
+    if terms is None or not terms.all_costs:
+        return (yield from _beside(each(problem), terms)), shares[0]
+    hurried = problem
+    for share in shares[:-1]:
+        try:
+            return (yield from _beside(each(hurried), _lowered(terms, share))), share
+        except UnreachableGoal:
+            raise
+        except (NoPlanFound, VerificationError):
+            left = deadline.left
+            if left <= 0.0:
+                raise
+            hurried = replace(problem, planner=replace(problem.planner, time_limit=left))
+    return (yield from _beside(each(hurried), _lowered(terms, shares[-1]))), shares[-1]
+
+
+def _beside(
+    asking: Asking, terms: UserTerms | None
+) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, VerifiedPlan]:
+    """Ask for the same problems, each beside the terms."""
+    attempts = Attempts(asking)
+    for asked in attempts:
+        with attempts:
+            attempts.found = yield asked, terms
+    return attempts.result
+
+
+def _lowered(terms: UserTerms, share: float) -> UserTerms:
+    return terms if share == 1.0 else terms.with_costs_lowered(share)
+
+
+def best_of_tries(
+    problem: Problem,
+    each: Callable[[Problem], Asking],
+    as_it_stands: Callable[[Problem, VerifiedPlan], Solution],
+) -> Asking:
+    """Ask for as many tries as the problem names, each with the next seed and an equal share of the time.
+
+    A seed gives the same plan as long as no try runs out of its share of the time.
+
+    Args:
+        problem: what to solve.
+        each: what is asked for in a try.
+        as_it_stands: makes a solution of a problem's plan, for Ctrl-C.
+
+    Raises:
+        NoPlanFound: no try found a plan; what the first of them said.
+        VerificationError: likewise, when the verifier refused its plan.
+        CancelledWithPlan: on Ctrl-C once a try has found a plan, with the best.
+    """
+    asked = problem.planner.tries
+    if asked == 1:
+        return (yield from each(problem))
+    deadline = Deadline.after(problem.planner.time_limit)
+    tries = _Tries(problem.wanted_gap)
+    try:
+        for number in range(asked):
+            if number > 0 and deadline.passed():
+                break
+            seed = problem.planner.seed + number
+            options = replace(problem.planner, seed=seed, time_limit=deadline.left / (asked - number))
+            try:
+                tries.plans[seed] = yield from each(replace(problem, planner=options))
+            except UnreachableGoal:
+                raise  # which no other seed would mend
+            except (NoPlanFound, VerificationError) as failure:
+                tries.failures[seed] = failure
+    except KeyboardInterrupt as interrupt:
+        if not tries.plans:
+            raise
+        raise CancelledWithPlan(as_it_stands(problem, tries.best())) from interrupt
+    return tries.best()
+
+
+def least_gap(plan: VerifiedPlan) -> float:
+    """The least gap beyond the clearance that the verifier saw between any two bodies [m]."""
+    return min(check.worst - check.limit for check in plan.checks if check.name in {"wall clearance", "self-collision"})
+
+
+@dataclass
+class _Tries:
+    """The tries so far.
+
+    Attributes:
+        wanted_gap: of the problem [m].
+        plans: found so far, by seed.
+        failures: of the other tries, by seed.
+    """
+
+    wanted_gap: float
+    plans: dict[int, VerifiedPlan] = field(default_factory=dict)
+    failures: dict[int, NoPlanFound | VerificationError] = field(default_factory=dict)
+
+    def best(self) -> VerifiedPlan:
+        """The shortest of the plans that keep nearly as much of the wanted gap as any, with the record of all tries.
+
+        Raises:
+            NoPlanFound: there is none; what the first try said.
+            VerificationError: likewise, when the verifier refused its plan.
+        """
+        if not self.plans:
+            raise next(iter(self.failures.values()))
+        gaps = {seed: min(least_gap(plan), self.wanted_gap) for seed, plan in self.plans.items()}
+        most = max(gaps.values())
+        roomy = [seed for seed, gap in gaps.items() if gap >= min(_ROOM_SHARE * most, most)]
+        taken = min(roomy, key=lambda seed: self.plans[seed].trajectory.duration)
+        found: list[TryRecord] = [
+            TryRecord(seed, plan.trajectory.duration, least_gap(plan), "", taken=seed == taken)
+            for seed, plan in self.plans.items()
+        ]
+        failed: list[TryRecord] = [
+            TryRecord(seed, None, None, _reason(failure)) for seed, failure in self.failures.items()
+        ]
+        return replace(self.plans[taken], tries=tuple(sorted([*found, *failed], key=lambda each: each.seed)))
+
+
+def _reason(failure: NoPlanFound | VerificationError) -> str:
+    if isinstance(failure, NoPlanFound):
+        return failure.diagnosis.reason
+    return "the verifier refuses the plan: " + "; ".join(failure.failures)
+
+
+def short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
+    """Why a motion that survives less than its problem asks for is none, and what would help."""
+    asked = float(np.rad2deg(problem.joint_error))
+    reached = float(np.rad2deg(best.size))
+    if not best.limited:
+        reason = f"errors of the joints above {reached:.3g}° are not looked at, and {asked:.3g}° were asked for"
+        return Diagnosis(reason, STAGE, (f"ask for tolerance.joint_error_deg = {_below(reached)} at most",))
+    # Near contact gaps fall in proportion to errors, and the clearance adds to what they may use up.
+    reason = (
+        f"no motion was found that survives joint errors of {asked:.3g}°: the best survives {reached:.3g}°, "
+        f"limited by {best.where}, where it would take {asked / max(reached, 1e-9):.2g} times the room"
+    )
+    advice = (
+        f"ask for tolerance.joint_error_deg = {_below(reached)}, which the best motion survives",
+        *room_advice(problem.arm.radius, problem.workspace.clearance),
+        "move what limits it, or the goal, apart",
+    )
+    evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}
+    return Diagnosis(reason, STAGE, advice, evidence)
+
+
+def _below(angle: float) -> str:
+    """An angle in three digits that is not above it."""
+    digits = 2 - int(np.floor(np.log10(angle))) if angle > 0.0 else 0
+    return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
+
+
+def surviving_errors(problem: Problem, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> Asking:
+    """Ask for motions with more room, until one survives the error of the joints that a problem names.
+
+    Args:
+        problem: what to solve.
+        settings: how much more room is asked for, and how often.
+
+    Raises:
+        NoPlanFound: no motion was found without any such room either; or none of those found survives the error, with
+            what the best of them survives and what limits it.
+        VerificationError: the verifier refuses the plan.
+    """
+    if problem.joint_error == 0.0:
+        return (yield problem)
+    deadline = Deadline.after(problem.planner.time_limit)
+    if problem.dimension == 3:
+        plan, best = yield from _with_growing_gaps(problem, settings, deadline)
+    else:
+        plan, best = yield from _RoomSearch(problem, settings, deadline).best()
+    check = check_of(problem.joint_error, best)
+    if check.passed:
+        return replace(plan, checks=(*plan.checks, check))
+    raise MotionNotFound(short_of(problem, best))
+
+
+def _judged(problem: Problem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
+    return plan, survived_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
+
+
+def _with_growing_gaps(
+    problem: Problem, settings: ToleranceSettings, deadline: Deadline
+) -> Generator[Problem, VerifiedPlan, "_Found"]:
+    """Ask for the gap that the best motion so far would need, as something to be bought where there is room.
+
+    Where an arm is nearly in contact, the error that it survives grows with its gap. No narrow place keeps a motion
+    from being found, and the certificate, which knows the poses, decides.
+    """
+    wanted = problem.wanted_gap or problem.default_gap
+    options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
+    best = _judged(problem, (yield replace(problem, planner=options, joint_error=0.0)), settings)
+    for _ in range(_GAP_ROUNDS):
+        if best[1].size >= problem.joint_error or deadline.passed():
+            break
+        least, most = _GAP_GROWTH
+        wanted *= min(max(_GAP_BEYOND * problem.joint_error / max(best[1].size, 1e-12), least), most)
+        limit = max(settings.time_share * deadline.left, settings.least_time)
+        options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
+        try:
+            roomier = yield replace(problem, planner=options, joint_error=0.0)
+        except (NoPlanFound, VerificationError):
+            break
+        best = max(best, _judged(problem, roomier, settings), key=lambda found: found[1].size)
+    return best
+
+
+_Found: TypeAlias = tuple[VerifiedPlan, SurvivedError]
+"""A plan, and the error that it survives."""
+
+
+@dataclass(frozen=True)
+class _RoomSearch:
+    """Seek the share of the room with which a motion in the plane is found that survives most.
+
+    What an error may move a link by, whatever its pose, is known before a motion is; planning with all of that room is
+    sure to do, but may ask for more than there is. So motions are planned with ever smaller shares of it, and the
+    certificate, which knows the poses, decides.
+
+    Attributes:
+        problem: what to solve.
+        settings: which shares are tried.
+        deadline: when to stop.
+    """
+
+    problem: Problem
+    settings: ToleranceSettings
+    deadline: Deadline
+
+    def best(self) -> Generator[Problem, VerifiedPlan, _Found]:
+        """The first plan that survives what is asked for, or the best of those found, and the error it survives."""
+        above = _ROOM_SHARES[0]
+        for share in _ROOM_SHARES:
+            found = yield from self._found(share)
+            if found is not None:
+                return found if self._enough(found) else (yield from self._refined(found, share, above))
+            above = share
+        # What fails even so fails without errors too, and says why.
+        return _judged(self.problem, (yield _with_room(self.problem, 0.0, self._left())), self.settings)
+
+    def _refined(self, best: _Found, share: float, above: float) -> Generator[Problem, VerifiedPlan, _Found]:
+        """The same with shares between one that gave too little and one that found nothing."""
+        for _ in range(self.settings.refinements):
+            if share == above or self.deadline.passed():
+                break
+            middle = 0.5 * (share + above)
+            found = yield from self._found(middle)
+            if found is None:
+                above = middle
+                continue
+            share = middle
+            best = max(best, found, key=lambda item: item[1].size)
+            if self._enough(best):
+                break
+        return best
+
+    def _found(self, share: float) -> Generator[Problem, VerifiedPlan, _Found | None]:
+        limit = self.settings.time_share * self._left()
+        try:
+            return _judged(self.problem, (yield _with_room(self.problem, share, limit)), self.settings)
+        except (NoPlanFound, VerificationError):
+            return None
+
+    def _enough(self, found: _Found) -> bool:
+        return found[1].size >= self.problem.joint_error
+
+    def _left(self) -> float:
+        return max(self.deadline.left, self.settings.least_time)
+
+
+def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:
+    """The problem as planned: with room for a share of what errors may move links by, and itself without errors."""
+    arm = problem.arm
+    roomy = replace(arm, stray=share * problem.joint_error / arm.link_length)
+    planner = replace(problem.planner, time_limit=time_limit)
+    return replace(problem, arm=roomy, planner=planner, joint_error=0.0)
 
 
 def solve(

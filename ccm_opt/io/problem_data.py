@@ -16,9 +16,9 @@ from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
+from ccm_opt.io.robot_models import triangles_stl
 from ccm_opt.io.scene_solids import told_apart
 from ccm_opt.io.settings import READING
-from ccm_opt.io.urdf import triangles_stl
 from ccm_opt.problem import (
     Disturbances,
     Goal,

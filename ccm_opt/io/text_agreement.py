@@ -17,10 +17,10 @@ from ccm_opt.core.files import read_plain
 from ccm_opt.io.controller_points import message_checks, slowed, spared
 from ccm_opt.io.folder import model_texts
 from ccm_opt.io.problem_data import mesh_data
+from ccm_opt.io.robot_models import URDF_MESHES, mesh_file
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.io.solution_json import goal_data, room_data
 from ccm_opt.io.trajectory_text import ROS_FIELDS, bending_joints, table_headings, trajectory_tables
-from ccm_opt.io.urdf import URDF_MESHES, mesh_file
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.scene.bodies import MeshBody

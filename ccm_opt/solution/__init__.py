@@ -1,6 +1,5 @@
 """Frozen results of every stage, from the curve's keyframes to the simulated arm."""
 
-from ccm_opt.solution.pareto_plans import ParetoPlan, ParetoPlans
 from ccm_opt.solution.records import (
     EndRecord,
     GoalPoseRecord,
@@ -14,9 +13,18 @@ from ccm_opt.solution.records import (
     SurvivedError,
     TryRecord,
 )
-from ccm_opt.solution.solution import GoalErrors, Solution, goal_errors
+from ccm_opt.solution.solution import (
+    BindingSide,
+    GoalErrors,
+    ParetoPlan,
+    ParetoPlans,
+    PoseOutcome,
+    ReachMap,
+    Solution,
+    StaticPose,
+    goal_errors,
+)
 from ccm_opt.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
-from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, ReachMap, StaticPose
 
 __all__ = [
     "BindingSide",

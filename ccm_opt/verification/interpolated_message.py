@@ -21,12 +21,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.checked_problem import (
-    CheckedProblem,
-    bends_a_ball,
-    joint_of_bend,
-    revolutes_of_bends,
-)
+from ccm_opt.verification.checked_problem import CheckedProblem, bends_a_ball, joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses

@@ -26,8 +26,7 @@ from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, ForwardDynamics, InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
-from ccm_opt.io.mjcf import mjcf_text
-from ccm_opt.io.urdf import urdf_text
+from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
