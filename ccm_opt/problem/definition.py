@@ -1,18 +1,236 @@
-"""One planning problem: what is known before a motion is sought."""
+"""A planning problem as data, and what makes one unusable."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TypeAlias, get_args
 
+import numpy as np
+
+from ccm_opt.core.arguments import is_number
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.expected import expect
 from ccm_opt.core.length_words import LengthUnit, long_length, words_in
 from ccm_opt.errors import ProblemError
-from ccm_opt.problem.defects import defects
 from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
-from ccm_opt.problem.options import CONTACT_SHARE_OF_LENGTH, PlannerOptions, SimulationOptions, VerificationOptions
+from ccm_opt.problem.options import (
+    CONTACT_SHARE_OF_LENGTH,
+    MOST_CONTACT_SHARE_OF_LENGTH,
+    ControllerName,
+    MethodName,
+    OptimiserName,
+    PlannerOptions,
+    RetimingName,
+    SimulationOptions,
+    VerificationOptions,
+    Weights,
+)
 from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.scene.workspace import Workspace
+from ccm_opt.scene.bodies import Body, BoxBody, MeshBody, SphereBody
+from ccm_opt.scene.workspace import PlaneShape, Workspace
+
+UNIT_ROUNDING = 1e-9
+"""By which the length of a unit vector, or a right angle's cosine, may be off."""
+_Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
+
+
+def defects(problem: "Problem") -> Iterator[str]:
+    """What is wrong with the data of a problem, whoever made it; files are checked more closely by ``problem_file``."""
+    d = problem.workspace.dimension
+    if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
+        yield "workspace.boundary must be a polygon that is not empty where the arm is in the plane"
+        return
+    yield from _arm_defects(problem.arm, d)
+    yield from _workspace_defects(problem.workspace)
+    yield from _name_defects("planner.mapping", problem.planner.mapping, get_args(MappingName))
+    yield from drive_defects(problem.arm, problem.limits, problem.planner, problem.simulation)
+    yield from array_defects("simulation.gravity", problem.simulation.gravity, (3,), positive=False)
+    if not 0.0 <= problem.joint_error < np.pi:
+        yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
+    if not 0.0 < problem.contact_tolerance <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length:
+        yield (
+            "verification.contact_tolerance must be positive and at most a thousandth of the arm's length, got "
+            f"{problem.contact_tolerance}"
+        )
+    yield from _pose_defects(problem, d)
+
+
+def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
+    if arm.links < 2 or arm.links % 2:
+        yield f"arm.links must be even and at least 2, got {arm.links}"
+    if not (arm.link_length > 0.0 and arm.radius >= 0.0):
+        yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
+    if not arm.mount_length >= 0.0:
+        yield f"arm.mount_length must not be negative, got {arm.mount_length}"
+    if not arm.joint_limit > 0.0:
+        yield f"arm.joint_limit must be positive, got {arm.joint_limit}"
+    if not arm.base_limit >= 0.0:
+        yield f"arm.base_limit must not be negative, got {arm.base_limit}"
+    yield from array_defects("arm.base", arm.base, (d,), positive=False)
+    yield from _unit_defects("arm.direction", arm.direction, d)
+    if d == 2:
+        return
+    if arm.axes != "zyx":
+        yield f'arm.axes must be "zyx" in space, got {arm.axes!r}'
+    yield from _unit_defects("arm.up", arm.up, d)
+    vectors = [np.asarray(vector) for vector in (arm.direction, arm.up)]
+    if all(vector.shape == (3,) for vector in vectors) and abs(float(vectors[0] @ vectors[1])) > UNIT_ROUNDING:
+        yield "arm.up must be at right angles to arm.direction"
+
+
+def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:
+    found = tuple(array_defects(name, vector, (d,), positive=False))
+    yield from found
+    if not found and abs(float(np.linalg.norm(vector)) - 1.0) > UNIT_ROUNDING:
+        yield f"{name} must have the length 1, got {float(np.linalg.norm(vector)):g}"
+
+
+def _workspace_defects(workspace: Workspace) -> Iterator[str]:
+    if not workspace.clearance >= 0.0:
+        yield f"workspace.clearance must not be negative, got {workspace.clearance}"
+    if workspace.bounds is not None:
+        found = tuple(array_defects("workspace.bounds", workspace.bounds, (2, 3), positive=False))
+        yield from found
+        if not found and not np.all(workspace.bounds[0] < workspace.bounds[1]):
+            yield "workspace.bounds must have a lower corner below the upper one"
+    in_space = workspace.dimension == 3
+    for obstacle in workspace.obstacles:
+        if isinstance(obstacle.shape, PlaneShape) == in_space:
+            yield f"obstacle '{obstacle.name}': its shape must be {'a body in space' if in_space else 'a PlaneShape'}"
+        elif in_space:
+            yield from (f"obstacle '{obstacle.name}': {defect}" for defect in _body_defects(obstacle.body))
+
+
+def _body_defects(body: Body) -> Iterator[str]:
+    if isinstance(body, MeshBody):
+        if not (body.faces.ndim == 2 and body.faces.shape[1] == 3 and len(body.faces)):
+            yield f"faces must be rows of three vertices, got shape {body.faces.shape}"
+        elif body.faces.min() < 0 or body.faces.max() >= len(body.vertices):
+            yield "faces name a vertex that is not there"
+        yield from array_defects("vertices", body.vertices, (len(body.vertices), 3), positive=False)
+        return
+    if isinstance(body, BoxBody):
+        for name, corner in (("low", body.low), ("high", body.high)):
+            yield from array_defects(name, corner, (3,), positive=False)
+        if not np.all(np.asarray(body.low) < np.asarray(body.high)):
+            yield "low must be below high"
+        return
+    if not (is_number(body.radius) and body.radius > 0.0):
+        yield f"radius must be a positive number, got {body.radius}"
+    ends = ("center",) if isinstance(body, SphereBody) else ("start", "end")
+    for name in ends:
+        yield from array_defects(name, getattr(body, name), (3,), positive=False)
+    if not isinstance(body, SphereBody) and np.array_equal(body.start, body.end):
+        yield "start and end must differ"
+
+
+def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
+    links = problem.arm.links
+    poses = [("start", problem.start), ("goal", problem.goal)]
+    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    placed = []
+    for name, pose in poses:
+        if isinstance(pose, JointPose):
+            placed.append((name, float(pose.feed)))
+            yield from array_defects(f"{name}.bends", pose.bends, (links,) if d == 2 else (links, 2), positive=False)
+            continue
+        yield from array_defects(f"{name}.position", pose.position, (d,), positive=False)
+        if pose.direction is not None:
+            yield from _unit_defects(f"{name}.direction", pose.direction, d)
+        if d == 2 and pose.via:
+            yield f"{name}.via is for arms in space; in the plane, make its places stops"
+            continue
+        for number, via in enumerate(pose.via, start=1):
+            yield from array_defects(f"{name}.via {number}", via, (d,), positive=False)
+    yield from feed_defects(problem.arm, problem.limits, placed)
+
+
+def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
+    """What is wrong with masses, limits and options, which mean the same in the plane and in space."""
+    for name, value, shape in _positive_arrays(arm, limits):
+        yield from array_defects(name, value, shape, positive=True)
+    for key, name, names in (
+        ("arm.axes", arm.axes, get_args(Axes)),
+        ("planner.method", planner.method, get_args(MethodName)),
+        ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
+        ("planner.retiming", planner.retiming, get_args(RetimingName)),
+        ("simulation.controller", simulation.controller, get_args(ControllerName)),
+    ):
+        yield from _name_defects(key, name, names)
+    yield from _weight_defects(planner.weights)
+    yield from _point_defects(arm, limits)
+    if not 0.0 < planner.effort_share <= 1.0:
+        yield f"planner.effort_share must be above 0 and at most 1, got {planner.effort_share}"
+    if planner.retiming == "paul" and (limits.jerk is not None or limits.feed_jerk is not None):
+        yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
+
+
+def _weight_defects(weights: Weights) -> Iterator[str]:
+    for name, value in asdict(weights).items():
+        if not 0.0 <= value < np.inf:
+            yield f"planner.weights.{name} must be finite and not negative, got {value}"
+
+
+def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
+    """Limits on points: on the arm, positive, and one for each."""
+    points = limits.points
+    length = arm.length
+    for k, point in enumerate(points):
+        name = f"limits.points[{k}]"
+        if point.at is not None and not 0.0 <= point.at <= length * (1.0 + 1e-9):
+            yield f"{name}.at must be from 0 to the arm's length, {length:g} m, got {point.at}"
+        for key in ("velocity", "acceleration"):
+            if not getattr(point, key) > 0.0:
+                yield f"{name}.{key} must be positive, or left out when it is not limited, got {getattr(point, key)}"
+        if np.isinf(point.velocity) and np.isinf(point.acceleration):
+            yield f"{name} limits neither velocity nor acceleration"
+        if point.at in [other.at for other in points[:k]]:
+            yield f"{name} limits the {point.name} a second time"
+
+
+def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
+    """What is wrong with a feed axis, its limits, and the places on it of poses by their names [m]."""
+    if not arm.base_axes:
+        yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
+    for axis in arm.base_axes:
+        if not axis.low < axis.high:
+            yield f"arm.feed must have low < high, got {axis.low} and {axis.high}"
+        for key in ("feed_velocity", "feed_acceleration"):
+            if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
+                yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
+        for key in ("feed_force", "feed_jerk"):
+            if getattr(limits, key) is not None and not getattr(limits, key) > 0.0:
+                yield f"limits.{key} must be positive, or left out when it is not limited, got {getattr(limits, key)}"
+        for name, value in placed:
+            if not axis.low <= value <= axis.high:
+                yield f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}"
+
+
+def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
+    for name in ("masses", "inertia_axial", "inertia_transverse"):
+        yield f"arm.{name}", getattr(arm, name), (arm.links,)
+    for name in ("velocity", "acceleration", "torque", "jerk"):
+        if getattr(limits, name) is not None:
+            yield f"limits.{name}", getattr(limits, name), (3 * arm.links,)
+
+
+def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
+    """What is wrong with an array, that has to be finite and of a shape, and perhaps positive."""
+    if not hasattr(value, "shape"):
+        yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
+    elif value.shape != shape:
+        yield f"{name} must have shape {shape}, got {value.shape}"
+    elif not np.all(np.isfinite(value)):
+        yield f"{name} must be finite, got {value[~np.isfinite(value)][0]}"
+    elif positive and not np.all(value > 0.0):
+        yield f"{name} must be positive, got {value[value <= 0.0][0]}"
+
+
+def _name_defects(key: str, value: str, names: tuple[str, ...]) -> Iterator[str]:
+    if value not in names:
+        yield f"{key} must be one of {', '.join(names)}, got {value!r}"
+
 
 WANTED_SHARE_OF_LENGTH = 0.015
 """Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
