@@ -55,10 +55,10 @@ nitpick_ignore_regex = [
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.baseline\.distance\.Precision"),
     ("py:class", r"ccm_opt\.scene\.(walls\.Walls|shells\.Shells)"),
+    ("py:class", r"ccm_opt\.viz\.(views\.SeenScene|arm_drawing\.Side)"),
+    ("py:class", r"ccm_opt\.scene\.workspace\.Shape"),
+    ("py:class", r"ccm_opt\.robot\.configuration\.Curve"),
     ("py:class", r"Solution"),
-    # The kind of problem that a plan is for.
-    ("py:class", r"ccm_opt\.solution\.solution\.ProblemT"),
-    ("py:class", r"ccm_opt\..*\._Problem"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]

@@ -284,7 +284,7 @@ class Problem:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        """Number of coordinates of a point, 2 in the plane and 3 in space."""
         return self.arm.dimension
 
     @property

@@ -187,12 +187,12 @@ class Arm:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        """Number of coordinates of a point, 2 in the plane and 3 in space."""
         return len(self.base)
 
     @property
     def bends_a_joint(self) -> int:
-        """How many bends a joint has: 1 in the plane, 2 in space."""
+        """How many bends a joint has, 1 in the plane and 2 in space."""
         return self.dimension - 1
 
     @property
@@ -420,7 +420,7 @@ class Arm:
 
     @property
     def free_shares(self) -> FloatArray:
-        """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
+        """Share of each link from which on it may touch nothing, behind the mount; shape (links,)."""
         return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:

@@ -131,7 +131,7 @@ class Workspace:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        """Number of coordinates of a point, 2 in the plane and 3 in space."""
         return 3 if self.boundary.is_empty else 2
 
     @property

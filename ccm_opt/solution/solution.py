@@ -283,7 +283,7 @@ class ReachMap:
         headings: of the last link that were tried in the plane, increasing, shape (K,) [rad]; none in space.
         directions: of the last link that were tried in space, unit vectors, shape (K, 3); none in the plane.
         reachable: whether a pose was found, with any heading or direction, shape N.
-        taken: whether one was found with each heading or direction, shape (*N, K).
+        taken: whether one was found with each heading or direction, shape (..., K).
         gap: largest room beyond radius and clearance of any pose found in the cell, as far as it was looked at, shape N
             [m]; NaN where there is none.
         proved: whether it is proved that no pose exists, shape N; elsewhere nothing is known where none was found.
