@@ -318,4 +318,6 @@ def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> Non
     assert len(alone) == 1
     found = FeedPlanner().plan(problem)
     spline = clamped_spline(alone[0].keyframes)
-    assert path_time(problem.arm, problem.limits, found.spline) <= path_time(problem.arm, problem.limits, spline)
+    longest = path_time(problem.arm, problem.limits, spline)
+    # Both are optimised, each by itself, and end where the optimiser's steps gain nothing more.
+    assert path_time(problem.arm, problem.limits, found.spline) <= longest * (1.0 + 1e-5)

@@ -204,7 +204,7 @@ main()
 """
 
 
-SWALLOWED = """
+AN_EXIT_CODE = """
 import signal, sys
 from ccm_opt.cli import commands, main
 
@@ -221,7 +221,7 @@ main()
 
 def test_ctrl_c_that_the_library_of_commands_meets_is_told(tmp_path: Path) -> None:
     """Where it comes out as an exit code before a command begins, the line is written all the same."""
-    assert ended([sys.executable, "-c", SWALLOWED], tmp_path) == (130, "error: cancelled\n")
+    assert ended([sys.executable, "-c", AN_EXIT_CODE], tmp_path) == (130, "error: cancelled\n")
 
 
 @pytest.mark.parametrize("most", [30, 300])

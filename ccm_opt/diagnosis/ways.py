@@ -21,6 +21,8 @@ from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
+_DETOUR = 1e-3
+"""A way longer than the straight line by less than this share of it is a matter of reach alone. Taste."""
 _SPANNED = 0.99
 """A way so much narrower than another is told beside it. Taste."""
 
@@ -146,8 +148,16 @@ def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
     far = {finding.key for finding in within_reach(problem)}
     for ways in tip_ways(problem, until):
         key = ways.place.key
-        if key not in touched and ways.closed and not (key in far and ways.closed_to_short_arms):
+        if key in touched or not ways.closed:
+            continue
+        if key not in far or not ways.closed_to_short_arms or _is_detour(ways):
             yield ways
+
+
+def _is_detour(ways: Ways) -> bool:
+    """Whether the shortest way is known and longer than the straight one, which is a matter of reach."""
+    straight = float(np.linalg.norm(ways.place.goal.position - ways.arm.base)) - ways.place.tolerances.position
+    return ways.shortest_is_proved and ways.least > (1.0 + _DETOUR) * straight
 
 
 def way_length(way: FloatArray) -> float:
