@@ -23,6 +23,9 @@ from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.points import MovingPoint, point_of
 from ccm_opt.solution import JointTrajectory
 
+_USUAL_STEP = 0.1
+"""Share of the plan's steps that are shorter than those of braking. Taste: the shortest of all, where two corners
+of the path happen to be near each other, say nothing of how dense samples have to be elsewhere."""
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
 """Shares of every limit to brake with, the first with which all samples keep the limits: between the places that are
 checked, the planned motion's own accelerations change. Taste."""
@@ -71,7 +74,7 @@ def braked(
     if kept >= len(trajectory.time) - 1 or not np.any(planned.at(time)[1]):
         return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
 
-    step = min(settings.step, float(np.min(np.diff(trajectory.time))))
+    step = min(settings.step, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
 
     # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
     # last share is taken as it comes, for the verifier has the last word.
@@ -174,7 +177,8 @@ class _PlannedMotion:
         bounds = np.concatenate((self._most_acceleration, self._most_efforts(x)))
         with np.errstate(divide="ignore", invalid="ignore"):
             # The lower end of each interval of α. A slope of 0 bounds nothing: its end is not finite, and left out.
-            ends = (self.caution * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
+            # What the plan takes of a limit at this place it may go on taking.
+            ends = (np.maximum(self.caution * bounds, np.abs(offsets)) - np.sign(-slopes) * offsets) / -np.abs(slopes)
         least = float(np.max(ends[np.isfinite(ends)], initial=-1.0 / _LEAST_TIME))
         return min(max(least, self._least_change_of_points(x, velocity, unbraked, first)), 0.0)
 
@@ -221,7 +225,8 @@ def _fall(planned: _PlannedMotion, sigma: float, step: float) -> JointTrajectory
     samples: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
     rate = 1.0
     since = 0.0
-    while rate > 0.0:
+    # A motion that cannot be braked before its end rests there.
+    while rate > 0.0 and sigma < planned.spline.x[-1]:
         change = planned.least_change(sigma, rate, step)
         if since > _LONGEST_TIME:
             raise _cannot(sigma)
