@@ -127,7 +127,9 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
 
 
 def at_least_four(control: FloatArray) -> FloatArray:
-    """The same polygon with enough control points for a spline."""
+    """The same polygon with enough control points for a spline; a single one is a leg that goes nowhere."""
+    if len(control) == 1:
+        control = np.repeat(control, 2, axis=0)
     while len(control) < DEGREE + 1:
         control = halved(control, np.arange(len(control) - 1))
     return control
