@@ -29,7 +29,7 @@ def whole_arm_task(links: int) -> MotionTask:
 def turned(links: int) -> MotionTask:
     """The same with its ends exchanged."""
     task = whole_arm_task(links)
-    (other,) = backward_tasks(task, SearchRun.from_task(task, 0.06, 24.0).stepper)
+    (other,) = backward_tasks(task, SearchRun.from_task(task, 0.06).stepper)
     assert other is not None
     return other
 
@@ -64,7 +64,7 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     """Lifted to more links, a motion found backwards meets both ends of the finer arm exactly."""
     task = whole_arm_task(links)
     coarse = coarsened(task, 24)
-    (other,) = backward_tasks(coarse, SearchRun.from_task(coarse, 0.06, 24.0).stepper)
+    (other,) = backward_tasks(coarse, SearchRun.from_task(coarse, 0.06).stepper)
     assert other is not None
     found = reversed_motion(find_motion(other))
     lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), SearchSettings().lift_margin), task)

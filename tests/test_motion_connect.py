@@ -13,7 +13,6 @@ from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.draws import HeadingTree
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion_task import Motion
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
@@ -38,7 +37,7 @@ EASY = (4, 5, 6, 9, 13, 20)
 def found(problem: Problem, **changes: object) -> Motion | None:
     """What RRT-Connect alone finds, before it is optimised."""
     task = replace(motion_task(problem), **changes)  # type: ignore[arg-type]  # fields of the task
-    return ConnectStrategy(Turn.EARLY).find(task, [], NOMINAL_LINKS)
+    return ConnectStrategy(Turn.EARLY).find(task, [])
 
 
 def poses(scene: Scene, seed: int, count: int) -> FloatArray:
@@ -183,7 +182,7 @@ def test_what_is_found_is_optimised() -> None:
     """The search with RRT-Connect alone ends with a motion that is shorter than the one found, and certified."""
     problem = few_link_problem(6)
     task = motion_task(problem)
-    first = ConnectStrategy(Turn.EARLY).find(task, [], NOMINAL_LINKS)
+    first = ConnectStrategy(Turn.EARLY).find(task, [])
     last = find_motion(task, CONNECT_ALONE)
     assert first is not None
     assert np.abs(np.diff(last.headings, axis=0)).sum() < np.abs(np.diff(first.headings, axis=0)).sum()
@@ -208,7 +207,7 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
     scene = clutter(1, 5)
     problem = scene.problem(JointPose(scene.arm.bends(scene.goal)))
     for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
-        motion = strategy.find(motion_task(problem), [], NOMINAL_LINKS)
+        motion = strategy.find(motion_task(problem), [])
         assert motion is not None
         np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-9)
         np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
@@ -221,7 +220,7 @@ def test_a_search_ends_with_its_budget() -> None:
     few = replace(task.settings.connect, few_budgets=(8, 8))
     failures: list[Failure] = []
     limited = replace(task, settings=replace(task.settings, connect=few))
-    assert ConnectStrategy(Turn.EARLY).find(limited, failures, NOMINAL_LINKS) is None
+    assert ConnectStrategy(Turn.EARLY).find(limited, failures) is None
     assert failures[0].candidate == CONNECT
     assert "8 extensions" in failures[0].message
 

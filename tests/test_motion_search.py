@@ -319,7 +319,7 @@ def gap_scene(gap: float, radius: float = 0.03) -> Problem:
 )
 def test_margins_leave_the_narrowest_gap_open(gap: float, expected: tuple[float, ...]) -> None:
     """Margins that would close the way are left out; when none fits, one of half the room comes first."""
-    margins = fitting_margins(motion_task(gap_scene(gap)), (0.06, 0.024), 24.0)
+    margins = fitting_margins(motion_task(gap_scene(gap)))
     np.testing.assert_allclose(margins, expected, rtol=0.02)
 
 
@@ -344,9 +344,9 @@ def test_guides_lead_chains_out_of_a_horn(links: int) -> None:
 class OnlyWithFewLinks(PortfolioStrategy):
     """Candidates that nobody tries on the task's own links."""
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """What candidates find for fewer than forty links."""
-        return super().find(task, failures, nominal_links) if task.arm.links < 40 else None
+        return super().find(task, failures) if task.arm.links < 40 else None
 
 
 def test_what_cannot_be_lifted_is_found_again() -> None:

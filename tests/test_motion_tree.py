@@ -13,7 +13,6 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.failures import TREES
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import find_motion
@@ -54,7 +53,7 @@ NO_CANDIDATES = (TreeStrategy(),)
 
 def tree_task(task: MotionTask) -> TreeTask:
     """What the search grows its trees for."""
-    runs = [SearchRun.from_task(task, margin, NOMINAL_LINKS) for margin in task.settings.search.tree_margins]
+    runs = [SearchRun.from_task(task, margin) for margin in task.settings.search.tree_margins]
     return runs[-1].tree_task(tuple(run.stepper for run in runs))
 
 

@@ -39,7 +39,7 @@ def assert_right(motion: Motion, scene: Scene) -> None:
 def walked(seed: int, *, late: bool) -> tuple[Motion | None, list[Failure]]:
     """What is found, and what failed, in a scene of many walls."""
     failures: list[Failure] = []
-    return TipWalkStrategy(late=late).find(crowded(clutter(seed, 30)), failures, LINKS), failures
+    return TipWalkStrategy(late=late).find(crowded(clutter(seed, 30)), failures), failures
 
 
 @pytest.mark.parametrize("late", [False, True])
@@ -68,7 +68,7 @@ def test_walks_are_left_out_where_the_tip_has_far_to_go() -> None:
     """Beyond the longest way the tip is led straight on, and that is all; the late turn walks however far it is."""
     task = crowded(clutter(3, 30), replace(FEW, longest_way=0.0))
     failures: list[Failure] = []
-    if TipWalkStrategy().find(task, failures, LINKS) is None:
+    if TipWalkStrategy().find(task, failures) is None:
         assert WALKS not in [failure.candidate for failure in failures]
 
 
@@ -80,7 +80,7 @@ def test_ways_end_on_the_goal_along_its_heading(seed: int) -> None:
     """
     scene = clutter(seed, 30)
     task = crowded(scene)
-    run = SearchRun.from_task(task, 0.012, LINKS)
+    run = SearchRun.from_task(task, 0.012)
     room = task.tip_paths[0].free_space
     ways = TipWays(task.arm, room, run.goal, 0.0, task.settings.tip_walks)
     back = run.start.points[::-1]

@@ -32,7 +32,6 @@ from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.passage_widths import nominal_links_asked
 from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.search_run import pose_headings
@@ -76,7 +75,7 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
 
 def _stepper(known: Motion, task: MotionTask) -> Stepper:
     """Steps in the space through the start that holds the end of the known motion too."""
-    space, _ = LinkSpace.through(task.arm, task.start, nominal_links_asked(task), clamped=task.clamped)
+    space, _ = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
     space, _ = space.blended_to(known.headings[-1])
     margin = task.settings.search.margins[0] * space.nominal_length
     finder = task.planning_finder(margin, space.nominal_length)

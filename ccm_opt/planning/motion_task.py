@@ -16,7 +16,7 @@ from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import GoalPose
@@ -67,6 +67,7 @@ class MotionTask:
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         refuse: raises where it is proved that there is no motion; asked once, before what takes long.
         guide_tubes: limits of what carries the base; none where it is fixed.
+        nominal_links: to the arm's length; more than usual where passages are narrow.
         settings: numbers of every stage of the search.
     """
 
@@ -89,6 +90,7 @@ class MotionTask:
     wanted_gap: float = 0.0
     refuse: Callable[[], None] = field(default=lambda: None)
     guide_tubes: tuple[Limit, ...] = ()
+    nominal_links: float = NOMINAL_LINKS
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @cached_property

@@ -46,12 +46,13 @@ def nominal_links_asked(task: MotionTask) -> float:
     return min(_ROOMY / max(narrowest, 1e-9), float(task.arm.links))
 
 
-def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links: float) -> tuple[float, ...]:
+def fitting_margins(task: MotionTask) -> tuple[float, ...]:
     """The planning margins, in nominal links, that leave the way to the goal open; a smaller one first when none does.
 
     A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
     """
-    gap = gap_beside_arm(task) * nominal_links / task.arm.length
+    margins = task.settings.search.margins
+    gap = gap_beside_arm(task) * task.nominal_links / task.arm.length
     if gap <= 0.0:
         return margins
     # A margin nearly as wide as the gap closes the passage: the step would never get through.

@@ -4,6 +4,7 @@ Arms of many links are planned with few links in the same coordinates and lifted
 links, they are planned on their own links.
 """
 
+from dataclasses import replace
 from itertools import chain
 from math import ceil
 
@@ -168,8 +169,8 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         task = task.at_full_limits()
     failures: list[Failure] = []
     in_vain: list[StrategyInVain] = []
-    nominal_links = nominal_links_asked(task)
-    coarse = _coarse_task(task, nominal_links)
+    task = replace(task, nominal_links=nominal_links_asked(task))
+    coarse = _coarse_task(task)
     asked = False
     for strategy in strategies:
         if not strategy.applies(task):
@@ -180,22 +181,22 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         before = len(failures)
         if coarse is not None:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
-            found = strategy.find(coarse, failures, nominal_links)
-            motion = _taken_over(found, coarse, task, nominal_links, failures) if found is not None else None
+            found = strategy.find(coarse, failures)
+            motion = _taken_over(found, coarse, task, failures) if found is not None else None
             if motion is not None:
                 return motion
         if coarse is None or not strategy.leads_others:
-            motion = strategy.find(task, failures, nominal_links)
+            motion = strategy.find(task, failures)
             if motion is not None:
                 return optimised_to_end_pose(straightened(motion, task), task)
         in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
     raise nothing_found(task.sought, failures, in_vain)
 
 
-def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:
+def _coarse_task(task: MotionTask) -> MotionTask | None:
     """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
     # Narrow passages need short links.
-    links = max(_DESIGN_LINKS, 2 * ceil(0.5 * nominal_links))
+    links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
     resamples = all(limit.resamples for limit in task.user_limits)
     if task.arm.links <= _MANY_LINKS * links or not resamples or task.clamped:
         return None
@@ -205,14 +206,12 @@ def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:
     return coarsened(task, links)
 
 
-def _taken_over(
-    found: Motion, coarse: MotionTask, task: MotionTask, nominal_links: float, failures: list[Failure]
-) -> Motion | None:
+def _taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
     """The coarse motion on the task's links, optimised: lifted, or else found again; None where neither can be."""
     lifted = _lifted(found, coarse, task)
     if lifted is not None:
         return lifted
-    again = _found_again(found, task, nominal_links, failures)
+    again = _found_again(found, task, failures)
     return optimised_to_end_pose(straightened(again, task), task) if again is not None else None
 
 
@@ -228,12 +227,11 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
     return optimise(lifted, task) if lifted is not None else None
 
 
-def _found_again(found: Motion, task: MotionTask, nominal_links: float, failures: list[Failure]) -> Motion | None:
+def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
     """The motion of the candidate that arrived with few links, tried with the task's own; None where it does not.
 
     In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
     back through a wall; but what leads the one mostly leads the other.
     """
-    margin = fitting_margins(task, task.settings.search.margins, nominal_links)[0]
-    run = SearchRun.from_task(task, margin, nominal_links)
+    run = SearchRun.from_task(task, fitting_margins(task)[0])
     return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)

@@ -238,20 +238,19 @@ class SearchRun:
     guesses: Iterable[FloatArray]
 
     @classmethod
-    def from_task(cls, task: MotionTask, margin_links: float, nominal_links: float) -> "SearchRun":
+    def from_task(cls, task: MotionTask, margin_links: float) -> "SearchRun":
         """A pass in the link space through the task's start.
 
         Args:
             task: what is looked for.
             margin_links: planning margin, in nominal links.
-            nominal_links: nominal links to the arm's length.
         """
         narrowed = task.settings.step.narrowed(margin_links)
         if task.gates is not None:
             narrowed = replace(narrowed, ridge=_GATE_RIDGE)
         if narrowed is not task.settings.step:
             task = replace(task, settings=replace(task.settings, step=narrowed))
-        space, start = LinkSpace.through(task.arm, task.start, nominal_links, clamped=task.clamped)
+        space, start = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:

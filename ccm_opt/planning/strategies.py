@@ -212,13 +212,12 @@ class SearchStrategy(Protocol):
         """Whether the strategy can find motions for a task."""
         ...
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """A certified motion, or None and what was tried added to the failures.
 
         Args:
             task: arm, room, ends and limits.
             failures: is added to.
-            nominal_links: nominal links to the arm's length.
         """
         ...
 
@@ -235,16 +234,16 @@ class DirectStrategy:
         """Poses of the whole arm alone say where straight is."""
         return task.goal_headings is not None and not task.parametric
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The motion of the direction that arrives."""
-        margins = fitting_margins(task, task.settings.search.margins, nominal_links)
-        forward = SearchRun.from_task(task, margins[0], nominal_links)
+        margins = fitting_margins(task)
+        forward = SearchRun.from_task(task, margins[0])
         motion = forward.run(forward.direct(), failures)
         if motion is not None:
             return motion
         for turned in backward_tasks(task, forward.stepper):
             if turned is not None and not task.deadline.passed():
-                backward = SearchRun.from_task(turned, margins[0], nominal_links)
+                backward = SearchRun.from_task(turned, margins[0])
                 motion = backward.run(backward.direct(), failures)
                 return reversed_motion(motion) if motion is not None else None
         return None
@@ -270,12 +269,12 @@ class ConnectStrategy:
         refused = task.parametric or any(limit.moves_keyframes for limit in task.user_limits)
         return not refused and len(self._budgets(task)) > 0
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The motion that joins the trees."""
         budgets = self._budgets(task)
         if task.arm.links > _MOST_LINKS or task.deadline.passed():
             return None
-        run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1], nominal_links)
+        run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1])
         search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
         motion = search.find(budgets, (task.seed, self.turn))
         if motion is None:
@@ -317,14 +316,14 @@ class LimitArcStrategy:
         free = not task.clamped and not task.arm.base_axes and not task.user_limits
         return free and task.goal_headings is None and len(task.tip_paths) > 0
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The first motion to one of the poses that touch nothing."""
         arcs = ArcsAtLimits(task.arm, task.goal)
         poses = arcs.where_needed(task.settings.step.full_limit_share)
         ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
         for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
             for whole_arm in filter(strategy.applies, ending):
-                motion = strategy.find(whole_arm, failures, nominal_links)
+                motion = strategy.find(whole_arm, failures)
                 if motion is not None or task.deadline.passed():
                     return motion
         return None
@@ -349,13 +348,13 @@ class PortfolioStrategy:
         """Candidates do not know how far along the motion they are."""
         return not task.parametric and (not self.narrow or self._divided(task))
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The first candidate's motion that arrives and is certified."""
-        margins = fitting_margins(task, task.settings.search.margins, nominal_links)
+        margins = fitting_margins(task)
         if self._divided(task):
             margins = margins[1:] if self.narrow else margins[:1]
         for margin in margins:
-            for motion in candidate_motions(task, margin, nominal_links, failures):
+            for motion in candidate_motions(task, margin, failures):
                 if motion is not None:
                     return motion
                 if task.deadline.passed():
@@ -381,18 +380,16 @@ class TrackingStrategy:
         """There must be something to track under."""
         return bool(task.user_limits)
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The first motion without the limits that can be bent to them; one for each planning margin is tried."""
         if task.deadline.passed():
             return None
         free = replace(task, user_limits=())
-        for margin in fitting_margins(task, task.settings.search.margins, nominal_links):
-            found = next(
-                (each for each in candidate_motions(free, margin, nominal_links, []) if each is not None), None
-            )
+        for margin in fitting_margins(task):
+            found = next((each for each in candidate_motions(free, margin, []) if each is not None), None)
             if found is None:
                 continue
-            motion = SearchRun.from_task(task, margin, nominal_links).tracked(found, failures)
+            motion = SearchRun.from_task(task, margin).tracked(found, failures)
             if motion is not None or task.deadline.passed():
                 return motion
         return None
@@ -410,12 +407,12 @@ class TreeStrategy:
         """Poses of a tree do not know how far along the motion they are."""
         return not task.parametric
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The motion that joins the trees."""
         if not task.tip_paths or task.deadline.passed():
             return None
         full = task.at_full_limits()
-        runs = [SearchRun.from_task(full, margin, nominal_links) for margin in task.settings.search.tree_margins]
+        runs = [SearchRun.from_task(full, margin) for margin in task.settings.search.tree_margins]
         narrowest = runs[-1]
         steppers = tuple(run.stepper for run in runs)
         try:
@@ -432,31 +429,29 @@ def looked_at_slowly(task: MotionTask) -> bool:
     return POSE_SPACING * gap < LEAST_SPACING * task.arm.length
 
 
-def candidate_motions(
-    task: MotionTask, margin: float, nominal_links: float, failures: list[Failure]
-) -> Iterator[Motion | None]:
+def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) -> Iterator[Motion | None]:
     """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures.
 
     Backwards first where the way leads into narrow gates: an arm can be slid out of them.
     """
-    forward = SearchRun.from_task(task, margin, nominal_links)
+    forward = SearchRun.from_task(task, margin)
     into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
     if not into_gates:
         before = len(failures)
         yield forward.run(forward.first(), failures)
         if any(_kept_off_by_limits(task, failure) for failure in failures[before:]):
             task = task.at_full_limits()
-            forward = SearchRun.from_task(task, margin, nominal_links)
+            forward = SearchRun.from_task(task, margin)
             yield forward.run(forward.first(), failures)
     for turned in backward_tasks(task, forward.stepper):
         if turned is not None:
-            backward = SearchRun.from_task(turned, margin, nominal_links)
+            backward = SearchRun.from_task(turned, margin)
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
     if into_gates:
         yield forward.run(forward.first(), failures)
         for turned in laid_backward_tasks(task, forward.stepper):
-            backward = SearchRun.from_task(turned, margin, nominal_links)
+            backward = SearchRun.from_task(turned, margin)
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
     yield forward.run(forward.further(), failures)

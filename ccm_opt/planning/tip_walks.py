@@ -157,10 +157,10 @@ class TipWalkStrategy:
         fits = not task.parametric and task.goal_headings is None
         return fits and task.among_many_walls and len(task.tip_paths) > 0
 
-    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
         """The first motion that arrives and is certified."""
         settings = task.settings.tip_walks
-        runs = [SearchRun.from_task(task, margin, nominal_links) for margin in settings.margins]
+        runs = [SearchRun.from_task(task, margin) for margin in settings.margins]
         first = task.tip_paths[0]
         ways = TipWays(task.arm, first.free_space, runs[0].goal, first.shrink, settings)
         if not self.late:

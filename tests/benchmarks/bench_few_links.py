@@ -14,7 +14,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.rrt_connect import Connecting
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.search_run import SearchRun
@@ -55,7 +54,7 @@ def goal_poses(problem: Problem, seed: int) -> FloatArray:
     if isinstance(problem.goal, JointPose):
         return known
     task = motion_task(problem)
-    run = SearchRun.from_task(task, task.settings.search.margins[-1], NOMINAL_LINKS)
+    run = SearchRun.from_task(task, task.settings.search.margins[-1])
     connecting = Connecting(task, run.stepper.space, run.start, run.goal, lambda: iter(()))
     check = SampledCheck.of(arm, problem.workspace, connecting.settings.sampling)
     goals = connecting._search(check, np.random.default_rng(seed)).goals

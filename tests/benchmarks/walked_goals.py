@@ -36,7 +36,6 @@ class Walk:
         legs: places that the tip is led towards, at most.
         paths: of the tip that are tried for each.
         margin: planning margin, in nominal links; none that the search tries, which would only repeat the walk.
-        nominal_links: to the arm's length.
     """
 
     enough: float = 0.5
@@ -44,7 +43,6 @@ class Walk:
     legs: int = 8
     paths: int = 2
     margin: float = 0.018
-    nominal_links: float = 24.0
 
 
 def walked(scene: Scene, rng: np.random.Generator, walk: Walk = Walk()) -> Scene | None:
@@ -64,7 +62,7 @@ def _after_leg(scene: Scene, rng: np.random.Generator, walk: Walk) -> FloatArray
     """The pose that the arm comes to on the way to a place drawn at random; the start where it cannot move."""
     try:
         task = motion_task(scene.problem(_drawn_goal(scene, rng)))
-        run = SearchRun.from_task(task, walk.margin, walk.nominal_links)
+        run = SearchRun.from_task(task, walk.margin)
     except NoPlanFound:
         return scene.start  # no way of the tip leads there
     ways = [_certified_part(run, path) for path in task.tip_paths[: walk.paths]]
