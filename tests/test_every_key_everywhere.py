@@ -20,7 +20,7 @@ from ccm_opt.problem.options import Weights
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 from .command_runs import CommandLine
-from .conftest import PROBLEMS, SMALL_PROBLEM
+from .conftest import SMALL_PROBLEM
 
 IN_SPACE = """\
 schema = 1
@@ -51,7 +51,6 @@ shape = "straight"
 position = [0.3, 0.1, 0.05]
 """
 TEXTS = {"plane": SMALL_PROBLEM.replace("[0.0, 0.3], radius", "[0.2, 0.17], radius"), "space": IN_SPACE}
-FED = (PROBLEMS / "feed-s-duct.toml").read_text()
 dimensions = pytest.mark.parametrize("dimension", list(TEXTS))
 """In the plane and in space."""
 
@@ -117,8 +116,6 @@ REFUSED = {
     "routes-space": Refused(IN_SPACE, "routes = 7", "planner.routes"),
     "method-space": Refused(IN_SPACE, PAPER, "planner.method"),
     "mapping-space": Refused(IN_SPACE, 'mapping = "even-joints"', "planner.mapping"),
-    "interior-point-space": Refused(IN_SPACE, 'optimiser = "interior-point"', "planner.optimiser"),
-    "interior-point-fed": Refused(FED, 'optimiser = "interior-point"', "planner.optimiser"),
     "tries-paper": Refused(SMALL_PROBLEM, f"{PAPER}tries = 2", "planner.tries"),
     "seed-paper": Refused(SMALL_PROBLEM, f"{PAPER}seed = 3", "planner.seed"),
     "optimiser-paper": Refused(SMALL_PROBLEM, f'{PAPER}optimiser = "none"', "planner.optimiser"),

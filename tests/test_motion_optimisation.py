@@ -14,11 +14,12 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
-from ccm_opt.planning.optimisation.optimise import optimise, thinned, travel
+from ccm_opt.planning.optimisation.optimise import motion_program, optimise, thinned, travel
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import JointPose, OptimiserName
+from tests.oracles.interior_point import interior_point
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 
 SEEDS = (0, 5, 14)
@@ -85,8 +86,11 @@ def test_interior_point_agrees_with_sequential_convex() -> None:
     """IPOPT on the same rows shortens a motion about as much, and its result is certified too."""
     _, task, motion = found(0)
     ours = optimise(motion, replace(task, optimiser=SEQUENTIAL))
-    reference = optimise(motion, replace(task, optimiser="interior-point"))
-    assert len(task.certificate.failures(reference.headings)) == 0
+    keyframes, u = thinned(motion, task.certificate)
+    coordinates = interior_point(replace(motion_program(motion, task), u=u), keyframes)
+    headings = motion.space.headings(coordinates)
+    assert len(task.certificate.failures(headings)) == 0
+    reference = replace(motion, coordinates=coordinates, headings=headings)
     assert travel(ours) == pytest.approx(travel(reference), rel=0.15)
 
 

@@ -15,7 +15,6 @@ from ccm_opt.planning.curve_routes import configuration_task, find_routes, route
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.motion_task import Motion, MotionTask
-from ccm_opt.planning.optimisation import interior_point
 from ccm_opt.planning.optimisation.objective import JointSlowness, WallNearness
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.search import find_motion
@@ -23,6 +22,7 @@ from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import TipGoal, Weights
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
+from tests.oracles.interior_point import nearness_cost
 from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
 
 SEED = 50_019
@@ -117,7 +117,7 @@ def test_interior_point_weighs_the_same() -> None:
     near = nearness(sweep)
     l = motion.space.arm.link_length
     points = sweep.points[..., 0].T, sweep.points[..., 1].T
-    seen = interior_point._nearness(ca, (near,), tuple(map(ca.DM, points)), ca.DM(sweep.headings.T), l)
+    seen = nearness_cost((near,), tuple(map(ca.DM, points)), ca.DM(sweep.headings.T), l)
     assert float(seen) == pytest.approx(near.value(sweep))
 
 

@@ -52,8 +52,7 @@ def refuse_without_effect(problem: Problem) -> None:
     Raises:
         ProblemError: naming them, and why they do nothing.
     """
-    fed = bool(problem.arm.base_axes)
-    found = options_without_effect(problem.planner, in_space=problem.dimension == 3, fed=fed)
+    found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
     if lines:
         raise ProblemError(f"problem '{problem.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in lines))

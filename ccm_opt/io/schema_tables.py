@@ -419,8 +419,7 @@ class PlannerTable(Table):
     those that keep nine tenths of the room that the roomiest keeps the shortest motion is taken. The paper's planner
     draws nothing, so more than one try is refused."""
     optimiser: OptimiserName = PlannerOptions.optimiser
-    """How the motion is optimised over all keyframes; `"interior-point"` is the slow reference, by IPOPT, for
-    arms in the plane with a fixed base alone."""
+    """How the motion is optimised over all keyframes; by `"none"` it stays as it was found."""
     retiming: RetimingName = PlannerOptions.retiming
     """How the path is timed: `"toppra"`, as fast as the limits allow; or `"paul"`, the paper's: joints move at constant
     speed between keyframes and turn smoothly at each. The second leaves the certified path a little, so shorter turns

@@ -174,8 +174,7 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
             table = issues.validate(model, values, (name,), scale)
         found[name] = table if isinstance(table, Table) else None
     if found["planner"] is not None:
-        fed = lookup(data, ("arm", "feed")) is not None
-        for name, why in options_without_effect(build_options(found["planner"]), in_space=in_space, fed=fed):
+        for name, why in options_without_effect(build_options(found["planner"]), in_space=in_space):
             issues.add(("planner", name), why)
     found["obstacles"] = _obstacles(data, issues, scale, SpaceObstacleTable if in_space else ObstacleTable)
     found["goals"] = _goals(data, issues, scale, SpaceGoalTable if in_space else GoalTable)

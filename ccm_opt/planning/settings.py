@@ -212,17 +212,6 @@ class BottleneckSettings:
 
 
 @dataclass(frozen=True)
-class InteriorPointSettings:
-    """Numbers of the reference, one nonlinear program.
-
-    Attributes:
-        tolerance: of IPOPT. Taste.
-    """
-
-    tolerance: float = 1e-5
-
-
-@dataclass(frozen=True)
 class ConvexSettings:
     """Numbers of the sequential convex programming.
 
@@ -588,7 +577,6 @@ class MotionSettings:
         optimisation: of the optimisation of a motion.
         objective: weights inside its objective.
         bottleneck: how much more the busiest joints count at last.
-        interior_point: of the optimisation as one nonlinear program.
     """
 
     ends: EndSettings = field(default_factory=EndSettings)
@@ -609,7 +597,6 @@ class MotionSettings:
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)
-    interior_point: InteriorPointSettings = field(default_factory=InteriorPointSettings)
 
 
 # ------------------------------------------------------------ in space

@@ -16,7 +16,7 @@ MOST_CONTACT_SHARE_OF_LENGTH = 1e-3
 """Greatest contact tolerance, as such a share: with more of it a plan may go through what it has to keep clear of."""
 
 MethodName = Literal["nlp", "hill-climbing"]
-OptimiserName = Literal["sequential-convex", "interior-point", "none"]
+OptimiserName = Literal["sequential-convex", "none"]
 RetimingName = Literal["toppra", "paul"]
 ControllerName = Literal["computed-torque", "pd"]
 
@@ -81,12 +81,6 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
     ("method", "hill-climbing", ("in space",), f'"hill-climbing" {_OF_THE_PAPER}'),
     ("mapping", "even-joints", ("in space",), f'"even-joints" {_OF_THE_PAPER}'),
     ("routes", None, ("in space",), "corridors are sought in the plane alone; leave it out in space"),
-    (
-        "optimiser",
-        "interior-point",
-        ("in space", "fed"),
-        '"interior-point" knows arms in the plane with a fixed base alone; leave it out',
-    ),
     ("tries", None, ("hill-climbing",), '"hill-climbing" draws nothing, so that all tries would be the same; use 1'),
     ("seed", None, ("hill-climbing",), '"hill-climbing" draws nothing; leave it out'),
     *(
@@ -98,18 +92,17 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
 default, where it does nothing, and why."""
 
 
-def options_without_effect(options: PlannerOptions, *, in_space: bool, fed: bool) -> Iterator[tuple[str, str]]:
+def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:
     """Planner options that were given and do nothing for a kind of problem.
 
     Args:
         options: of the problem; what has its default counts as not given.
         in_space: whether the arm leaves the plane.
-        fed: whether its base is on a feed axis.
 
     Yields:
         The name of an option, and why it does nothing.
     """
-    kinds = {options.method, *(("in space",) if in_space else ()), *(("fed",) if fed else ())}
+    kinds = {options.method, *(("in space",) if in_space else ())}
     for name, idle, where, why in _WITHOUT_EFFECT:
         value = getattr(options, name)
         given = value != getattr(PlannerOptions(), name) if idle is None else value == idle

@@ -324,8 +324,7 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         (),
         (),
         deadline,
-        # The reference optimiser has its points written out for fixed arms.
-        optimiser="none" if problem.planner.optimiser == "none" else "sequential-convex",
+        optimiser=problem.planner.optimiser,
         seed=problem.planner.seed,
         weights=problem.planner.weights,
         slowness=fed_slowness(problem),

@@ -13,7 +13,6 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import Motion, MotionTask
-from ccm_opt.planning.optimisation.interior_point import interior_point
 from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
 from ccm_opt.planning.optimisation.planar_program import PlanarProgram
 from ccm_opt.planning.optimisation.sequential_convex import sequential_convex
@@ -121,8 +120,6 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
     keyframes, u = _few_keyframes(motion, task, whole, 0.0)
     while left > 0:
         program = replace(whole, u=u)
-        if task.optimiser == "interior-point":
-            return _with_keyframes(motion, interior_point(program, keyframes), motion.u)
         many = len(keyframes) - 1 > settings.many * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
         before = keyframes
@@ -294,7 +291,7 @@ def room_of(motion: Motion, task: MotionTask) -> float:
 def lacks_room(motion: Motion, task: MotionTask) -> bool:
     """Whether a motion keeps less than the wanted gap, or than its ends leave of that, where more can be looked for."""
     # Keyframes that limits have moved stand where the path parameter has them.
-    looked_for = task.wanted_gap > 0.0 and task.optimiser == "sequential-convex" and motion.u is None
+    looked_for = task.wanted_gap > 0.0 and task.optimiser != "none" and motion.u is None
     # In the middle of a gate with hardly any play there is all the room that there can be.
     looked_for = looked_for and task.gates is None
     return looked_for and len(motion.coordinates) > DEGREE and room_of(motion, task) < _enough_room(motion, task)

@@ -1,11 +1,12 @@
-"""The reference: the same rows and objective as one nonlinear program, solved by IPOPT with the exact Hessian.
+"""The optimisation of a motion in the plane as one nonlinear program, solved by IPOPT with the exact Hessian.
 
-Slower than ``sequential_convex``, mostly for building the derivatives; nothing is linearised, so it says how good the
-steps are. Between two solutions it may leave the motion's homotopy class: what is not certified is given up.
+Rows and objective are those of the sequential convex programming. Nothing is linearised, so it says how good the steps
+are. Between two solutions it may leave the motion's homotopy class: what is not certified is given up.
 """
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
@@ -17,6 +18,8 @@ from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.swept_motion import PlanarSweep
 
 _ITERATIONS = 200
+"""Of IPOPT. Taste."""
+_TOLERANCE = 1e-5
 """Of IPOPT. Taste."""
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of the way to the solution that are tried until one is certified. Taste."""
@@ -57,9 +60,6 @@ def _certified_part(program: PlanarProgram, sweep: PlanarSweep, solution: FloatA
 
 def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows) -> FloatArray:
     """Keyframes at which IPOPT ends, shape (K + 1, p)."""
-    import casadi as ca  # noqa: PLC0415 - loaded only when asked for
-
-    settings = program.settings.interior_point
     space = program.space
     frames, p = sweep.unknowns.shape
 
@@ -73,24 +73,24 @@ def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows
     v = ca.horzcat(ca.DM(sweep.unknowns[0]), moving)
     headings = ca.horzcat(ca.DM(sweep.headings[0]), turning)
     tie = ca.vec(ca.DM(space.matrix) @ moving + ca.repmat(ca.DM(space.offset), 1, frames - 1) - turning)
-    points = _points(ca, program, headings)
+    points = _points(program, headings)
 
     # One slack an interval at a price, as in the QP: the start is infeasible as soon as the sag is counted.
     unit = program.unit
-    inequalities = _row_values(ca, rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
-    ends = _end_values(ca, program, sweep, v, points)
+    inequalities = _row_values(rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
+    ends = _end_values(program, sweep, v, points)
     bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.unknowns[1:].T)))
-    near = _nearness(ca, program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
+    near = nearness_cost(program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
     low, high = _bend_bounds(sweep, program.settings.step.limit_share)
 
     problem = {
         "x": ca.vertcat(ca.vec(moving), ca.vec(turning), slack),
-        "f": _objective(ca, objective, v) + near + program.steps.price * ca.sum1(slack),
+        "f": _objective(objective, v) + near + program.steps.price * ca.sum1(slack),
         "g": ca.vertcat(inequalities, ends, tie, bends),
     }
     options = {
         "ipopt.max_iter": _ITERATIONS,
-        "ipopt.tol": settings.tolerance,
+        "ipopt.tol": _TOLERANCE,
         "ipopt.print_level": 0,
         "print_time": False,
     }
@@ -112,7 +112,7 @@ def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows
     return np.vstack((sweep.unknowns[:1], found))
 
 
-def _points(ca: Any, program: PlanarProgram, headings: Any) -> tuple[Any, Any]:
+def _points(program: PlanarProgram, headings: Any) -> tuple[Any, Any]:
     """Both coordinates of ``Sweep.points``, each (n + 3) × (K + 1)."""
     arm = program.space.arm
     link, share = program.space.mount_end
@@ -124,7 +124,7 @@ def _points(ca: Any, program: PlanarProgram, headings: Any) -> tuple[Any, Any]:
     return parts[0], parts[1]
 
 
-def _row_values(ca: Any, rows: IntervalRows, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
+def _row_values(rows: IntervalRows, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
     """Values of the rows, as ``IntervalRows.values``."""
     # CasADi flattens column by column: entry (i, k) of a matrix of h rows is at h k + i.
     height = points[0].shape[0]
@@ -142,19 +142,17 @@ def _row_values(ca: Any, rows: IntervalRows, points: tuple[Any, Any], headings: 
     return across + ca.vec(sag)[high] - ca.vec(sag)[low] + ca.DM(rows.constant)
 
 
-def _nearness(
-    ca: Any, costs: tuple[WallNearness, ...], points: tuple[Any, Any], headings: Any, link_length: float
-) -> Any:
+def nearness_cost(costs: tuple[WallNearness, ...], points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
     """What nearness to walls costs, as ``WallNearness.value``."""
     frames = headings.shape[1]
     total = 0.0
     for near in costs:
-        lack = ca.fmax(1.0 + _row_values(ca, near.rows, points, headings, link_length) / near.distance, 0.0)
+        lack = ca.fmax(1.0 + _row_values(near.rows, points, headings, link_length) / near.distance, 0.0)
         total = total + near.share(frames - 1) * ca.sumsqr(lack)
     return total
 
 
-def _end_values(ca: Any, program: PlanarProgram, sweep: PlanarSweep, v: Any, points: tuple[Any, Any]) -> Any:
+def _end_values(program: PlanarProgram, sweep: PlanarSweep, v: Any, points: tuple[Any, Any]) -> Any:
     """What has to vanish at the last keyframe."""
     if program.end_fixed:
         return v[:, -1] - ca.DM(sweep.unknowns[-1])
@@ -176,7 +174,7 @@ def _bend_bounds(sweep: PlanarSweep, limit_share: float) -> tuple[FloatArray, Fl
     return np.minimum(-limits - bends, 0.0).ravel(), np.maximum(limits - bends, 0.0).ravel()
 
 
-def _objective(ca: Any, objective: Objective, v: Any) -> Any:
+def _objective(objective: Objective, v: Any) -> Any:
     """The value of the objective, as ``Objective.value``."""
     total = 0.0
     for metric, differences in (
