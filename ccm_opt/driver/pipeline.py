@@ -18,12 +18,10 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.legs import Planner, Retimer
+from ccm_opt.driver.legs import Planner, Retimer, plan_legs
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
 from ccm_opt.driver.verified_plan import VerifiedPlan
-from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
@@ -429,38 +427,34 @@ def solve(
     numbers = settings or DEFAULT_SETTINGS
     with on_one_thread(), words_in(problem.length_unit):
         stages = Stages(progress, problem.planner.time_limit)
-        deadline = Deadline.after(problem.planner.time_limit)
-
-        # What no plan could mend is refused before one is sought, and no change that is tried after a failure mends it.
-        with stages("dynamics model"):
-            check_options(problem.arm, problem.simulation, settings=numbers.simulation)
-            terms = compiled_terms(problem.arm, constraints, costs)
-        with stages("necessary checks"):
-            refuse_contradictions(problem, terms, numbers.user_terms)
-        run = PlanningRun(problem, planner, retimer, constraints, costs, terms, stages, numbers)
+        run = PlanningRun.begun(problem, planner, retimer, constraints, costs, stages, numbers)
         try:
             with stages("necessary checks"):
                 refuse_impossible(problem)
-
-            # As much of the costs as there is a plan with; of several tries the best; each with so much room that it
-            # survives the errors of the joints: all of them ask for problems to be planned, timed and verified.
-            roomy = partial(surviving_errors, settings=numbers.tolerance)
-            best = partial(best_of_tries, each=roomy, as_it_stands=partial(as_it_stands, stages=stages))
-            attempts = Attempts(
-                with_lowered_costs(problem, None if planner else terms, best, numbers.curve.cost_shares)
-            )
+            attempts = Attempts(_asking(run))
             for asked, lowered in attempts:
                 with attempts:
-                    attempts.found = run.planned(asked, lowered)
-            plan, cost_share = attempts.result
+                    run.recorded.clear()
+                    taken = run.planner_for(asked, lowered)
+                    legs = plan_legs(asked, taken, run.recorded, retrace=run.terms is None)
+                    attempts.found = run.verified(legs, asked.joint_error)
         except NoPlanFound as failure:
             # What a motion survives is explained already, and further searches would not know of it.
             if failure.diagnosis.stage == STAGE:
                 raise
-            with stages("diagnosis" if explain else "necessary checks"):
-                explanation = run.explained(failure, deadline, changes=explain)
-            raise explanation from failure
+            raise run.explained(failure, changes=explain) from failure
 
         # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.
-        figures = {"cost_share": cost_share} if terms is not None and terms.all_costs else {}
+        plan, cost_share = attempts.result
+        figures = {"cost_share": cost_share} if run.terms is not None and run.terms.all_costs else {}
         return described(problem, plan, stages, numbers, figures)
+
+
+def _asking(run: PlanningRun) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
+    """Ask for a plan with as much of the costs as there is one with.
+
+    Of several tries the best is taken, each with so much room that it survives the errors of the joints.
+    """
+    roomy = partial(surviving_errors, settings=run.settings.tolerance)
+    best = partial(best_of_tries, each=roomy, as_it_stands=partial(as_it_stands, stages=run.stages))
+    return with_lowered_costs(run.problem, None if run.planner else run.terms, best, run.settings.curve.cost_shares)

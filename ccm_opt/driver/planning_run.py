@@ -14,8 +14,9 @@ from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.user_terms import compiled_terms, named_terms
+from ccm_opt.driver.user_terms import compiled_terms, named_terms, refuse_contradictions
 from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
@@ -64,6 +65,7 @@ class PlanningRun:
         terms: both of them, compiled; None when there are none.
         stages: names and times the stages.
         settings: of all stages.
+        deadline: until which plans, and then changes that would help, are sought.
         recorded: the paths that the last plan found, with their problems, for those who ask what change would help.
     """
 
@@ -75,44 +77,59 @@ class PlanningRun:
     terms: UserTerms | None
     stages: Stages
     settings: Settings
+    deadline: Deadline
     recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
 
-    def planned(self, roomy: Problem, lowered: UserTerms | None) -> VerifiedPlan:
-        """Plan a leg to each goal, and time and verify all of them.
+    @classmethod
+    def begun(
+        cls,
+        problem: Problem,
+        planner: Planner | None,
+        retimer: Retimer | None,
+        constraints: Sequence[Constraint],
+        costs: Sequence[Cost],
+        stages: Stages,
+        settings: Settings,
+    ) -> "PlanningRun":
+        """Begin to plan, and refuse what no plan could mend, nor any change that is tried after a failure.
 
-        Args:
-            roomy: the problem as it is to be planned, perhaps with more room than was asked.
-            lowered: the user's terms, with the share of the costs that is tried.
+        Raises:
+            ProblemError: the simulation or the user's terms cannot be used.
+            UnreachableGoal: the user's constraints are proved not to hold at a goal.
+        """
+        deadline = Deadline.after(problem.planner.time_limit)
+        with stages("dynamics model"):
+            check_options(problem.arm, problem.simulation, settings=settings.simulation)
+            terms = compiled_terms(problem.arm, constraints, costs)
+        with stages("necessary checks"):
+            refuse_contradictions(problem, terms, settings.user_terms)
+        return cls(problem, planner, retimer, constraints, costs, terms, stages, settings, deadline)
+
+    def planner_for(self, problem: Problem, terms: UserTerms | None) -> Planner:
+        """The planner given by the caller, or the one that suits a problem and the terms that it is to keep."""
+        return self.planner or default_planner(problem, self.stages, terms, self.settings)
+
+    def verified(self, legs: Sequence[Leg], joint_error: float) -> VerifiedPlan:
+        """Time and verify legs for the problem as it was asked, but for the error of the joints that is survived [rad].
 
         Raises:
             NoPlanFound: with a diagnosis.
             VerificationError: the verifier refuses the plan.
         """
-        self.recorded.clear()
-        asked = replace(self.problem, joint_error=roomy.joint_error)
-        return self._plan(roomy, asked, lowered, self.terms, self.stages)
+        asked = replace(self.problem, joint_error=joint_error)
+        return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
 
-    def _plan(
-        self,
-        planned: Problem,
-        asked: Problem,
-        known: UserTerms | None,
-        kept: UserTerms | None,
-        stages: Stages,
-    ) -> VerifiedPlan:
-        """A plan of one problem, verified for another, with some terms in mind and others that it has to keep."""
-        planner = self.planner or default_planner(planned, stages, known, self.settings)
-        legs = plan_legs(planned, planner, self.recorded, retrace=kept is None)
-        return timed_and_verified(asked, legs, stages, self.retimer, kept, self.settings)
-
-    def explained(self, failure: NoPlanFound, deadline: Deadline, *, changes: bool) -> NoPlanFound:
+    def explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         """Return a failure of the same kind, with its causes and the changes that would help.
 
         Args:
             failure: why there is no plan; told at once.
-            deadline: until which changes are tried.
             changes: whether they are tried at all; without them nothing is told that is not proved.
         """
+        with self.stages("diagnosis" if changes else "necessary checks"):
+            return self._explained(failure, changes=changes)
+
+    def _explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         begun = time.process_time()
         self.stages.tell_known(failure.diagnosis)
         if not changes:
@@ -125,7 +142,7 @@ class PlanningRun:
             failure = with_constraint_first(failure, self.problem, self.terms, self.settings)
         trials = Trials(
             self._solve_changed,
-            deadline.within(settings.longest_search),
+            self.deadline.within(settings.longest_search),
             named_terms(str(failure), self.constraints, self.costs),
             self._solve_changed,
             self._held_again,
@@ -140,8 +157,10 @@ class PlanningRun:
         refuse_impossible(changed)
         kept = [each for each in self.constraints if each.name != dropped]
         terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
-        # Trials report no progress of their own.
-        return self._plan(changed, changed, terms, terms, Stages())
+        stages = Stages()  # trials report no progress of their own
+        planner = self.planner or default_planner(changed, stages, terms, self.settings)
+        legs = plan_legs(changed, planner, self.recorded, retrace=terms is None)
+        return timed_and_verified(changed, legs, stages, self.retimer, terms, self.settings)
 
     def _held_again(self, changed: Problem, plan: object) -> VerifiedPlan:
         """Time and verify the path of one plan for a problem that differs in one number; nothing is searched.
