@@ -19,7 +19,6 @@ from concept_pictures.hairpin import HairpinMoment, HairpinScene, hairpin_png
 from concept_pictures.sag import SagScene, sag_png
 
 import ccm_opt
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
@@ -89,9 +88,9 @@ class Recorder:
         self.guide = guide
         self.states = [(guide.fold_at, guide.target())]
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm on from a pose."""
-        return self.guide.terms(pose, jacobians)
+        return self.guide.terms(pose)
 
     def progress(self, pose: Pose) -> bool:
         """Let the fold travel if the tip keeps up."""

@@ -68,14 +68,14 @@ def test_slopes_are_derivatives(bow: tuple[float, float, float]) -> None:
     """Slopes of the crossings agree with finite differences while the same links cross."""
     lines = lines_of(flat_gate(0.02))
     space, v = bowed(bow)
-    found = lines.crossings(space.positions(v)[None], 1.0)
+    found = lines.crossings(space.pose(v).points[None], 1.0)
     assert found.crossed.all()
     assume(np.all((found.share > 1e-3) & (found.share < 1.0 - 1e-3)))
     slopes = lines.slopes(space, space.headings(v)[None], found)[0]
     step = 1e-6
     for k in range(0, len(v), 5):
         moved = [v + sign * step * np.eye(len(v))[k] for sign in (1.0, -1.0)]
-        aside = [lines.crossings(space.positions(each)[None], 1.0).aside[0] for each in moved]
+        aside = [lines.crossings(space.pose(each).points[None], 1.0).aside[0] for each in moved]
         np.testing.assert_allclose(slopes[:, k], (aside[0] - aside[1]) / (2.0 * step), rtol=1e-4, atol=1e-6)
 
 
@@ -84,13 +84,13 @@ def test_restored_poses_cross_in_the_middle(bow: tuple[float, float, float]) -> 
     """Newton's method ends in the middle of every line, or leaves the pose as it was; there it changes nothing."""
     lines = lines_of(flat_gate(0.02))
     space, v = bowed(bow)
-    near = lines.crossings(space.positions(v)[None], SETTINGS.across * space.nominal_length)
+    near = lines.crossings(space.pose(v).points[None], SETTINGS.across * space.nominal_length)
     restored = lines.restored(space, v[None])[0]
     if np.array_equal(restored, v):
         # It stood there already, or would have had to turn too far.
         assert np.max(np.abs(near.aside)) <= 10.0 * SETTINGS.exact or np.max(np.abs(near.aside)) > 1e-3
         return
-    axis = shapely.LineString(space.positions(restored))
+    axis = shapely.LineString(space.pose(restored).points)
     for (x, y), crossed in zip(lines.middles, near.crossed[0], strict=True):
         across = shapely.get_coordinates(axis.intersection(shapely.LineString([(x, -1.0), (x, 1.0)])))
         assert not crossed or abs(across[0, 1] - y) < 20.0 * SETTINGS.exact
@@ -107,8 +107,8 @@ def test_a_step_takes_a_crossing_towards_the_middle(bow: tuple[float, float, flo
     pose_headings = space.headings(v)
     rows, change = limit.missed(space, pose_headings)
     moved = v + np.linalg.pinv(rows) @ change
-    before = lines.crossings(space.positions(v)[None], 1.0).aside[0]
-    after = lines.crossings(space.positions(moved)[None], 1.0).aside[0]
+    before = lines.crossings(space.pose(v).points[None], 1.0).aside[0]
+    after = lines.crossings(space.pose(moved).points[None], 1.0).aside[0]
     # To first order: what is left is of second order, and of the kink where a line is crossed by another link.
     assert np.max(np.abs(after)) <= 0.5 * np.max(np.abs(before)) + 1e-5
     sweep = PlanarSweep(space, np.array([v, v, v, v]))
@@ -122,7 +122,7 @@ def test_links_in_a_gate_are_told_from_those_beside_it() -> None:
     """Links whose axis is within a radius of the gate's are in it; those before the wall are not."""
     lines = lines_of(flat_gate(0.02))
     space, v = bowed((0.0, 0.0, 0.0))
-    points = space.positions(v)
+    points = space.pose(v).points
     inside = lines.holds_links(points[None], space.arm.radius)[0]
     assert inside.any()
     starts = points[:-1, 0]

@@ -65,7 +65,7 @@ def goal_coordinates(stepper: Stepper, headings: FloatArray) -> FloatArray:
 
 def headings_of(poses: list[Pose]) -> FloatArray:
     """Link headings of poses."""
-    return np.array([pose.headings for pose in poses])
+    return np.array([pose.q for pose in poses])
 
 
 def walled_off() -> Scene:
@@ -163,7 +163,7 @@ def test_interpolation_arrives_near_its_end(seed: int) -> None:
     stepper, start = make_stepper(scene)
     goal = goal_coordinates(stepper, scene.goal)
     poses = follow(stepper, Interpolation(stepper.space, start.v, goal), start, later())
-    assert np.abs(poses[-1].headings - stepper.space.headings(goal)).max() < 0.15
+    assert np.abs(poses[-1].q - stepper.space.headings(goal)).max() < 0.15
 
 
 def test_the_tip_is_led_along_the_track() -> None:
@@ -171,7 +171,7 @@ def test_the_tip_is_led_along_the_track() -> None:
     scene = Scene(make_arm(), open_scene(0).workspace, np.linspace(0.0, 1.5, 24), np.zeros(24))
     stepper, start = make_stepper(scene)
     way = np.vstack((start.points[-1], [[0.5, 0.3], [0.6, -0.3]]))
-    track = TipTrack.along(way, 0.08, float(start.headings[-1]))
+    track = TipTrack.along(way, 0.08, float(start.q[-1]))
     poses = follow(stepper, TipLed(stepper.space, track), start, later())
     tips = np.array([pose.points[-1] for pose in poses])
     line = shapely.LineString(way)
@@ -190,7 +190,7 @@ def test_a_stalled_guide_tells_the_way_there() -> None:
         follow(stepper, guide, start, later(), patience=10)
     poses = caught.value.poses
     assert poses[0] is start
-    assert np.abs(poses[-1].headings - start.headings).max() > 0.2
+    assert np.abs(poses[-1].q - start.q).max() > 0.2
     assert min(sweep_gaps(scene.arm, scene.workspace, headings_of(poses))) > 0.0
 
 
@@ -211,13 +211,13 @@ def test_polish_meets_the_goal_to_a_nanometre(seed: int, links: int, *, free: bo
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     space, v = LinkSpace.through(arm, random_headings(rng, arm, 5.0))
-    points = space.positions(v)
+    points = space.pose(v).points
     last = space.headings(v)[-1]
     heading = None if free else float(last + rng.uniform(-0.05, 0.05)) + 2.0 * np.pi * int(rng.integers(-1, 2))
     inwards = 0.004 * (points[0] - points[-1]) / np.hypot(*(points[0] - points[-1]))
     goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), heading)
     final = polish(space, goal, v)
-    assert np.hypot(*(space.positions(final)[-1] - goal.position)) < 2.0 * GoalSettings().polish_tolerance
+    assert np.hypot(*(space.pose(final).points[-1] - goal.position)) < 2.0 * GoalSettings().polish_tolerance
     turn = space.headings(final)[-1] - (last if heading is None else heading)
     assert (
         heading is None or abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) < 2.0 * GoalSettings().polish_tolerance
@@ -230,7 +230,7 @@ def test_settling_ends_on_the_goal(heading: bool) -> None:
     """From some way off, the tip is drawn onto the goal pose exactly; every pose keeps clear and within limits."""
     scene = clutter(5, 20)
     stepper, pose = make_stepper(scene)
-    turn = float(pose.headings[-1] + 0.2) if heading else None
+    turn = float(pose.q[-1] + 0.2) if heading else None
     inwards = 0.03 * (pose.points[0] - pose.points[-1]) / np.hypot(*pose.points[-1])
     goal = GoalPose(pose.points[-1] + inwards, turn)
     poses = settle(stepper, goal, pose, later())
@@ -263,10 +263,10 @@ def test_the_goal_heading_is_approached_the_short_way(seed: int) -> None:
     goal = GoalPose(rng.normal(size=2), heading)
     turn = goal.turn(pose)
     assert abs(turn) <= np.pi
-    assert np.cos(pose.headings[-1] + turn - heading) == pytest.approx(1.0)
+    assert np.cos(pose.q[-1] + turn - heading) == pytest.approx(1.0)
     assert goal.errors(pose)[0] == pytest.approx(np.linalg.norm(goal.position - pose.points[-1]))
     assert GoalPose(goal.position, None).turn(pose) == 0.0
-    assert stepper.space.arm.links == len(pose.headings)
+    assert stepper.space.arm.links == len(pose.q)
 
 
 @settings(max_examples=40)

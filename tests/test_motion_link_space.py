@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix
-from ccm_opt.planning.pose import nearest_curve, nearest_curves
+from ccm_opt.planning.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix, nearest_curve, nearest_curves
 from ccm_opt.robot.mapping import mean_headings
 
 from .scenes import make_arm, random_headings
@@ -67,7 +66,7 @@ def test_start_is_met_exactly(seed: int, links: int) -> None:
     start = random_headings(rng, arm) + rng.normal(0.0, 0.3, links)
     space, v = LinkSpace.through(arm, start)
     np.testing.assert_allclose(space.headings(v), start, atol=1e-12)
-    np.testing.assert_allclose(space.positions(v), arm.joint_positions(start), atol=1e-12)
+    np.testing.assert_allclose(space.pose(v).points, arm.joint_positions(start), atol=1e-12)
 
 
 @settings(max_examples=25)
@@ -108,7 +107,7 @@ def test_jacobians_are_the_derivatives_of_the_positions(seed: int, links: int, *
         space, v = space.blended_to(random_headings(rng, arm))
     jacobians = space.jacobians(space.headings(v))
     steps = 1e-6 * np.eye(len(v))
-    numeric = np.stack([(space.positions(v + h) - space.positions(v - h)) / 2e-6 for h in steps], axis=-1)
+    numeric = np.stack([(space.pose(v + h).points - space.pose(v - h).points) / 2e-6 for h in steps], axis=-1)
     assert jacobians.shape == (links + 1, 2, len(v))
     np.testing.assert_allclose(jacobians, numeric, atol=1e-8)
 

@@ -6,7 +6,6 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.limits.limit_stack import allowed_shortfall, contact_rows, keeps_clear
 from ccm_opt.planning.pose import Pose, Term, normal_equations
 from ccm_opt.planning.settings import StepSettings
@@ -22,11 +21,11 @@ TOLERANCE = 1e-6
 seeds = st.integers(0, 2**32 - 1)
 
 
-def random_pull(rng: np.random.Generator, stepper: Stepper, pose: Pose, jacobians: FloatArray) -> list[Term]:
+def random_pull(rng: np.random.Generator, stepper: Stepper, pose: Pose) -> list[Term]:
     """Draws the tip and every link somewhere, as a guide might."""
     links = stepper.space.arm.links
     return [
-        Term(jacobians[-1], rng.normal(0.0, 0.1, 2), 10.0),
+        Term(pose.moving[-1], rng.normal(0.0, 0.1, 2), 10.0),
         Term(stepper.space.matrix, rng.normal(0.0, 0.1) + np.cumsum(rng.normal(0.0, 0.02, links)), 1.0),
         *smoothness_terms(stepper.space, pose.v, 1e-4, 1e-4),
     ]
@@ -40,10 +39,7 @@ def pushed_about(scene: Scene, seed: int, steps: int) -> list[Pose]:
     for _ in range(steps // 10):
         pull_seed = int(rng.integers(2**32))
         for _ in range(10):
-            jacobians = stepper.space.jacobians(pose.headings)
-            pose = stepper.step(
-                pose, jacobians, random_pull(np.random.default_rng(pull_seed), stepper, pose, jacobians)
-            )
+            pose = stepper.step(pose, random_pull(np.random.default_rng(pull_seed), stepper, pose))
             poses.append(pose)
     return poses
 
@@ -53,7 +49,7 @@ def test_clearance_keeps_its_promised_share(scene: Scene) -> None:
     """Pushed about among obstacles by random pulls, the arm keeps its share of the margin from all walls and itself."""
     poses = pushed_about(scene, 5, 200)
     points = np.array([pose.points for pose in poses])
-    assert np.abs(np.diff([pose.headings for pose in poses], axis=0)).max() > 0.05
+    assert np.abs(np.diff([pose.q for pose in poses], axis=0)).max() > 0.05
     assert wall_gaps(scene.arm, scene.workspace, points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
     assert self_gap(scene.arm, points) > 0.0
     for pose in poses[::10]:
@@ -76,8 +72,7 @@ def test_a_gap_below_the_share_never_shrinks(seed: int, short: float) -> None:
     stepper, pose = make_stepper(tight)
     before = wall_gaps(tight.arm, tight.workspace, pose.points).min()
     for _ in range(5):
-        jacobians = stepper.space.jacobians(pose.headings)
-        pose = stepper.step(pose, jacobians, random_pull(rng, stepper, pose, jacobians))
+        pose = stepper.step(pose, random_pull(rng, stepper, pose))
         after = wall_gaps(tight.arm, tight.workspace, pose.points).min()
         assert after >= min(before, SETTINGS.keep_share * MARGIN) - 1e-9
         before = after
@@ -96,7 +91,7 @@ def test_a_violated_margin_is_mended() -> None:
     )
     still = [Term(stepper.space.matrix, np.zeros(24), 1e-3)]
     for _ in range(5):
-        pose = stepper.step(pose, stepper.space.jacobians(pose.headings), still)
+        pose = stepper.step(pose, still)
     assert wall_gaps(scene.arm, Workspace(scene.workspace.boundary, (post,)), pose.points).min() > 0.95 * MARGIN
 
 
@@ -108,9 +103,9 @@ def test_joint_limits_are_kept(limit: float) -> None:
     stepper, pose = make_stepper(Scene(arm, scene.workspace, np.zeros(24), np.zeros(24)))
     for _ in range(60):
         coil = [Term(stepper.space.matrix, np.linspace(3.0, 20.0, 24), 1.0)]
-        pose = stepper.step(pose, stepper.space.jacobians(pose.headings), coil)
-        assert (np.abs(arm.bends(pose.headings)) <= SETTINGS.limit_share * arm.bend_limits + TOLERANCE).all()
-    assert np.abs(arm.bends(pose.headings)).max() > 0.9 * np.deg2rad(min(limit, 25.0))
+        pose = stepper.step(pose, coil)
+        assert (np.abs(arm.bends(pose.q)) <= SETTINGS.limit_share * arm.bend_limits + TOLERANCE).all()
+    assert np.abs(arm.bends(pose.q)).max() > 0.9 * np.deg2rad(min(limit, 25.0))
 
 
 def test_a_bend_beyond_its_share_is_not_made_worse() -> None:
@@ -119,10 +114,9 @@ def test_a_bend_beyond_its_share_is_not_made_worse() -> None:
     start = np.cumsum(np.where(np.arange(24) == 12, 0.3, 0.05))
     stepper, pose = make_stepper(Scene(arm, open_scene(0).workspace, start, start))
     for _ in range(10):
-        jacobians = stepper.space.jacobians(pose.headings)
-        after = stepper.step(pose, jacobians, [Term(stepper.space.matrix, np.linspace(0.5, 3.0, 24), 1.0)])
+        after = stepper.step(pose, [Term(stepper.space.matrix, np.linspace(0.5, 3.0, 24), 1.0)])
         assert after is not pose
-        assert abs(arm.bends(after.headings)[12]) <= abs(arm.bends(pose.headings)[12]) + TOLERANCE
+        assert abs(arm.bends(after.q)[12]) <= abs(arm.bends(pose.q)[12]) + TOLERANCE
         pose = after
 
 
@@ -132,9 +126,8 @@ def test_no_link_turns_farther_than_allowed(seed: int, turn: float) -> None:
     """The largest turn of a step holds for every link, whatever pulls."""
     stepper, pose = make_stepper(open_scene(seed % 20))
     rng = np.random.default_rng(seed)
-    jacobians = stepper.space.jacobians(pose.headings)
-    after = stepper.step(pose, jacobians, [Term(stepper.space.matrix, rng.normal(0.0, 2.0, 24), 1.0)], turn)
-    assert np.abs(after.headings - pose.headings).max() <= turn + TOLERANCE
+    after = stepper.step(pose, [Term(stepper.space.matrix, rng.normal(0.0, 2.0, 24), 1.0)], turn)
+    assert np.abs(after.q - pose.q).max() <= turn + TOLERANCE
 
 
 @settings(max_examples=40)
@@ -145,9 +138,8 @@ def test_in_the_open_the_tip_moves_towards_its_target(seed: int) -> None:
     assume(np.hypot(*pose.points[-1]) < 0.9)  # a straight arm has no way outwards
     angle = np.random.default_rng(seed).uniform(-np.pi, np.pi)
     target = pose.points[-1] + 0.03 * np.array([np.cos(angle), np.sin(angle)])
-    jacobians = stepper.space.jacobians(pose.headings)
-    pull = [Term(jacobians[-1], target - pose.points[-1], 1e3), Term(stepper.space.matrix, np.zeros(24), 1e-2)]
-    after = stepper.step(pose, jacobians, pull)
+    pull = [Term(pose.moving[-1], target - pose.points[-1], 1e3), Term(stepper.space.matrix, np.zeros(24), 1e-2)]
+    after = stepper.step(pose, pull)
     assert np.hypot(*(target - after.points[-1])) < 0.5 * np.hypot(*(target - pose.points[-1]))
 
 
@@ -158,9 +150,8 @@ def test_pressed_against_a_wall_the_arm_stays() -> None:
     workspace = Workspace(scene.workspace.boundary, (Obstacle("pocket", PlaneShape(pocket)),))
     stepper, pose = make_stepper(Scene(scene.arm, workspace, np.zeros(24), np.zeros(24)))
     for _ in range(20):
-        jacobians = stepper.space.jacobians(pose.headings)
-        terms = [Term(jacobians[-1], np.array([0.05, 0.0]), 1e3), Term(stepper.space.matrix, np.zeros(24), 1e-3)]
-        pose = stepper.step(pose, jacobians, terms)
+        terms = [Term(pose.moving[-1], np.array([0.05, 0.0]), 1e3), Term(stepper.space.matrix, np.zeros(24), 1e-3)]
+        pose = stepper.step(pose, terms)
     assert pose.points[-1, 0] < 1.02 - scene.arm.radius
     assert wall_gaps(scene.arm, workspace, pose.points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
 
@@ -173,8 +164,8 @@ def test_rows_are_the_derivatives_of_the_gaps(seed: int) -> None:
     stepper, pose = make_stepper(scene)
     h = 1e-6 * np.random.default_rng(seed).normal(size=len(pose.v))
     contacts = stepper.finder.find(pose.points)
-    change = contact_rows(contacts, stepper.space.jacobians(pose.headings)) @ h
-    before, after = (stepper.space.positions(pose.v + s * h) for s in (-1.0, 1.0))
+    change = contact_rows(contacts, pose.moving) @ h
+    before, after = (stepper.space.pose(pose.v + s * h).points for s in (-1.0, 1.0))
     numeric = 0.5 * np.diff(wall_gaps(scene.arm, scene.workspace, np.array([before, after])), axis=0)[0]
     links = [shapely.linestrings(np.stack((p[:-1], p[1:]), axis=1)) for p in (before, after)]
     for k in np.unique(contacts.wall[contacts.second == WALL]):
@@ -208,14 +199,14 @@ def test_normal_equations_solve_the_least_squares(seed: int) -> None:
 def test_smoothness_alone_straightens_the_arm() -> None:
     """With nothing else to do the arm loses its curvature step by step."""
     stepper, pose = make_stepper(open_scene(4))
-    bends = [np.abs(stepper.space.arm.bends(pose.headings)[1:]).max()]
+    bends = [np.abs(stepper.space.arm.bends(pose.q)[1:]).max()]
     for _ in range(60):
         terms = [
             *smoothness_terms(stepper.space, pose.v, 1.0, 1e-2),
             Term(stepper.space.matrix, np.zeros(24), 1e-4),
         ]
-        pose = stepper.step(pose, stepper.space.jacobians(pose.headings), terms)
-        bends.append(np.abs(stepper.space.arm.bends(pose.headings)[1:]).max())
+        pose = stepper.step(pose, terms)
+        bends.append(np.abs(stepper.space.arm.bends(pose.q)[1:]).max())
     assert bends[-1] < 0.1 * bends[0]
 
 

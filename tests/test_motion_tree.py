@@ -90,7 +90,7 @@ def test_a_single_tree_settles_on_the_goal() -> None:
     asked = tree_task(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
     poses = search_by_trees(replace(asked, goal_poses=iter(())))
     assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
-    assert is_certified(scene, np.array([pose.headings for pose in poses]))
+    assert is_certified(scene, np.array([pose.q for pose in poses]))
 
 
 def test_the_seed_decides() -> None:
@@ -100,7 +100,7 @@ def test_the_seed_decides() -> None:
     def grown(seed: int) -> FloatArray:
         both = TreeSearch.from_task(tree_task(replace(task, seed=seed, deadline=CountedDeadline.of(250))))
         both.run()
-        return np.concatenate([pose.headings for tree in both.trees for pose in tree.poses])
+        return np.concatenate([pose.q for tree in both.trees for pose in tree.poses])
 
     np.testing.assert_array_equal(grown(1), grown(1))
     assert not np.array_equal(grown(1), grown(2))
@@ -116,7 +116,7 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
         assert len(tree) > 10
         for node in range(len(tree)):
             parent = [tree.poses[tree.parents[node]]] if tree.parents[node] >= 0 else []
-            way = np.array([pose.headings for pose in parent + tree.edges[node]])
+            way = np.array([pose.q for pose in parent + tree.edges[node]])
             assert len(task.certificate.failures(way)) == 0
             others = np.delete(tree.distances(tree.poses[node]), node)
             assert others.min() > DEFAULT_TREES.dispersion

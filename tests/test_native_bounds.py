@@ -18,13 +18,13 @@ from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.errors import CcmError, ProblemError
+from ccm_opt.planning.curve_map import pose_with
 from ccm_opt.planning.followable_search import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
-from ccm_opt.planning.space_pose import Chains
 from ccm_opt.robot.curve_space import CurveSpace, chain_at
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
@@ -89,7 +89,7 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
     """Bends of any size have places, or none; no interval of what is no number is proved, however deep."""
     arm = snake(LINKS)
     arm.joint_positions_at(q)
-    chain = Chains(arm).at(q, np.outer(other, [1.0, 2.0]))
+    chain = pose_with(arm, other[:2], q, np.outer(other, [1.0, 2.0]))
     space = CurveSpace.of(arm)
     chain_at(space, np.resize(q, space.dimension))
     motion = LinkMotion(arm)
@@ -111,7 +111,7 @@ def test_arrays_of_another_shape_are_refused() -> None:
     refused = (
         lambda: arm.joint_positions_at(np.zeros(2 * LINKS - 1)),
         lambda: arm.link_rotations(np.zeros((3, 2))),
-        lambda: Chains(arm).at(np.zeros(3), np.zeros((3, 1))),
+        lambda: pose_with(arm, np.zeros(1), np.zeros(3), np.zeros((3, 1))),
         lambda: motion.bows(np.zeros((LINKS - 1, 3, 3)), np.zeros(2 * LINKS)),
         lambda: motion.near_pairs(np.zeros((LINKS, 3)), 1.0),
         lambda: motion.nearest_pairs(np.zeros((2, LINKS, 3)), 1.0),

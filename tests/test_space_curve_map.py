@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
-from ccm_opt.planning.space_pose import Chains
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends, straight_at_exit
 from tests.oracles.chains import space_chain_by_numpy
@@ -51,7 +50,7 @@ def test_slopes_and_chains_are_derivatives(seed: int, links: int, carried: bool)
         v[curve.feed_column] = rng.uniform(0.2, 0.7) / curve.scale[curve.feed_column]
     q = curve.configuration(v)
     slopes = curve.slopes(v)
-    chain = Chains(arm).at(q, slopes)
+    chain = curve.pose(v)
     step = 1e-6
     for k in range(len(v)):
         ahead = curve.configuration(v + step * np.eye(len(v))[k])
@@ -60,7 +59,7 @@ def test_slopes_and_chains_are_derivatives(seed: int, links: int, carried: bool)
         moved = (arm.joint_positions_at(ahead) - arm.joint_positions_at(behind)) / (2.0 * step)
         assert chain.moving[:, :, k] == pytest.approx(moved, abs=1e-6)
     other = space_chain_by_numpy(arm, q, slopes)
-    for name in ("points", "rotations", "turning", "moving"):
+    for name in ("q", "slopes", "points", "frames", "turning", "moving"):
         assert getattr(chain, name) == pytest.approx(getattr(other, name), abs=1e-12)
     assert chain.points == pytest.approx(arm.joint_positions_at(q), abs=1e-12)
 

@@ -48,7 +48,7 @@ def guides_back(scene: Scene, length: float = 5.0) -> tuple[Stepper, Pose, list[
 
 def headings_of(poses: list[Pose]) -> FloatArray:
     """Link headings of poses, shape (K, links) [rad]."""
-    return np.array([pose.headings for pose in poses])
+    return np.array([pose.q for pose in poses])
 
 
 @pytest.mark.parametrize(("width", "confined"), [(0.05, True), (0.12, True), (0.6, False)])
@@ -81,7 +81,7 @@ def test_the_base_turns_least_on_the_first_way_back() -> None:
     """Both sides are offered, wound as the arm is wound on them, and the way with the lesser turn comes first."""
     for heading in (2.0, -2.0):
         _, start, guides = guides_back(in_duct(0.05, heading))
-        turns = [guide.fold.old[0] - start.headings[0] for guide in guides]
+        turns = [guide.fold.old[0] - start.q[0] for guide in guides]
         assert [abs(turn) for turn in turns] == sorted(abs(turn) for turn in turns)
         assert turns[0] == pytest.approx(heading)
         assert np.diff(turns) == pytest.approx(-2.0 * np.pi * np.sign(heading))

@@ -38,7 +38,7 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import heading_of
 from ccm_opt.errors import Diagnosis, ProblemError, TimeLimitReached
 from ccm_opt.planning.ends import Ends, resolve_ends
-from ccm_opt.planning.pose import nearest_curve
+from ccm_opt.planning.link_space import nearest_curve
 from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import merge_segments

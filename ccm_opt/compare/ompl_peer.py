@@ -21,8 +21,8 @@ from ccm_opt.planning import space_smooth_path
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, resolve_ends
+from ccm_opt.planning.link_space import nearest_curve
 from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.pose import nearest_curve
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings, SpaceMotionSettings
 from ccm_opt.planning.space_ends import refuse_ends

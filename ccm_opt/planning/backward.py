@@ -37,7 +37,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         return
     for guess in chain(task.guesses, task.further_guesses()):
         goal = pose_at_goal(task, stepper, guess)
-        yield None if goal is None else _exchanged(task, goal.headings, goal.points)
+        yield None if goal is None else _exchanged(task, goal.q, goal.points)
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
@@ -46,7 +46,7 @@ def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTa
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
             if goal is not None:
-                yield _exchanged(task, goal.headings, goal.points)
+                yield _exchanged(task, goal.q, goal.points)
 
 
 def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
@@ -138,7 +138,7 @@ def _within_limits(stepper: Stepper, pose: Pose) -> bool:
     """Whether a pose bends no joint farther than steps do."""
     space = stepper.space
     share = stepper.settings.step.limit_share
-    return bool(np.all(np.abs(space.bends(pose.headings)) <= share * space.bend_limits))
+    return bool(np.all(np.abs(space.bends(pose.q)) <= share * space.bend_limits))
 
 
 def reversed_motion(motion: Motion) -> Motion:

@@ -6,7 +6,6 @@ from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import short_length
 from ccm_opt.planning.pose import Pose, Term
@@ -30,7 +29,7 @@ _POLISH_DISTANCE = 0.1
 class Guide(Protocol):
     """Says where the arm should go next, and when it has arrived."""
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm on from a pose."""
         ...
 
@@ -74,9 +73,8 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
     waiting = 0
     while not guide.finished(pose):
         before = pose
-        jacobians = stepper.space.jacobians(pose.headings)
         smooth = smoothness_terms(stepper.space, pose.v, settings.bending, settings.jerk)
-        pose = stepper.step(pose, jacobians, guide.terms(pose, jacobians) + smooth)
+        pose = stepper.step(pose, guide.terms(pose) + smooth)
         poses.append(pose)
         moved = guide.progress(pose)
         waiting = 0 if moved else waiting + 1
@@ -90,7 +88,7 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
     """The way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay."""
     kept = [poses[0]]
     for pose in poses[1:]:
-        if np.max(np.abs(pose.headings - kept[-1].headings)) >= least:
+        if np.max(np.abs(pose.q - kept[-1].q)) >= least:
             kept.append(pose)
     # The end replaces the last pose kept, which is nearly the same; the start is never replaced.
     if kept[-1] is not poses[-1]:
@@ -113,16 +111,15 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         if final is not None:
             return [*poses, final]
         before = pose
-        jacobians = space.jacobians(pose.headings)
         # The weight grows from step to step: standing still and smoothness would otherwise hold the arm a little short
         # of the goal.
-        onto_goal = goal.terms(space, pose, jacobians, 1.0 + _SETTLE_GROWTH * k)
+        onto_goal = goal.terms(space, pose, 1.0 + _SETTLE_GROWTH * k)
         smooth = smoothness_terms(space, pose.v, settings.bending, settings.jerk)
-        pose = stepper.step(pose, jacobians, [*onto_goal, still, *smooth])
+        pose = stepper.step(pose, [*onto_goal, still, *smooth])
         poses.append(pose)
         if deadline.passed():
             break
-        moved = np.max(np.abs(pose.headings - before.headings))
+        moved = np.max(np.abs(pose.q - before.q))
         # Not before some steps: the weight of the goal has to outgrow the rest first.
         if k > _SETTLE_LEAST and moved < _SETTLE_MOVED:
             break
@@ -178,9 +175,9 @@ class GuideIntoSet:
     guide: Guide
     goal: GoalPose
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm on from a pose."""
-        return self.guide.terms(pose, jacobians)
+        return self.guide.terms(pose)
 
     def progress(self, pose: Pose) -> bool:
         """Move the guide's target on if the arm keeps up; whether it did."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
+from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -91,6 +92,19 @@ class CurveMap:
         places = self._places_at(feeds)
         turns = self._turns(v, places, self._shapes(places))
         return np.concatenate((turns.reshape(len(v), -1), feeds), axis=1)
+
+    def pose(self, v: FloatArray) -> Pose:
+        """The pose of unknowns, shape (p,)."""
+        return self.poses(v[None])[0]
+
+    def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
+        """The poses of several unknowns, shape (m, p)."""
+        if self.affine:
+            configurations = self.configurations(unknowns)
+            slopes = np.broadcast_to(self.drive_rows, (len(unknowns), *self.drive_rows.shape))
+        else:
+            configurations, slopes = self.configurations_and_slopes(unknowns)
+        return tuple(pose_with(self.arm, *each) for each in zip(unknowns, configurations, slopes, strict=True))
 
     def slopes(self, v: FloatArray) -> FloatArray:
         """Derivatives of the configuration by the unknowns, shape (c, p)."""
@@ -350,6 +364,28 @@ class CurveMap:
         elif self.arm.clamped_joints:
             shapes[flat < (self.arm.clamped_joints - 0.5) * self.arm.link_length] = 0.0
         return shapes.reshape(*places.shape, self.knots)
+
+
+def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pose:
+    """The pose of an arm in space, whatever map made its configuration.
+
+    Args:
+        arm: the arm.
+        v: unknowns, shape (p,).
+        q: the configuration, shape (c,) [rad, m].
+        slopes: derivatives of it by the unknowns, shape (c, p).
+    """
+    n = arm.links
+    p = slopes.shape[1]
+    if q.shape != (len(arm.coordinates),) or slopes.shape != (len(q), p):
+        raise ValueError(f"got shapes {q.shape} and {slopes.shape}; expected {len(arm.coordinates)} coordinates")
+    pose = Pose(v, q, slopes, np.empty((n + 1, 3)), np.empty((n + 1, 3, p)), np.empty((n, 3, p)), np.empty((n, 3, 3)))
+    NativeCall(
+        "chain",
+        links=n, unknowns=p, fed=len(arm.base_axes), length=arm.link_length, start=arm.base, base=arm.base_rotation,
+        q=q, slopes=slopes, points=pose.points, rotations=pose.frames, turning=pose.turning, moving=pose.moving,
+    )()  # fmt: skip
+    return pose
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:

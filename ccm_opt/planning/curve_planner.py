@@ -26,13 +26,12 @@ from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.planning.goal_members import EndPoses
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.link_space import LinkSpace, nearest_curves
 from ccm_opt.planning.motion_task import CachedItems, Motion, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.search_run import pose_headings
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings

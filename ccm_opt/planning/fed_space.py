@@ -11,8 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
-from ccm_opt.planning.pose import nearest_curve
+from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace, nearest_curve
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 

@@ -14,8 +14,7 @@ from ccm_opt.ik.pose_settings import TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion, PoseTask
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.joint_regions import joint_regions
-from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import nearest_curve
+from ccm_opt.planning.link_space import LinkSpace, nearest_curve
 from ccm_opt.planning.pose_draws import PoseDraws, PoseDrawSettings, landmarks, same_class
 from ccm_opt.planning.pose_energy import EnergyWeights, PoseEnergy
 from ccm_opt.planning.step import GoalPose

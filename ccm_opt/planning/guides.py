@@ -174,13 +174,13 @@ class TipLed:
         """The nominal link [m]."""
         return self.space.nominal_length
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """Draw the tip to the target, links on the track into its heading, and move the rest as little as may be."""
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.matrix
-        tip = jacobians[-1] / self.nominal_length
-        joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
+        tip = pose.moving[-1] / self.nominal_length
+        joints = pose.moving[1:].reshape(2 * links, -1) / self.nominal_length
 
         error = self.track.point(self.arc) - pose.points[-1]
         error = shortened(error, _LONGEST_ERROR * self.nominal_length)
@@ -201,7 +201,7 @@ class TipLed:
         joints_at = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
         places = self.track.points_at(joints_at)
         wanted = vector_headings(np.diff(places, axis=0))
-        turn = wrap(wanted - pose.headings)
+        turn = wrap(wanted - pose.q)
 
         # A link far from its place on the track would be turned for nothing, and pull the tip off its way.
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
@@ -261,20 +261,19 @@ class Interpolation:
     def _target_coordinates(self) -> FloatArray:
         return self.start + self.u * (self.end - self.start)
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """Pull every link to its target heading, and the surplus coordinates with them."""
-        del jacobians
         change = self._target_coordinates() - pose.v
         change = np.clip(change, -_COORDINATE_STEP, _COORDINATE_STEP)
         return [
-            Term(self.space.matrix, self.target() - pose.headings, self.space.nominal_per_link),
+            Term(self.space.matrix, self.target() - pose.q, self.space.nominal_per_link),
             # Arms of few links have fewer headings than coordinates: the rest would drift and bend the curve between.
             Term(np.eye(len(change)), change, _COORDINATE_WEIGHT),
         ]
 
     def lag(self, pose: Pose) -> float:
         """Largest turn between a link and its target [rad]."""
-        return float(np.max(np.abs(self.target() - pose.headings)))
+        return float(np.max(np.abs(self.target() - pose.q)))
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if all links keep up."""

@@ -122,13 +122,13 @@ class Hairpin:
         reference: FloatArray = (1.0 - blend) * on_old_shape + blend * on_track
         return reference
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.matrix
-        tip = jacobians[-1] / self.nominal_length
-        joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
+        tip = pose.moving[-1] / self.nominal_length
+        joints = pose.moving[1:].reshape(2 * links, -1) / self.nominal_length
 
         error = self.target() - pose.points[-1]
         error = shortened(error, _LONGEST_ERROR * self.nominal_length)
@@ -136,7 +136,7 @@ class Hairpin:
         return [
             # The tip goes to its target and every link into its reference heading,
             Term(tip, error / self.nominal_length, 1.0),
-            Term(turns, self.reference() - pose.headings, _HEADING_WEIGHT * per_link),
+            Term(turns, self.reference() - pose.q, _HEADING_WEIGHT * per_link),
             # all with little turning, and joints ahead of the fold stay where they are.
             Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
             Term(joints, np.zeros(2 * links), still),
@@ -326,11 +326,11 @@ def fold_about_to_travel(
     # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
     # fold's length has them further apart.
     strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
-    last_heading = float(start.headings[-1])
+    last_heading = float(start.q[-1])
     window = heading_window(stepper)
     track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
     settings = stepper.settings.guides.hairpin
-    return Hairpin(stepper.space, track, retraced, start.headings, fold_length, arm.length, settings)
+    return Hairpin(stepper.space, track, retraced, start.q, fold_length, arm.length, settings)
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
@@ -352,7 +352,7 @@ def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
 
 def led_along(stepper: Stepper, pose: Pose, taut: FloatArray) -> TipLed:
     """The tip of a pose drawn along a taut path that begins there, shape (k, 2) [m]."""
-    track = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
+    track = TipTrack.along(taut, heading_window(stepper), float(pose.q[-1]))
     return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)
 
 

@@ -12,9 +12,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment import piece_coefficients
+from ccm_opt.robot.segment import CurvatureSegment, piece_coefficients
 
 SEGMENTS = 5
 KNOTS = 4 * SEGMENTS + 1
@@ -95,9 +96,19 @@ class LinkSpace:
         """Link headings of coordinates, shape (..., p) to (..., links) [rad]."""
         return v @ self.matrix.T + self.offset
 
-    def positions(self, v: FloatArray) -> FloatArray:
-        """Joint and tip positions, shape (links + 1, 2) [m]."""
-        return self.arm.points(self.headings(v))
+    def pose(self, v: FloatArray) -> Pose:
+        """The pose at coordinates, shape (p,)."""
+        headings = self.headings(v)
+        cos = np.cos(headings[: self.arm.links])
+        sin = np.sin(headings[: self.arm.links])
+        frames = np.stack((cos, -sin, sin, cos), axis=-1).reshape(-1, 2, 2)
+        points = self.arm.points(headings)
+        return Pose(v, headings, self.matrix, points, self.jacobians(headings), self._turning, frames)
+
+    @cached_property
+    def _turning(self) -> FloatArray:
+        """Derivatives of the links' headings, about the one axis of the plane, shape (links, 1, p)."""
+        return self.matrix[: self.arm.links, None]
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
         """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
@@ -361,3 +372,23 @@ def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> Flo
     t = s - piece * width
     inside = np.einsum("sqp,q,sq->sp", coefficients[piece], powers, t[:, None] ** np.arange(1, 5))
     return np.column_stack((np.ones(len(s)), before[piece] + inside))
+
+
+def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
+    """The continuous curve whose mean headings on the links come nearest to given ones, shape (links,) [rad]."""
+    space, v = LinkSpace.through(arm, headings)
+    return space.curve(v)
+
+
+def nearest_curves(arm: Arm, headings: FloatArray) -> tuple[Configuration, ...]:
+    """The same, but for rounding, for many poses at once, shape (k, links) [rad]; in a fortieth of the time."""
+    coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), headings.T, arm.length).T
+    length = arm.length / SEGMENTS
+    begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ turns_before_segments().T
+    curvatures = [coordinates[:, 1 + 4 * k : 6 + 4 * k] for k in range(SEGMENTS)]
+    return tuple(
+        Configuration(
+            arm.base, tuple(CurvatureSegment(length, float(begin[i, k]), curvatures[k][i]) for k in range(SEGMENTS))
+        )
+        for i in range(len(coordinates))
+    )

@@ -74,7 +74,7 @@ class SlidingOut:
         """How far the arm is drawn back in all [m]."""
         return float(self._arcs[-1]) - self.mouth
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """The strand in the gates back along itself, and curvature small and even."""
         unit = self.space.nominal_length
         links = self.space.arm.links
@@ -94,7 +94,7 @@ class SlidingOut:
             wanted = wanted + self.side * _BOW * behind
         return [
             Term(
-                jacobians[joints].reshape(2 * len(joints), -1) / unit,
+                pose.moving[joints].reshape(2 * len(joints), -1) / unit,
                 errors.ravel() / unit,
                 _STRAND_WEIGHT * per_link,
             ),
@@ -201,5 +201,5 @@ def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]
     taut = path.free_space.taut_path(np.vstack((pose.points[-1], rest)), shrink=path.shrink)
-    track = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
+    track = TipTrack.along(taut, heading_window(stepper), float(pose.q[-1]))
     return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)

@@ -6,30 +6,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.link_space import SEGMENTS, LinkSpace, fit_coordinates, mean_heading_matrix, turns_before_segments
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment import CurvatureSegment
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pose:
-    """Coordinates with everything derived from them that a step needs.
+    """Unknowns of the curve with everything derived from them that a step needs.
+
+    An arm of n links in d dimensions has c coordinates, the curve p unknowns; links turn about t axes, one in the plane
+    and three in space.
 
     Attributes:
-        v: coordinates, shape (p,).
-        headings: of the links [rad], and then what carries the base [link lengths], shape (links,) or (c,).
-        points: joint and tip positions, shape (links + 1, 2) [m].
+        v: unknowns, shape (p,).
+        q: the configuration, shape (c,): headings of the links [rad] in the plane, their joints' turns [rad] in space,
+            and then what carries the base [link lengths, in space m].
+        slopes: derivatives of it by the unknowns, shape (c, p).
+        points: joint and tip positions, shape (n + 1, d) [m].
+        moving: derivatives of the points, shape (n + 1, d, p) [m].
+        turning: angular velocities of the links for a unit of each unknown, shape (n, t, p) [rad].
+        frames: rotations of the links, shape (n, d, d); the first column is the direction of the link.
     """
 
     v: FloatArray
-    headings: FloatArray
+    q: FloatArray
+    slopes: FloatArray
     points: FloatArray
+    moving: FloatArray
+    turning: FloatArray
+    frames: FloatArray
+
+    @property
+    def tip(self) -> FloatArray:
+        """Position of the tip, shape (d,) [m]."""
+        return np.asarray(self.points[-1])
+
+    @property
+    def tip_direction(self) -> FloatArray:
+        """Direction of the last link, shape (d,)."""
+        return np.asarray(self.frames[-1, :, 0])
+
+    @property
+    def directions(self) -> FloatArray:
+        """Unit vectors along the links, shape (n, d)."""
+        return np.asarray(self.frames[:, :, 0])
 
     @property
     def tip_heading(self) -> float:
-        """Heading of the last link [rad]."""
-        return float(self.headings[len(self.points) - 2])
+        """Heading of the last link in the plane, whole turns counted [rad]."""
+        return float(self.q[len(self.frames) - 1])
 
 
 @dataclass(frozen=True)
@@ -61,29 +84,3 @@ def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[
     # ½ Σ w |R δ − t|² has the Hessian Rᵀ W R and at δ = 0 the gradient −Rᵀ W t.
     weighted = rows * weight[:, None]
     return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target
-
-
-def pose_in(space: LinkSpace, v: FloatArray) -> Pose:
-    """The pose at coordinates of a link space, shape (p,)."""
-    headings = space.headings(v)
-    return Pose(v, headings, space.arm.points(headings))
-
-
-def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
-    """The continuous curve whose mean headings on the links come nearest to given ones, shape (links,) [rad]."""
-    space, v = LinkSpace.through(arm, headings)
-    return space.curve(v)
-
-
-def nearest_curves(arm: Arm, headings: FloatArray) -> tuple[Configuration, ...]:
-    """The same, but for rounding, for many poses at once, shape (k, links) [rad]; in a fortieth of the time."""
-    coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), headings.T, arm.length).T
-    length = arm.length / SEGMENTS
-    begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ turns_before_segments().T
-    curvatures = [coordinates[:, 1 + 4 * k : 6 + 4 * k] for k in range(SEGMENTS)]
-    return tuple(
-        Configuration(
-            arm.base, tuple(CurvatureSegment(length, float(begin[i, k]), curvatures[k][i]) for k in range(SEGMENTS))
-        )
-        for i in range(len(coordinates))
-    )

@@ -92,7 +92,7 @@ class PoseTree:
         if count == len(self._points):
             self._double_capacity(pose)
         self._points[count] = pose.points
-        self._headings[count] = pose.headings
+        self._headings[count] = pose.q
         self.poses.append(pose)
         self.parents.append(parent)
         self.edges.append(edge)
@@ -106,7 +106,7 @@ class PoseTree:
         """
         count = len(self)
         apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.length
-        turn = np.sqrt(np.mean((self._headings[:count] - pose.headings) ** 2, axis=1))
+        turn = np.sqrt(np.mean((self._headings[:count] - pose.q) ** 2, axis=1))
         distances: FloatArray = apart + self.heading_weight * turn
         return distances
 
@@ -138,7 +138,7 @@ class PoseTree:
         count = len(self)
         capacity = max(64, 2 * count)
         points = np.zeros((capacity, *like.points.shape))
-        headings = np.zeros((capacity, *like.headings.shape))
+        headings = np.zeros((capacity, *like.q.shape))
         if count:
             points[:count] = self._points[:count]
             headings[:count] = self._headings[:count]
@@ -199,7 +199,7 @@ class ExtensionSampler:
         knots = self.rng.normal(0.0, _SHAPE_CURVATURE / arm.links, _SHAPE_KNOTS)
         bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
         # The base turns anywhere, but winds no more than half a turn more than some node.
-        bends[0] = tree.poses[self._any(tree)].headings[0] + self.rng.uniform(-np.pi, np.pi)
+        bends[0] = tree.poses[self._any(tree)].q[0] + self.rng.uniform(-np.pi, np.pi)
         shape = self._pose(np.cumsum(bends))
         return self._towards(tree, tree.nearest(shape), shape)
 
@@ -210,7 +210,7 @@ class ExtensionSampler:
         at = self.rng.uniform(0.0, 1.0)
         turn = self.rng.normal(0.0, _BUMP_TURN)
         bump = turn * np.exp(-(((self._middles() - at) / width) ** 2))
-        return self._towards(tree, node, self._pose(tree.poses[node].headings + bump))
+        return self._towards(tree, node, self._pose(tree.poses[node].q + bump))
 
     def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
         """The whole arm towards a random pose of the other tree, from the nearest node."""
@@ -260,7 +260,7 @@ class ExtensionSampler:
             points = path_of_tip()
         except UnreachableGoal:
             return self.to_shape(tree)
-        track = TipTrack.along(points, guides.heading_window * space.nominal_length, float(pose.headings[-1]))
+        track = TipTrack.along(points, guides.heading_window * space.nominal_length, float(pose.q[-1]))
         return Extension(node, TipLed(space, track, settings=guides.tip_led))
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:

@@ -71,14 +71,14 @@ class Withdrawal:
         """The same with its fold where that is now, to be followed on its own."""
         return replace(self, fold=replace(self.fold))
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm on from a pose."""
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
         turns = space.matrix
         unit = space.nominal_length
-        joints = jacobians[1:].reshape(2 * links, -1) / unit
+        joints = pose.moving[1:].reshape(2 * links, -1) / unit
 
         error = self._errors(pose)
         distance = np.linalg.norm(error, axis=1)
@@ -87,7 +87,7 @@ class Withdrawal:
         drawn = _STRAND_WEIGHT * np.repeat(per_link * self._on_strand(), 2)
         return [
             Term(joints, error.ravel() / unit, drawn),
-            Term(turns, self.fold.reference() - pose.headings, _HEADING_WEIGHT * per_link),
+            Term(turns, self.fold.reference() - pose.q, _HEADING_WEIGHT * per_link),
             Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
             Term(joints, np.zeros(2 * links), _MOTION_WEIGHT * per_link),
         ]
@@ -201,7 +201,7 @@ def withdrawals(
         if guide is not None:
             side = "left" if way.side > 0 else "right"
             found.append((f"drawn back by a fold of {length:.2g}, {side} of the goal pose", guide))
-    return sorted(found, key=lambda named: abs(named[1].fold.old[0] - start.headings[0]))
+    return sorted(found, key=lambda named: abs(named[1].fold.old[0] - start.q[0]))
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
@@ -268,11 +268,11 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
     fold = fold_about_to_travel(stepper, end, way, joint, route, length)
     fold.run_through()
     # Headings count full turns, paths do not: the way in has to end as the arm is wound now.
-    turns = whole_turns(float(np.median(start.headings - fold.reference())))
-    wound = end.headings + turns
+    turns = whole_turns(float(np.median(start.q - fold.reference())))
+    wound = end.q + turns
     if abs(arm.bends(wound)[0]) > arm.base_limit:
         return None
-    fold = fold_about_to_travel(stepper, Pose(end.v, wound, end.points), way, joint, route, length)
+    fold = fold_about_to_travel(stepper, replace(end, q=wound), way, joint, route, length)
     fold.run_through()
     settings = stepper.settings.guides.withdrawal
     return Withdrawal(fold, turns, _free_from(stepper, start, fold.track), settings)
@@ -293,7 +293,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)
     window = stepper.settings.guides.heading_window * stepper.space.nominal_length
     return TipLed(
-        stepper.space, TipTrack.along(taut, window, float(pose.headings[-1])), settings=stepper.settings.guides.tip_led
+        stepper.space, TipTrack.along(taut, window, float(pose.q[-1])), settings=stepper.settings.guides.tip_led
     )
 
 

@@ -14,7 +14,7 @@ from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.draws import GoalDraws, HeadingTree, TargetDraws
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.motion_task import Motion, MotionTask
-from ccm_opt.planning.pose import Pose, pose_in
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.shortcuts import Shortcuts, dense
@@ -237,13 +237,13 @@ class Connecting:
     def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
         """Trees with nothing but the start."""
         task = self.task
-        ends = [self.start.headings]
+        ends = [self.start.q]
         if self.goal.coordinates is not None:
             ends.append(self.space.headings(self.goal.coordinates))
         share = task.settings.step.limit_share
         draws = TargetDraws.within(self.space, ends, KNOTS + 1, share, self.settings)
         trees = (HeadingTree.empty(task.arm.links), HeadingTree.empty(task.arm.links))
-        trees[0].add(self.start.headings[None], np.array([-1]))
+        trees[0].add(self.start.q[None], np.array([-1]))
         goals = self._goals(draws, check, rng)
         unproved = task.certificate.failures
         return ConnectSearch(check, draws, unproved, goals, task.deadline.passed, rng, self.settings, trees)
@@ -257,7 +257,7 @@ class Connecting:
         yield next(drawn)
         # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
         for pose in self.known_goals():
-            yield pose.headings[None]
+            yield pose.q[None]
             yield next(drawn)
         yield from drawn
 
@@ -284,6 +284,6 @@ class Connecting:
     def _on_goal(self, v: FloatArray) -> bool:
         if self.goal.coordinates is not None:
             return True
-        final = pose_in(self.space, v)
-        within = np.all(np.abs(self.task.arm.bends(final.headings)) <= self.task.arm.bend_limits)
+        final = self.space.pose(v)
+        within = np.all(np.abs(self.task.arm.bends(final.q)) <= self.task.arm.bend_limits)
         return bool(within) and self.goal.on_goal(final) and self.goal.limits_met(final)

@@ -17,7 +17,7 @@ from ccm_opt.planning.link_space import LinkSpace, mean_heading_matrix
 from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
-from ccm_opt.planning.pose import Term, pose_in
+from ccm_opt.planning.pose import Term
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.step import Stepper, polish
@@ -50,7 +50,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     if task.goal_headings is None:
         goal = task.limited_goal
         coordinates[-1] = polish(space, goal, coordinates[-1])
-        if not goal.on_goal(pose_in(space, coordinates[-1])):
+        if not goal.on_goal(space.pose(coordinates[-1])):
             return None
 
     certificate = task.certificate
@@ -148,7 +148,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
             Term(space.matrix, np.zeros(space.arm.links), space.nominal_per_link),
             Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), _COORDINATE_WEIGHT),
         ]
-        mended[k] = stepper.step(pose, space.jacobians(pose.headings), stay).v
+        mended[k] = stepper.step(pose, stay).v
     return mended
 
 

@@ -433,15 +433,15 @@ class SearchRun:
             remaining=self._remaining(pose),
             limit=self.goal.describe_limits(pose),
             tightest=finder.tightest(contacts),
-            pose=pose.headings,
-            bends=self.task.arm.bends(pose.headings[: self.task.arm.links]),
+            pose=pose.q,
+            bends=self.task.arm.bends(pose.q[: self.task.arm.links]),
         )
 
     def _remaining(self, pose: Pose) -> float:
         """How far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
         if self.goal.coordinates is None:
             return self.goal.errors(pose)[0]
-        apart = self.stepper.space.positions(self.goal.coordinates) - pose.points
+        apart = self.stepper.space.pose(self.goal.coordinates).points - pose.points
         return float(np.linalg.norm(apart, axis=1).max())
 
 
@@ -460,7 +460,7 @@ def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
 
 def pose_headings(poses: list[Pose]) -> FloatArray:
     """Link headings of a motion, shape (K, links) [rad]."""
-    return np.array([pose.headings for pose in poses])
+    return np.array([pose.q for pose in poses])
 
 
 def _nearest_coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:

@@ -10,8 +10,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceConnectSettings
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper, moved_metric
 from ccm_opt.planning.space_sweep import edge_is_safe, in_pieces
 
@@ -53,8 +53,8 @@ class Connect:
     """
 
     stepper: SpaceStepper
-    start: SpacePose
-    goals: list[SpacePose]
+    start: Pose
+    goals: list[Pose]
     rng: np.random.Generator
     settings: SpaceConnectSettings
     _root: FloatArray = field(init=False)
@@ -63,7 +63,7 @@ class Connect:
         metric = moved_metric(self.start, self.stepper.unit)
         self._root = np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
-    def path(self, deadline: Deadline) -> list[SpacePose] | None:
+    def path(self, deadline: Deadline) -> list[Pose] | None:
         """Poses from the start to one of the goals; None where the draws or the time end first."""
         first = _Tree([self.start.v], [-1])
         second = _Tree([goal.v for goal in self.goals], [-1] * len(self.goals))

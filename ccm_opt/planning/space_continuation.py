@@ -8,8 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.pose import Term
-from ccm_opt.planning.space_pose import SpacePose
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 
 _PATIENCE = 60
@@ -35,35 +34,35 @@ class SpaceTipPose:
     tolerance: float = 0.0
     direction_tolerance: float = 0.0
 
-    def errors(self, pose: SpacePose) -> tuple[float, float]:
+    def errors(self, pose: Pose) -> tuple[float, float]:
         """Distance of the tip [m] and turn of its direction [rad]."""
         distance = float(np.linalg.norm(pose.tip - self.position))
         if self.direction is None:
             return distance, 0.0
-        along, left, up = (float(part) for part in self.direction @ pose.chain.rotations[-1])
+        along, left, up = (float(part) for part in self.direction @ pose.frames[-1])
         return distance, math.atan2(math.hypot(left, up), along)
 
-    def met(self, pose: SpacePose) -> bool:
+    def met(self, pose: Pose) -> bool:
         """Whether a pose is as near as counts."""
         distance, turn = self.errors(pose)
         return distance < self.tolerance and (self.direction is None or turn < self.direction_tolerance)
 
-    def rows(self, pose: SpacePose, unit: float) -> tuple[FloatArray, FloatArray]:
+    def rows(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
         """Rows of what is missed and by how much, places in units of length: shapes (3 or 5, p) and (3 or 5,)."""
-        slopes = [pose.chain.moving[-1] / unit]
+        slopes = [pose.moving[-1] / unit]
         missing = [(self.position - pose.tip) / unit]
         if self.direction is not None:
-            frame = pose.chain.rotations[-1]
+            frame = pose.frames[-1]
             # The turn that brings the link's axis t onto d, about t × d by the angle between them, in parts about the
             # link's other axes; its part about t is free.
             along, left, up = (float(part) for part in self.direction @ frame)
             sine = math.hypot(left, up)
             axis = np.array([1.0, 0.0]) if sine < 1e-12 else np.array([-up, left]) / sine
-            slopes.append(frame[:, 1:].T @ pose.chain.turning[-1])
+            slopes.append(frame[:, 1:].T @ pose.turning[-1])
             missing.append(math.atan2(sine, along) * axis)
         return np.concatenate(slopes), np.concatenate(missing)
 
-    def term(self, pose: SpacePose, unit: float, weight: float) -> Term:
+    def term(self, pose: Pose, unit: float, weight: float) -> Term:
         """What draws a pose onto the goal, at most by a nominal link and half a radian at a time."""
         rows, missing = self.rows(pose, unit)
         missing = missing.copy()
@@ -73,7 +72,7 @@ class SpaceTipPose:
         return Term(rows, missing, weight)
 
 
-def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> SpacePose | None:
+def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose) -> Pose | None:
     """The pose moved onto the goal by Newton's method, or None where that fails or cannot be certified."""
     settings = stepper.settings.guide
     unit = stepper.unit
@@ -86,12 +85,12 @@ def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> Spac
     return now if stepper.certificate.safe(pose.q, now.q, stepper.settings.certificate.depth) else None
 
 
-def keeps_terms_at_goal(stepper: SpaceStepper, pose: SpacePose) -> bool:
+def keeps_terms_at_goal(stepper: SpaceStepper, pose: Pose) -> bool:
     """Whether a pose at the goal keeps the user's constraints there."""
     return stepper.user is None or stepper.user.placed_at_goal().miss(pose.q) <= 0.0
 
 
-def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, weight: float) -> list[Term]:
+def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose, weight: float) -> list[Term]:
     """What draws a pose onto the goal, and into what the user asks for there."""
     drawn = goal.term(pose, stepper.unit, weight)
     if stepper.user is None:
@@ -99,9 +98,7 @@ def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, we
     return [drawn, stepper.user.placed_at_goal().drawn_onto(pose.q, pose.slopes, stepper.settings.step.turn)]
 
 
-def onto_goal(
-    stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, largest_turn: float = np.inf
-) -> SpacePose | None:
+def onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose, largest_turn: float = np.inf) -> Pose | None:
     """The pose moved exactly onto a goal by Newton's method, whatever is in the way; None where that fails.
 
     Args:
@@ -121,7 +118,7 @@ def onto_goal(
             return pose
         change = least_change(pose, rows, missing, stepper.unit)
         if np.isfinite(largest_turn):
-            size = float(np.max(np.linalg.norm(pose.chain.turning @ change, axis=1)))
+            size = float(np.max(np.linalg.norm(pose.turning @ change, axis=1)))
             change = change * min(1.0, largest_turn / max(size, 1e-12))
         pose = stepper.pose(pose.v + change)
     return None
@@ -130,19 +127,19 @@ def onto_goal(
 class SpaceGuide(Protocol):
     """Says where the arm should go next, and when it has arrived."""
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm on from a pose."""
         ...
 
-    def progress(self, pose: SpacePose) -> bool:
+    def progress(self, pose: Pose) -> bool:
         """Move the guide's target on if the arm keeps up; whether it did."""
         ...
 
-    def finished(self, pose: SpacePose) -> bool:
+    def finished(self, pose: Pose) -> bool:
         """Whether the guide has led the arm as far as it can."""
         ...
 
-    def describe(self, pose: SpacePose) -> str:
+    def describe(self, pose: Pose) -> str:
         """How far the guide has come, in words."""
         ...
 
@@ -150,12 +147,12 @@ class SpaceGuide(Protocol):
 class SpaceStalled(Exception):  # noqa: N818 - an outcome, not a defect
     """A guide made no progress; the message says how far it came, ``poses`` are the way there."""
 
-    def __init__(self, message: str, poses: list[SpacePose]) -> None:
+    def __init__(self, message: str, poses: list[Pose]) -> None:
         super().__init__(message)
         self.poses = poses
 
 
-def follow(stepper: SpaceStepper, guide: SpaceGuide, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+def follow(stepper: SpaceStepper, guide: SpaceGuide, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from the given one to where the guide ends.
 
     Raises:
@@ -176,7 +173,7 @@ def follow(stepper: SpaceStepper, guide: SpaceGuide, pose: SpacePose, deadline: 
     return poses
 
 
-def settle(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+def settle(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from near the goal onto it.
 
     Raises:
@@ -193,7 +190,7 @@ def settle(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, deadline:
         pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + settings.settle_growth * k))
         if pose is not before:
             poses.append(pose)
-        moved = float(np.max(np.linalg.norm(pose.chain.points - before.chain.points, axis=1)))
+        moved = float(np.max(np.linalg.norm(pose.points - before.points, axis=1)))
         if deadline.passed() or (k > 10 and moved < 1e-4 * stepper.unit):
             break
     if goal.met(pose) and keeps_terms_at_goal(stepper, pose):

@@ -17,6 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.ik.space_pose_solver import SpaceArmPose
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_continuation import (
     SpaceStalled,
     SpaceTipPose,
@@ -26,7 +27,6 @@ from ccm_opt.planning.space_continuation import (
     terms_to_goal,
 )
 from ccm_opt.planning.space_guides import PoseLed
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
@@ -43,7 +43,7 @@ _OPENING_WEIGHT = 10.0
 """Of the goal in them, beside the pull of walls that are too near."""
 
 
-def opened(task: SpaceTask, motion: SpaceMotion) -> list[SpacePose]:
+def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
     """Poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
 
     Args:
@@ -65,7 +65,7 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[SpacePose]:
         if pose is before or task.deadline.passed():
             break
         poses.append(pose)
-        moved = np.linalg.norm(pose.chain.points - before.chain.points, axis=1)
+        moved = np.linalg.norm(pose.points - before.points, axis=1)
         if float(np.max(moved)) < settings.opened * task.unit:
             break
     last = onto_goal(stepper, task.goal, pose)
@@ -150,7 +150,7 @@ def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: SpaceTipPose, moti
     return Ending(_settled(task, last.q), whole, pose_record(wanted, best, len(answers)))
 
 
-def _bent_to(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: SpacePose) -> SpaceMotion | None:
+def _bent_to(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
     """The motion with more and more of the difference to another end added along it, where that is certified."""
     if motion.u is not None or task.via:
         return None  # it is tied to where along the motion, or where the tip, is: nothing can be added to it
@@ -167,7 +167,7 @@ def _bent_to(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: S
     return None
 
 
-def _led_on(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: SpacePose) -> SpaceMotion | None:
+def _led_on(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
     """The motion with a way from its end to another added, or None without one."""
     poses = _on_the_way(task, stepper, motion.unknowns[-1], end)
     if not edge_is_safe(stepper, poses[-1].v, end.v):
@@ -189,7 +189,7 @@ def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
     return replace(task, goal=None, goal_pose=end)
 
 
-def _continued(motion: SpaceMotion, poses: list[SpacePose], candidate: str) -> SpaceMotion:
+def _continued(motion: SpaceMotion, poses: list[Pose], candidate: str) -> SpaceMotion:
     """The motion with further keyframes at its end, under a name."""
     return SpaceMotion(
         motion.curve,
@@ -223,7 +223,7 @@ def pose_record(wanted_gap: float, pose: SpaceArmPose, tried: int, reason: str =
     )
 
 
-def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: SpacePose) -> list[SpacePose]:
+def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: Pose) -> list[Pose]:
     """Poses from the end of a motion towards a better one, as far as there is a way; the first is where it ends."""
     first = stepper.pose(start)
     if edge_is_safe(stepper, start, end.v):

@@ -11,6 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceConnectSettings
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import (
@@ -22,7 +23,6 @@ from ccm_opt.planning.space_continuation import (
     terms_to_goal,
 )
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -37,7 +37,7 @@ _STEPS = 40
 """Of each towards the goal."""
 
 
-def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[SpacePose]:
+def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[Pose]:
     """Poses at the goal that touch nothing and keep the joint limits; drawn until the deadline, or the draws, end.
 
     Args:
@@ -76,7 +76,7 @@ def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArra
     return v
 
 
-def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> SpacePose | None:
+def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose) -> Pose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     for k in range(_STEPS):
         pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), certified=False)
@@ -87,7 +87,7 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePos
     return onto if onto is not None and _free(stepper, onto) else None
 
 
-def _free(stepper: SpaceStepper, pose: SpacePose) -> bool:
+def _free(stepper: SpaceStepper, pose: Pose) -> bool:
     """Whether a pose touches nothing and keeps the limits."""
     if not stepper.within_limits(pose.q) or not keeps_terms_at_goal(stepper, pose):
         return False
@@ -96,12 +96,12 @@ def _free(stepper: SpaceStepper, pose: SpacePose) -> bool:
 
 def swung(
     stepper: SpaceStepper,
-    start: SpacePose,
-    goals: list[SpacePose],
+    start: Pose,
+    goals: list[Pose],
     rng: np.random.Generator,
     settings: SpaceConnectSettings,
     deadline: Deadline,
-) -> list[SpacePose] | None:
+) -> list[Pose] | None:
     """Poses from the start to one of the goals by way of straighter ones; None where no tree between these meets.
 
     Args:
@@ -123,7 +123,7 @@ def swung(
     return [*unbent, *between[1:], *bent[-2::-1]]
 
 
-def unbent_from(stepper: SpaceStepper, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+def unbent_from(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
     guide = PoseLed(pose.v, stepper.curve.unbent(pose.v), stepper.settings.guide.pose_step, stepper.settings.guide)
     try:
@@ -132,7 +132,7 @@ def unbent_from(stepper: SpaceStepper, pose: SpacePose, deadline: Deadline) -> l
         return stalled.poses
 
 
-def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[SpacePose]:
+def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
     """Poses from the given one back, as far as is certified.
 
     The curve lies still while the arm is drawn along it. What of a pose no curve shows may get in the way of that; then
@@ -161,11 +161,11 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
     return poses
 
 
-def _led_back(stepper: SpaceStepper, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from the given one back as far as the steps lead."""
     arm = stepper.curve.arm
     left = float(pose.q[-1]) - arm.base_range[0]
-    shape = SpaceTipTrack.along(pose.chain.points, np.zeros((0, 3)))
+    shape = SpaceTipTrack.along(pose.points, np.zeros((0, 3)))
     guide = SpaceTrackLed(shape, arm.length - left, stepper.unit, stepper.settings.guide)
     try:
         return follow(stepper, guide, pose, deadline)

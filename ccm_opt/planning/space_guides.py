@@ -6,9 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.pose import Term
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import SpaceGuideSettings
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _LEASH = 1.5
@@ -126,12 +125,12 @@ class SpaceTipLed:
         """Arc length of the target [m]."""
         return self._arc
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the tip to the target, and the links onto the track behind it."""
         unit = self._unit
-        tip = pose.chain.moving[-1] / unit
+        tip = pose.moving[-1] / unit
         terms = [Term(tip, (self._track.at(self._arc) - pose.tip) / unit, 1.0)]
-        points = pose.chain.points
+        points = pose.points
         links = len(points) - 1
         length = float(np.linalg.norm(points[1] - points[0]))
         places = self._track.at(np.asarray(self._arc - length * np.arange(links, -1, -1), dtype=np.float64))
@@ -139,14 +138,14 @@ class SpaceTipLed:
         chords /= np.maximum(np.linalg.norm(chords, axis=1), 1e-12)[:, None]
         away = np.linalg.norm(points[:-1] - places[:-1], axis=1) / unit
         weights = self._follow * np.exp(-(away**2)) * NOMINAL_LINKS / links
-        directions = pose.chain.directions
-        turning = pose.chain.turning
+        directions = pose.directions
+        turning = pose.turning
         rows = np.cross(turning, directions[:, :, None], axisa=1, axisb=1, axisc=1)
         target = (chords - directions).ravel()
         terms.append(Term(rows.reshape(3 * links, -1), target, np.repeat(weights, 3)))
         return terms
 
-    def progress(self, pose: SpacePose) -> bool:
+    def progress(self, pose: Pose) -> bool:
         """Move the target on if the tip keeps up; whether it did."""
         behind = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
         moved = False
@@ -156,13 +155,13 @@ class SpaceTipLed:
             moved = True
         return moved
 
-    def finished(self, pose: SpacePose) -> bool:
+    def finished(self, pose: Pose) -> bool:
         """Whether the target is at the end of the track, and the tip near it."""
         if self._arc < self._track.end:
             return False
         return float(np.linalg.norm(self._track.at(self._arc) - pose.tip)) < _LEASH * self._unit
 
-    def describe(self, pose: SpacePose) -> str:
+    def describe(self, pose: Pose) -> str:
         """How far the tip has come, in words."""
         way = self._track.end - self._track.start
         done = 1.0 if way <= 0.0 else (self._arc - self._track.start) / way
@@ -196,10 +195,10 @@ class SpaceTrackLed:
         self._weight = settings.onto_track if weight is None else weight
         self._arc = track.start
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the tip to its target, and all joints onto the track."""
         unit = self._unit
-        points = pose.chain.points
+        points = pose.points
         links = len(points) - 1
         # The same number for every pose, for which the track keeps a table.
         link = self._track.start / links
@@ -207,11 +206,11 @@ class SpaceTrackLed:
         along = self._track.at(arcs + 0.5 * link) - self._track.at(arcs - 0.5 * link)
         along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
         beside: FloatArray = np.eye(3) - along[:, :, None] * along[:, None, :]
-        rows = np.einsum("kij,kjp->kip", beside, pose.chain.moving) / unit
+        rows = np.einsum("kij,kjp->kip", beside, pose.moving) / unit
         missing = np.einsum("kij,kj->ki", beside, self._track.at(arcs) - points) / unit
         weight = self._weight * NOMINAL_LINKS / links
         return [
-            Term(pose.chain.moving[-1] / unit, (self._target - pose.tip) / unit, 1.0),
+            Term(pose.moving[-1] / unit, (self._target - pose.tip) / unit, 1.0),
             Term(rows.reshape(3 * (links + 1), -1), missing.ravel(), weight),
         ]
 
@@ -220,13 +219,13 @@ class SpaceTrackLed:
         """Where the tip should be, shape (3,) [m]."""
         return self._track.at(self._arc)
 
-    def _tip_arc(self, pose: SpacePose) -> float:
+    def _tip_arc(self, pose: Pose) -> float:
         """Arc length of the place on the track, near the target, that is nearest to the tip [m]."""
         arcs: FloatArray = self._arc + self._unit * np.linspace(-2.0, 2.0, 41)
         away = np.linalg.norm(self._track.at(arcs) - pose.tip, axis=1)
         return float(arcs[int(np.argmin(away))])
 
-    def progress(self, pose: SpacePose) -> bool:
+    def progress(self, pose: Pose) -> bool:
         """Move the target on if the tip keeps up; whether it did."""
         moved = False
         leash = _TRACK_LEASH * self._unit
@@ -237,18 +236,18 @@ class SpaceTrackLed:
             moved = True
         return moved
 
-    def finished(self, pose: SpacePose) -> bool:
+    def finished(self, pose: Pose) -> bool:
         """Whether the target is at the end, and the tip near it."""
         return self._arc == self._end and self._behind(pose) < _TRACK_LEASH * self._unit
 
-    def describe(self, pose: SpacePose) -> str:
+    def describe(self, pose: Pose) -> str:
         """How far the tip has come, in words."""
         way = self._end - self._track.start
         done = 1.0 if way == 0.0 else (self._arc - self._track.start) / way
         left = 1e3 * self._behind(pose)
         return f"the tip stopped {left:.1f} mm from its target, after {100.0 * done:.0f} % of its way"
 
-    def _behind(self, pose: SpacePose) -> float:
+    def _behind(self, pose: Pose) -> float:
         return float(np.linalg.norm(self._target - pose.tip))
 
 
@@ -275,16 +274,16 @@ class PoseLed:
     def _target(self) -> FloatArray:
         return self._start + self._share * (self._end - self._start)
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws every link to where the target has it."""
         p = len(pose.v)
-        links = len(pose.chain.directions)
+        links = len(pose.directions)
         missing = self._target - pose.v
-        turning = pose.chain.turning.reshape(-1, p)
+        turning = pose.turning.reshape(-1, p)
         near = Term(np.eye(p), missing, 1e-2)
         return [Term(turning, turning @ missing, NOMINAL_LINKS / links), near]
 
-    def progress(self, pose: SpacePose) -> bool:
+    def progress(self, pose: Pose) -> bool:
         """Move the target on if the arm keeps up; at its end, whether the arm still comes nearer."""
         moved = False
         while self._share < 1.0 and float(np.linalg.norm(self._target - pose.v)) < self._leash:
@@ -295,11 +294,11 @@ class PoseLed:
         self._best = min(self._best, left)
         return moved or (self._share >= 1.0 and nearer)
 
-    def finished(self, pose: SpacePose) -> bool:
+    def finished(self, pose: Pose) -> bool:
         """Whether the arm is as near to the pose as makes no difference."""
         return self._share >= 1.0 and float(np.linalg.norm(self._end - pose.v)) < 1e-2 * self._leash
 
-    def describe(self, pose: SpacePose) -> str:
+    def describe(self, pose: Pose) -> str:
         """How far the arm has come, in words."""
         done = 1.0 - float(np.linalg.norm(self._end - pose.v)) / max(
             float(np.linalg.norm(self._end - self._start)), 1e-12

@@ -12,7 +12,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_continuation import onto_goal
-from ccm_opt.planning.space_pose import Chains
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
@@ -62,7 +61,7 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     straight = np.concatenate((np.zeros(2 * coarse.links), task.start[2 * arm.links :]))
     through = CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0]
     of_coarse = replace(task, arm=coarse, start=straight).stepper(through, 0.0)
-    points = _Along.coarse_joints(arm.links).of(Chains(arm).places(task.start)[0])
+    points = _Along.coarse_joints(arm.links).of(arm.joint_positions_at(task.start))
     same_curve = start * curve.scale / of_coarse.curve.scale
     kept = _COARSE_ROOM * task.unit
     begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve)
@@ -126,14 +125,14 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
         found: the coarse motion.
         start: unknowns of the arm at its start, shape (p,).
     """
-    chains = Chains(found.curve.arm)
     along = _Along.coarse_joints(stepper.curve.arm.links)
     scale = found.curve.scale / stepper.curve.scale
     shared = len(scale)
     fitted = [start]
     changes = np.diff(found.unknowns, axis=0)[:, :shared] * scale
-    for q, change in zip(found.curve.configurations(found.unknowns)[1:], changes, strict=True):
-        places, _ = chains.places(q)
+    configurations = found.curve.configurations(found.unknowns)[1:]
+    joints = found.curve.arm.joint_positions_at(configurations)
+    for q, places, change in zip(configurations, joints, changes, strict=True):
         # What the coarse arm changed is a good beginning where nothing is blended in to its bends. Where many joints
         # are bent, the curve that shows their bends best is a better one.
         laid = _nearest(stepper, along, places, fitted[-1] + change)
@@ -199,15 +198,15 @@ def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatA
         v: unknowns to begin at, shape (p,).
     """
     pose = stepper.pose(v)
-    missing = ((wanted - along.of(pose.chain.points)) / stepper.unit).ravel()
+    missing = ((wanted - along.of(pose.points)) / stepper.unit).ravel()
     ridge = _RIDGE
     for _ in range(_FITS):
-        rows = along.of(pose.chain.moving).reshape(len(missing), -1) / stepper.unit
+        rows = along.of(pose.moving).reshape(len(missing), -1) / stepper.unit
         if stepper.curve.arm.base_axes:
             rows[:, stepper.curve.feed_column] = 0.0
         step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ missing)
         trial = stepper.pose(pose.v + step)
-        left = ((wanted - along.of(trial.chain.points)) / stepper.unit).ravel()
+        left = ((wanted - along.of(trial.points)) / stepper.unit).ravel()
         gained = float(missing @ missing - left @ left)
         if not gained > 0.0:
             ridge = _RIDGE_RISE * max(ridge, _RAISED_RIDGE)

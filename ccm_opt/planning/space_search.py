@@ -13,12 +13,12 @@ from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.planning.passed_places import passings
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceGuide, SpaceStalled, SpaceTipPose, follow, settle
 from ccm_opt.planning.space_goal_poses import goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
@@ -103,7 +103,7 @@ class _Search:
     failures: list[Failure] = field(default_factory=list)
     _tried: int = 0
     _other_ways: SpaceTipWays | None = None
-    _goal_poses: list[SpacePose] = field(default_factory=list)  # those to which no straight way leads
+    _goal_poses: list[Pose] = field(default_factory=list)  # those to which no straight way leads
     _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
 
     def tactics(self) -> list[Callable[[], SpaceMotion | None]]:
@@ -155,7 +155,7 @@ class _Search:
         configurations = np.vstack(([pose.q for pose in poses[:-1]], found.configurations))
         return SpaceMotion(curve, unknowns, configurations, f"back, then {found.candidate}")
 
-    def _ways(self, curve: CurveMap, start: FloatArray, end: SpacePose | None) -> SpaceTipWays:
+    def _ways(self, curve: CurveMap, start: FloatArray, end: Pose | None) -> SpaceTipWays:
         """Makes ways of the tip from some unknowns."""
         task = self.task
         stepper = task.stepper(curve)
@@ -169,7 +169,7 @@ class _Search:
         ways: Iterator[TipWay],
         curve: CurveMap,
         start: FloatArray,
-        end: SpacePose | None,
+        end: Pose | None,
         *,
         slides: bool = True,
     ) -> SpaceMotion | None:
@@ -215,12 +215,12 @@ class _Search:
         ended = partial(self._ended, poses, self._goal(end), end)
         return self._attempt("on the track of the tip", stepper, unknowns[0], lambda led, _: ended(led))
 
-    def _fitted_slide(self, configurations: FloatArray) -> tuple[CurveMap, SpacePose | None, FloatArray] | None:
+    def _fitted_slide(self, configurations: FloatArray) -> tuple[CurveMap, Pose | None, FloatArray] | None:
         """The curve that shows configurations, the pose at the goal where one is asked, and unknowns, all certified."""
         task = self.task
 
         @cache
-        def fit(knots: int) -> tuple[CurveMap, SpacePose | None, FloatArray]:
+        def fit(knots: int) -> tuple[CurveMap, Pose | None, FloatArray]:
             curve, start, end = self._spaces(knots)
             return curve, end, fitted_slide(curve, start, configurations)
 
@@ -232,7 +232,7 @@ class _Search:
                     return curve, end, unknowns
         return None
 
-    def _goal(self, end: SpacePose | None) -> SpaceTipPose:
+    def _goal(self, end: Pose | None) -> SpaceTipPose:
         """Where the tip has to be: the goal, or where it is in the pose that is asked."""
         if self.task.goal is not None:
             return self.task.goal
@@ -240,16 +240,14 @@ class _Search:
             raise ValueError("a task has a goal for the tip or a pose of the whole arm")
         return SpaceTipPose(end.tip, end.tip_direction)
 
-    def _along(
-        self, way: TipWay, goal: SpaceTipPose, end: SpacePose | None
-    ) -> Callable[[SpaceStepper, SpacePose], list[SpacePose]]:
+    def _along(self, way: TipWay, goal: SpaceTipPose, end: Pose | None) -> Callable[[SpaceStepper, Pose], list[Pose]]:
         """Follows a way of the tip, then settles on the goal, or moves on to a pose of the whole arm."""
         task = self.task
 
-        def lead(stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
+        def lead(stepper: SpaceStepper, pose: Pose) -> list[Pose]:
             poses = [pose]
             for corners, place in self._legs(way):
-                track = SpaceTipTrack.along(poses[-1].chain.points, corners)
+                track = SpaceTipTrack.along(poses[-1].points, corners)
                 guide: SpaceGuide = SpaceTipLed(track, task.unit, _FOLLOW, task.settings.guide)
                 if way.followed:
                     guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide, way.followed)
@@ -260,9 +258,7 @@ class _Search:
 
         return lead
 
-    def _ended(
-        self, poses: list[SpacePose], goal: SpaceTipPose, end: SpacePose | None, stepper: SpaceStepper
-    ) -> list[SpacePose]:
+    def _ended(self, poses: list[Pose], goal: SpaceTipPose, end: Pose | None, stepper: SpaceStepper) -> list[Pose]:
         """Poses that have come near the goal, and others onto it, or on to a pose of the whole arm."""
         if end is None:
             return [*poses, *settle(stepper, goal, poses[-1], self.task.deadline)[1:]]
@@ -313,7 +309,7 @@ class _Search:
         poses = swung(stepper, first, goals, self._draws(), task.settings.swing, task.deadline)
         return None if poses is None else SpaceMotion.of(curve, poses, "unbent and swung")
 
-    def _moved_to(self, end: SpacePose, stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
+    def _moved_to(self, end: Pose, stepper: SpaceStepper, pose: Pose) -> list[Pose]:
         """Poses from one to another.
 
         Raises:
@@ -378,7 +374,7 @@ class _Search:
         return SpaceMotion(curve, unknowns, configurations, "from place to place")
 
     # ------------------------------------------------------------ what all share
-    def _spaces(self, knots: int = KNOTS) -> tuple[CurveMap, FloatArray, SpacePose | None]:
+    def _spaces(self, knots: int = KNOTS) -> tuple[CurveMap, FloatArray, Pose | None]:
         """The curve's map, the unknowns of the start, and the pose at the goal where a whole pose is asked."""
         if self.stage is not None:
             return self.stage.curve, self.stage.start, None
@@ -395,7 +391,7 @@ class _Search:
         name: str,
         stepper: SpaceStepper,
         start: FloatArray,
-        lead: Callable[[SpaceStepper, SpacePose], list[SpacePose]],
+        lead: Callable[[SpaceStepper, Pose], list[Pose]],
     ) -> SpaceMotion | None:
         """What comes of one tactic; its failure is kept."""
         first = stepper.pose(start)
@@ -409,12 +405,12 @@ class _Search:
             return None
 
     def _failed(
-        self, candidate: str, message: str, stepper: SpaceStepper, pose: SpacePose, target: FloatArray | None
+        self, candidate: str, message: str, stepper: SpaceStepper, pose: Pose, target: FloatArray | None
     ) -> None:
         """Keep why a candidate failed that ended in a pose; ``target`` is where the tip should be, or None."""
         task = self.task
-        first, _ = task.arm.mount_end
-        near = task.tree.nearest(pose.segments_beyond(task.arm.mount_end), stepper.kept + 0.5 * task.arm.length)
+        first, segments = task.arm.exposed_links(pose.points)
+        near = task.tree.nearest(segments, stepper.kept + 0.5 * task.arm.length)
         k = int(np.argmin(near.gap))
         owner = int(near.owner[k])
         name = f"'{task.names[owner]}'" if 0 <= owner < len(task.names) else "a wall"
@@ -425,7 +421,7 @@ class _Search:
         bends = task.arm.bend_pairs(pose.q)
         self.failures.append(Failure(candidate, message, remaining, tightest, pose.q, bends, limit))
 
-    def _announce(self, name: str, pose: SpacePose) -> None:
+    def _announce(self, name: str, pose: Pose) -> None:
         self._tried += 1
         goal = self.task.goal
         left = 0.0 if goal is None else float(np.linalg.norm(pose.tip - goal.position))

@@ -10,10 +10,9 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.limits.limit import UNBOUNDED, LimitRows, best_change
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.pose import Term
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
-from ccm_opt.planning.space_pose import Chains, SpacePose
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -73,37 +72,15 @@ class SpaceStepper:
         return self.curve.arm.radius + self.certificate.gap
 
     @cached_property
-    def chains(self) -> Chains:
-        """Places and rotations of the links."""
-        return Chains(self.curve.arm)
-
-    @cached_property
     def _per_link(self) -> float:
         """Nominal links to a link: weights of sums over links do not depend on how many there are."""
         return NOMINAL_LINKS / self.curve.arm.links
 
-    def pose(self, v: FloatArray) -> SpacePose:
+    def pose(self, v: FloatArray) -> Pose:
         """The pose of unknowns."""
-        return self.poses(v[None])[0]
+        return self.curve.pose(v)
 
-    def poses(self, unknowns: FloatArray) -> tuple[SpacePose, ...]:
-        """The poses of several unknowns, shape (m, p)."""
-        fixed = self._fixed_slopes
-        if fixed is None:
-            configurations, all_slopes = self.curve.configurations_and_slopes(unknowns)
-        else:
-            configurations = self.curve.configurations(unknowns)
-            all_slopes = np.broadcast_to(fixed, (len(unknowns), *fixed.shape))
-        rows = zip(unknowns, configurations, all_slopes, strict=True)
-        return tuple(SpacePose(v, q, slopes, self.chains.at(q, slopes)) for v, q, slopes in rows)
-
-    @cached_property
-    def _fixed_slopes(self) -> FloatArray | None:
-        """Slopes of an arm whose base is fixed: the same everywhere."""
-        curve = self.curve
-        return None if curve.arm.base_axes else curve.slopes(np.zeros(curve.dimension))
-
-    def step(self, pose: SpacePose, terms: Sequence[Term], *, certified: bool = True) -> SpacePose:
+    def step(self, pose: Pose, terms: Sequence[Term], *, certified: bool = True) -> Pose:
         """The best step for some terms that keeps all limits, as far as it is certified; the same pose if none is.
 
         Args:
@@ -115,19 +92,19 @@ class SpaceStepper:
         clear = self._clearance_rows(pose)
         parts = [clear, self._limit_rows(pose)]
         if self.user is not None:
-            parts.append(self.user.step_rows(self.user.values(pose.q), pose.slopes, pose.chain.turning, settings.turn))
+            parts.append(self.user.step_rows(self.user.values(pose.q), pose.slopes, pose.turning, settings.turn))
         delta = best_change([*terms, *self._still_terms(pose)], parts, _RIDGE)
         if delta is None:
             return pose
         delta = self._scaled(pose, delta, near_walls=len(clear.lower) > 0)
         return self._taken(pose, delta) if certified else self.pose(pose.v + delta)
 
-    def _scaled(self, pose: SpacePose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
+    def _scaled(self, pose: Pose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
         """The step no longer than its linearisation is good for."""
         settings = self.settings.step
         travel = _TRAVEL_NEAR_WALLS if near_walls else _TRAVEL
-        turns = np.linalg.norm(pose.chain.turning @ delta, axis=1)
-        moves = np.linalg.norm(pose.chain.moving @ delta, axis=1)
+        turns = np.linalg.norm(pose.turning @ delta, axis=1)
+        moves = np.linalg.norm(pose.moving @ delta, axis=1)
         excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (travel * self.unit))
         arm = self.curve.arm
         if arm.base_axes:
@@ -137,7 +114,7 @@ class SpaceStepper:
             excess = max(excess, abs(fed) / most)
         return delta / max(excess, 1.0)
 
-    def _taken(self, pose: SpacePose, delta: FloatArray) -> SpacePose:
+    def _taken(self, pose: Pose, delta: FloatArray) -> Pose:
         """The pose after as much of a step as is certified."""
         settings = self.settings
         for k in range(_BACKTRACKS + 1):
@@ -148,7 +125,7 @@ class SpaceStepper:
                 return trial
         return pose
 
-    def onto_equations(self, pose: SpacePose) -> SpacePose:
+    def onto_equations(self, pose: Pose) -> Pose:
         """The pose moved onto the user's equations by Newton's method of least change; as it is where that fails."""
         user = self.user
         if user is None or not user.rows.equal.any():
@@ -172,13 +149,14 @@ class SpaceStepper:
         return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
 
     # ------------------------------------------------------------ what every step keeps
-    def _clearance_rows(self, pose: SpacePose) -> LimitRows:
+    def _clearance_rows(self, pose: Pose) -> LimitRows:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         settings = self.settings.step
         reach = self.kept + self.margin + _REACH * self.unit
-        mounted, begins = self.curve.arm.mount_end
-        planes = self.tree.planes(pose.segments_beyond((mounted, begins)), reach, settings.planes)
-        moving = pose.chain.moving
+        mounted, segments = self.curve.arm.exposed_links(pose.points)
+        begins = self.curve.arm.mount_end[1]
+        planes = self.tree.planes(segments, reach, settings.planes)
+        moving = pose.moving
         link = planes.link + mounted
         share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)[:, None, None]
         at_plane = (1.0 - share) * moving[link] + share * moving[link + 1]
@@ -187,7 +165,7 @@ class SpaceStepper:
         arm = self.curve.arm
         if arm.self_collision:
             near = self.certificate.motion.near_pairs(
-                pose.chain.points, 2.0 * arm.radius + self.margin + _PAIR_REACH * self.unit
+                pose.points, 2.0 * arm.radius + self.margin + _PAIR_REACH * self.unit
             )
             first = near.first_at[:, None, None]
             second = near.second_at[:, None, None]
@@ -202,7 +180,7 @@ class SpaceStepper:
         unbounded = np.full(len(spare), UNBOUNDED)
         return LimitRows(matrix, -settings.share * np.maximum(spare, 0.0), unbounded, pulls=(pull,))
 
-    def _limit_rows(self, pose: SpacePose) -> LimitRows:
+    def _limit_rows(self, pose: Pose) -> LimitRows:
         """Rows of the coordinates, and what they may lose and gain."""
         arm = self.curve.arm
         # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
@@ -211,12 +189,12 @@ class SpaceStepper:
         high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
         return LimitRows(pose.slopes, low, high)
 
-    def _still_terms(self, pose: SpacePose) -> list[Term]:
+    def _still_terms(self, pose: Pose) -> list[Term]:
         """What keeps the arm still, and its bends small and even, where nothing else asks for more."""
         settings = self.settings.step
         p = len(pose.v)
-        turning = pose.chain.turning.reshape(-1, p)
-        moving = pose.chain.moving.reshape(-1, p)
+        turning = pose.turning.reshape(-1, p)
+        moving = pose.moving.reshape(-1, p)
         curvature = self._curvature_rows
         across = self._curvature_differences
         scale = self._per_link
@@ -238,7 +216,7 @@ class SpaceStepper:
         return self.unit * self.curve.curvature_differences
 
 
-def least_change(pose: SpacePose, rows: FloatArray, change: FloatArray, unit: float) -> FloatArray:
+def least_change(pose: Pose, rows: FloatArray, change: FloatArray, unit: float) -> FloatArray:
     """The change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
 
     Args:
@@ -252,10 +230,10 @@ def least_change(pose: SpacePose, rows: FloatArray, change: FloatArray, unit: fl
     return np.asarray(spread @ np.linalg.lstsq(rows @ spread, change, rcond=1e-12)[0])
 
 
-def moved_metric(pose: SpacePose, unit: float) -> FloatArray:
+def moved_metric(pose: Pose, unit: float) -> FloatArray:
     """How much the unknowns move and turn the links, squared, shape (p, p)."""
     p = len(pose.v)
-    turning = pose.chain.turning.reshape(-1, p)
-    moving = pose.chain.moving.reshape(-1, p) / unit
+    turning = pose.turning.reshape(-1, p)
+    moving = pose.moving.reshape(-1, p) / unit
     metric = turning.T @ turning + 0.01 * moving.T @ moving
     return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))

@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
-from ccm_opt.planning.space_pose import SpacePose
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_step import SpaceStepper
 
 
@@ -36,9 +36,9 @@ class SpaceSweep:
         return len(self.unknowns) - 1
 
     @cached_property
-    def poses(self) -> tuple[SpacePose, ...]:
+    def poses(self) -> tuple[Pose, ...]:
         """At the keyframes."""
-        return self.stepper.poses(self.unknowns)
+        return self.curve.poses(self.unknowns)
 
     @cached_property
     def configurations(self) -> FloatArray:
@@ -53,7 +53,7 @@ class SpaceSweep:
     @cached_property
     def joints(self) -> FloatArray:
         """Joints and tip at the keyframes, shape (K + 1, links + 1, 3) [m]."""
-        return np.stack([pose.chain.points for pose in self.poses])
+        return np.stack([pose.points for pose in self.poses])
 
     @cached_property
     def points(self) -> FloatArray:
@@ -63,14 +63,12 @@ class SpaceSweep:
     @cached_property
     def moving(self) -> FloatArray:
         """Derivatives of the points by the unknowns, shape (K + 1, links + 2, 3, p) [m]."""
-        return np.pad(np.stack([pose.chain.moving for pose in self.poses]), ((0, 0), (0, 1), (0, 0), (0, 0)))
+        return np.pad(np.stack([pose.moving for pose in self.poses]), ((0, 0), (0, 1), (0, 0), (0, 0)))
 
     @cached_property
     def turn_metrics(self) -> FloatArray:
         """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
-        turning = np.stack([pose.chain.turning for pose in self.poses]).reshape(
-            len(self.poses), -1, self.moving.shape[3]
-        )
+        turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.moving.shape[3])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
 
     def deviation(self, rows: IntervalRows) -> float:
@@ -102,7 +100,7 @@ class SpaceSweep:
         if share == 1.0:
             return self.joints[1:]
         between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
-        return np.stack([self.stepper.chains.places(q)[0] for q in self.curve.configurations(between)])
+        return self.curve.arm.joint_positions_at(self.curve.configurations(between))
 
 
 def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:

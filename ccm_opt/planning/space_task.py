@@ -12,10 +12,10 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.failures import Sought
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_continuation import SpaceTipPose
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.problem import JointPose, OptimiserName, Problem, TipGoal, Weights
 from ccm_opt.robot.arm import Arm
@@ -154,7 +154,7 @@ class SpaceMotion:
     u: FloatArray | None = None
 
     @classmethod
-    def of(cls, curve: CurveMap, poses: list[SpacePose], candidate: str) -> "SpaceMotion":
+    def of(cls, curve: CurveMap, poses: list[Pose], candidate: str) -> "SpaceMotion":
         """The motion through poses."""
         unknowns = np.stack([pose.v for pose in poses])
         return cls(curve, unknowns, np.stack([pose.q for pose in poses]), candidate)

@@ -15,11 +15,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.pose import Term
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
@@ -155,7 +154,7 @@ class _Tracking:
         """Unknowns of the reference, shape (p,)."""
         return np.array([np.interp(share, self.of_motion, column) for column in self.motion.unknowns.T])
 
-    def _advanced(self, stepper: SpaceStepper, u: float, pose: SpacePose) -> list[SpacePose] | None:
+    def _advanced(self, stepper: SpaceStepper, u: float, pose: Pose) -> list[Pose] | None:
         """Poses towards the reference at u, to one that meets the constraints there; None when there is none."""
         settings = self.settings
         target = self._reference(u / settings.arrival)
@@ -165,7 +164,7 @@ class _Tracking:
         for _ in range(settings.steps):
             before = pose
             missing = target - pose.v
-            turning = pose.chain.turning.reshape(-1, len(missing))
+            turning = pose.turning.reshape(-1, len(missing))
             turn = turning @ missing
             turn *= min(1.0, settings.largest_turn / max(float(np.max(np.abs(turn))), 1e-12))
             near = Term(np.eye(len(missing)), missing, 1e-2)
@@ -178,7 +177,7 @@ class _Tracking:
         # The arm may stay where it is while u goes on.
         return (poses or [pose]) if kept else None
 
-    def _ended(self, stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
+    def _ended(self, stepper: SpaceStepper, pose: Pose) -> list[Pose]:
         """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
         at_end = replace(stepper, user=self.user.placed(1.0))
         task = self.task
@@ -197,18 +196,18 @@ class _Tracking:
             raise self._failed(at_end, stalled.poses[-1], 1.0, f": {stalled}") from None
         raise self._failed(at_end, poses[-1], 1.0)
 
-    def _motion(self, poses: list[SpacePose], u: FloatArray) -> SpaceMotion:
+    def _motion(self, poses: list[Pose], u: FloatArray) -> SpaceMotion:
         motion = SpaceMotion.of(self.motion.curve, poses, self.motion.candidate)
         return replace(motion, u=u)
 
-    def _failed(self, stepper: SpaceStepper, pose: SpacePose, u: float, why: str = "") -> MotionNotFound:
+    def _failed(self, stepper: SpaceStepper, pose: Pose, u: float, why: str = "") -> MotionNotFound:
         what = "" if stepper.user is None else stepper.user.describe(pose.q)
         names = " and ".join(f"'{name}'" for name in self.user.names)
         reason = f"at u = {u:.3f} {what or f'a motion that was found cannot be bent to constraint {names}'}{why}"
         return MotionNotFound(Diagnosis(reason, "motion", ("relax the constraints, or make them soft",)))
 
 
-def moved_onto_terms(stepper: SpaceStepper, here: UserLimit, pose: SpacePose) -> SpacePose | None:
+def moved_onto_terms(stepper: SpaceStepper, here: UserLimit, pose: Pose) -> Pose | None:
     """A pose that keeps the constraints of a place of the motion, near one that may not; None where that fails.
 
     Args:

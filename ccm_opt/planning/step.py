@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import wrap
 from ccm_opt.planning.limits.limit import Limit, LimitRows, best_change
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term, pose_in
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import GoalSettings, MotionSettings
 from ccm_opt.scene.contact_finder import ContactFinder
 
@@ -52,20 +52,19 @@ class Stepper:
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates."""
-        return pose_in(self.space, v)
+        return self.space.pose(v)
 
-    def step(self, pose: Pose, jacobians: FloatArray, terms: Sequence[Term], turn: float | None = None) -> Pose:
+    def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None) -> Pose:
         """Take the best step for some least-squares terms that keeps every limit; the same pose if none does.
 
         Args:
             pose: where to step from.
-            jacobians: of the joints at ``pose``, shape (links + 1, 2, p).
             terms: what to draw the arm towards; at least one must be definite in every direction.
             turn: largest turn of a link [rad]; that of the settings when None.
         """
         settings = self.settings.step
         turn = settings.largest_turn if turn is None else turn
-        parts = [limit.linearised(self.space, pose, jacobians, turn) for limit in self.limits]
+        parts = [limit.linearised(self.space, pose, turn) for limit in self.limits]
         # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
         ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
         delta = best_change(terms, parts, ridge)
@@ -172,11 +171,11 @@ class GoalPose:
 
     def limits_met(self, pose: Pose) -> bool:
         """Whether a pose meets all that has to be met at the goal beside the tip."""
-        return all(limit.miss(pose.headings) <= 0.0 for limit in self.limits)
+        return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
 
     def describe_limits(self, pose: Pose) -> str:
         """What of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
-        return "; ".join(words for limit in self.limits if (words := limit.describe(pose.headings)))
+        return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
 
     def turn(self, pose: Pose) -> float:
         """Signed turn of the tip to the nearest heading that will do, the short way [rad]; 0 where any will."""
@@ -188,7 +187,7 @@ class GoalPose:
         turn = float(wrap(self.heading - heading))
         return float(np.copysign(max(abs(turn) - self.room[1], 0.0), turn))
 
-    def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
+    def terms(self, space: LinkSpace, pose: Pose, weight: float) -> list[Term]:
         """What draws the tip onto the goal."""
         settings = self.settings
         unit = space.nominal_length
@@ -197,7 +196,7 @@ class GoalPose:
         error = error * min(1.0, _DISTANCE_STEP * unit / max(float(np.hypot(*error)), TINY))
         terms = []
         if self.room[0] == 0.0 or np.any(error):
-            terms.append(Term(jacobians[-1] / unit, error / unit, weight))
+            terms.append(Term(pose.moving[-1] / unit, error / unit, weight))
         turn = self.turn(pose)
         if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
             # Some way into the range, or the tip would only creep up to its edge.
@@ -205,7 +204,7 @@ class GoalPose:
             step = np.clip(turn, -_HEADING_STEP, _HEADING_STEP)
             terms.append(Term(space.tip_heading_row, np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
-            rows, wanted = limit.mending(space, pose.headings, _HEADING_STEP)
+            rows, wanted = limit.mending(space, pose.q, _HEADING_STEP)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 
@@ -224,7 +223,7 @@ class GoalPose:
         errors = [np.zeros(0)]
         offset = self.offset(pose)
         if self.room[0] == 0.0 or np.any(offset):
-            rows.append(space.jacobians(pose.headings)[-1])
+            rows.append(pose.moving[-1])
             errors.append(offset)
         turn = self.turn(pose)
         if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
@@ -240,11 +239,11 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
     whose error the caller checks.
     """
     for _ in range(_POLISH_STEPS):
-        pose = pose_in(space, v)
+        pose = space.pose(v)
         rows, error = goal.tip_equations(space, pose)
         of_tip = len(error)
         for limit in goal.limits:
-            missed, change = limit.missed(space, pose.headings)
+            missed, change = limit.missed(space, pose.q)
             rows = np.vstack((rows, missed))
             error = np.append(error, change)
         if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:

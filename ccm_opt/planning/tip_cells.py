@@ -17,10 +17,10 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_continuation import SpaceTipPose, onto_goal
 from ccm_opt.planning.space_goal_poses import POLISH_TURN, drawn_unknowns
-from ccm_opt.planning.space_pose import SpacePose
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -230,20 +230,20 @@ class TipLooker:
                 taken[number] = True
         return CellFound(taken=taken, gap=self._gap(pose))
 
-    def free(self, pose: SpacePose) -> bool:
+    def free(self, pose: Pose) -> bool:
         """Whether a pose touches nothing and keeps all limits."""
         return self.stepper.within_limits(pose.q) and self.stepper.certificate.safe(pose.q, pose.q)
 
-    def _gap(self, pose: SpacePose) -> float:
+    def _gap(self, pose: Pose) -> float:
         """Room of a pose to the scene beyond radius and clearance, at most as far as is looked [m]."""
         arm = self.task.arm
         reach = self.settings.seen * arm.length
-        segments = pose.segments_beyond(arm.mount_end)
+        _, segments = arm.exposed_links(pose.points)
         kept = arm.radius + self.task.clearance
         least = float(np.min(self.task.tree.distances(segments, reach + kept), initial=reach + kept))
         return least - kept
 
-    def _led(self, pose: SpacePose, goal: SpaceTipPose) -> tuple[SpacePose | None, SpacePose]:
+    def _led(self, pose: Pose, goal: SpaceTipPose) -> tuple[Pose | None, Pose]:
         """A free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
         stepper = self.stepper
         before = np.inf
@@ -387,7 +387,7 @@ class TipFlood:
                     seeds.setdefault(other, []).append(pose)
         return [EnterTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
 
-    def _drawn(self, looker: TipLooker) -> Iterator[SpacePose]:
+    def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
         """Free poses that are drawn."""
         rng = np.random.default_rng(looker.task.seed)
         for _ in range(self.settings.drawn):

@@ -213,7 +213,7 @@ class _Explorer:
         pose = stepper.pose(v)
         for _ in range(self.settings.settle_rounds):
             try:
-                return settle(stepper, goal, pose, NEVER)[-1].headings
+                return settle(stepper, goal, pose, NEVER)[-1].q
             except Stalled as stalled:
                 # Most of the time goes into places that cannot be reached: who hardly comes nearer is given up.
                 if self._left(goal, stalled.poses[-1]) > self.settings.progress * self._left(goal, pose):

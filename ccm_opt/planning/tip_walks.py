@@ -105,7 +105,7 @@ class TipWays:
 
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Where the run onto the goal begins and ends, each of shape (2,) [m]; onto the member nearest to a pose."""
-        member = self.goal.nearest_member(pose.points[-1], float(pose.headings[-1]))
+        member = self.goal.nearest_member(pose.points[-1], pose.tip_heading)
         place = member.position
         if member.heading is None:
             return place, place

@@ -146,23 +146,23 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
     poses = []
     for _ in range(settings.steps):
         before = pose
-        turn = np.clip(target - pose.headings, -settings.largest_turn, settings.largest_turn)
+        turn = np.clip(target - pose.q, -settings.largest_turn, settings.largest_turn)
         terms = [
             Term(space.matrix, turn, settings.pull_weight * space.nominal_per_link),
             Term(space.matrix, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
             *smoothness_terms(space, pose.v, smoothness.bending, smoothness.jerk),
         ]
-        pose = stepper.step(pose, space.jacobians(pose.headings), terms)
+        pose = stepper.step(pose, terms)
         # No limit lets the arm step at this u.
         if pose is before:
             break
         poses.append(pose)
-        if stepper.miss(pose.headings) <= 0.0:
+        if stepper.miss(pose.q) <= 0.0:
             return poses
     return None
 
 
 def _why(stepper: Stepper, pose: Pose, u: float) -> str:
     """Which constraint could not be met at u, in words."""
-    name, miss = max((limit.worst(pose.headings) for limit in stepper.limits), key=lambda worst: worst[1])
+    name, miss = max((limit.worst(pose.q) for limit in stepper.limits), key=lambda worst: worst[1])
     return f"at u = {u:.3f} constraint '{name}' could not be met: missed by {miss:.3g}"

@@ -11,7 +11,6 @@ from enum import IntEnum
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.guides import Interpolation
@@ -95,9 +94,9 @@ class LimitedGuide:
     guide: Guide
     steps: int
 
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+    def terms(self, pose: Pose) -> list[Term]:
         """What draws the arm on from a pose."""
-        return self.guide.terms(pose, jacobians)
+        return self.guide.terms(pose)
 
     def progress(self, pose: Pose) -> bool:
         """Move the guide's target on, and count."""
@@ -220,7 +219,7 @@ class TreeSearch:
         """The longest certified beginning of a motion."""
         if len(poses) < 2:
             return poses
-        failing = self.task.certificate.failures(np.array([pose.headings for pose in poses]))
+        failing = self.task.certificate.failures(np.array([pose.q for pose in poses]))
         return poses[: int(failing[0]) + 1] if len(failing) else poses
 
     def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.space_pose import SpaceChain
+from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.curve_space import ChainState
 from ccm_opt.robot.rigid_motions import bend_rotations
@@ -72,8 +72,8 @@ class ChainByNumpy:
         return ChainState(q, positions_of_links(arm, q, rotations), rotations, omega, jacobian)
 
 
-def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> SpaceChain:
-    """As ``Chains.at``."""
+def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> Pose:
+    """As ``pose_with``; of its unknowns nothing is known."""
     base = arm.base_rotation
     n = arm.links
     p = slopes.shape[1]
@@ -100,4 +100,4 @@ def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> SpaceCh
         points[j + 1] = points[j] + step
         moving[j + 1] = moving[j] + np.cross(turned, step[:, None], axisa=0, axisb=0, axisc=0)
         before = after
-    return SpaceChain(points, rotations, turning, moving)
+    return Pose(np.zeros(p), q, slopes, points, moving, turning, rotations)

@@ -14,7 +14,6 @@ from ccm_opt.core.ipopt_call import ipopt_call
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, WallNearness
 from ccm_opt.planning.optimisation.planar_program import PlanarProgram
-from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.swept_motion import PlanarSweep
 
 _ITERATIONS = 200
@@ -162,7 +161,7 @@ def _end_values(program: PlanarProgram, sweep: PlanarSweep, v: Any, points: tupl
     if goal.heading is None:
         return tip
     # Linear, with the turn still to go taken from the last iterate: a goal heading is given only up to multiples of 2π.
-    turn = goal.turn(pose_in(program.space, sweep.unknowns[-1]))
+    turn = goal.turn(program.space.pose(sweep.unknowns[-1]))
     heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
     return ca.vertcat(tip, heading)
 

@@ -134,11 +134,10 @@ class GuideTubeLimit(Limit):
     settings: GuideTubeSettings = field(default_factory=GuideTubeSettings)
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """Equations of the bends that are held, cones of the others, and the range of the base."""
-        del jacobians
-        bends = space.bends(pose.headings)
-        room = self._beyond(pose.headings) - self._reserve
+        bends = space.bends(pose.q)
+        room = self._beyond(pose.q) - self._reserve
         held = (room < 0.0) & (bends == 0.0)
         slope = self.settings.bend_share * space.bend_limits
         # s (f + j l − …) ∓ b ≥ 0; where it is not kept already, it may not become worse.
@@ -150,14 +149,14 @@ class GuideTubeLimit(Limit):
             (cone - sign * space.bend_rows[near], np.maximum(spare, slope[near] * room[near] - sign * bends[near]))
             for sign in (1.0, -1.0)
         ]
-        low, high = self._range_left(pose.headings)
+        low, high = self._range_left(pose.q)
         rows = [space.bend_rows[held], *(matrix for matrix, _ in sides), self._base_row(space)]
         straight = np.zeros(int(held.sum()))
         lower = [straight, *(-most for _, most in sides), np.atleast_1d(low)]
         upper = [straight, *(np.full(len(most), UNBOUNDED) for _, most in sides), np.atleast_1d(high)]
 
         def keeps(trial: Pose) -> bool:
-            return not np.any(self._held_bent(np.stack((pose.headings, trial.headings))))
+            return not np.any(self._held_bent(np.stack((pose.q, trial.q))))
 
         return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
 
@@ -171,9 +170,9 @@ class GuideTubeLimit(Limit):
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
         """Whether nothing that is held is bent, and the base is in its range."""
         del space, near
-        low, high = self._range_left(final.headings)
+        low, high = self._range_left(final.q)
         in_range = bool(low <= 0.0 <= high)
-        return in_range and not np.any(self._held_bent(final.headings[None]))
+        return in_range and not np.any(self._held_bent(final.q[None]))
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:

@@ -20,9 +20,9 @@ from ccm_opt.planning.feed.fed_task import task_of_optimising
 from ccm_opt.planning.feed.member_problems import ProposedMotion
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
-from ccm_opt.planning.pose import nearest_curves
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.smooth_path import SmoothPath, smooth_path
 from ccm_opt.planning.spline_path import DEGREE, certified_spline, clamped_spline, spare_kept
@@ -281,7 +281,7 @@ class Finishing:
         if task.goal_headings is not None:
             goal = replace(goal, coordinates=space.coordinates(task.goal_headings))
         way = follow_reference(stepper, reference, goal, start, task.deadline)
-        poses = np.array([pose.headings for pose in way.poses])
+        poses = np.array([pose.q for pose in way.poses])
         if task.goal_headings is not None:
             poses = np.vstack((poses, task.goal_headings))
         if len(task.certificate.failures(poses)):

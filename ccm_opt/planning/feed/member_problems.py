@@ -369,7 +369,7 @@ def led_between(start: FloatArray, end: FloatArray, task: MotionTask, space: Fed
             poses = follow(stepper, guide, stepper.pose(first), task.deadline)
         except Stalled:
             continue
-        keyframes = arm.configurations(np.array([*(pose.headings for pose in poses), arm.poses(end)]))
+        keyframes = arm.configurations(np.array([*(pose.q for pose in poses), arm.poses(end)]))
         keyframes[0] = start
         keyframes[-1] = end
         return np.asarray(keyframes)

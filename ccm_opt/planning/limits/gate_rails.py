@@ -227,20 +227,20 @@ class GateRails(Limit):
         return first[kept], np.column_stack((along[kept] / length[kept, None], length[kept]))
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """Equations of the lines that the axis crosses; a pull on every joint that is in a gate or on a run to it."""
         del turn
         unit = space.nominal_length
         found = self.lines.crossings(pose.points[None], self.settings.across * unit)
         crossed = found.crossed[0]
-        slopes = self.lines.slopes(space, pose.headings[None], found)[0][crossed] / unit
+        slopes = self.lines.slopes(space, pose.q[None], found)[0][crossed] / unit
         most = self.settings.catching_up
         back = np.clip(-found.aside[0][crossed] / unit, -most, most)
         rows = LimitRows(slopes, back, back, equations=len(back))
-        pull = self._pull(space, pose, jacobians)
+        pull = self._pull(space, pose)
         return rows if pull is None else replace(rows, pulls=(pull,))
 
-    def _pull(self, space: LinkSpace, pose: Pose, jacobians: FloatArray) -> Term | None:
+    def _pull(self, space: LinkSpace, pose: Pose) -> Term | None:
         """What draws the joints on rails across them; None where there is none."""
         unit = space.nominal_length
         first, legs = self._legs
@@ -256,7 +256,7 @@ class GateRails(Limit):
             return None
         chosen = leg[joint]
         normal = np.column_stack((-legs[chosen, 1], legs[chosen, 0]))
-        slopes = np.einsum("jk,jkp->jp", normal, jacobians[joint]) / unit
+        slopes = np.einsum("jk,jkp->jp", normal, pose.moving[joint]) / unit
         apart = across[joint, chosen]
         wanted = -np.sign(apart) * np.maximum(np.abs(apart) - self.play, 0.0) / unit
         return Term(slopes, wanted, self.settings.weight)

@@ -184,16 +184,15 @@ class Limit:
         return self
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """Rows about a pose.
 
         Args:
             space: the link space; p coordinates.
             pose: to step from.
-            jacobians: of the joints there, shape (links + 1, 2, p) [m per unit].
             turn: largest turn of a link in the step [rad].
         """
-        del pose, jacobians, turn
+        del pose, turn
         return LimitRows(np.zeros((0, space.dimension)), np.zeros(0), np.zeros(0))
 
     def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:

@@ -57,13 +57,13 @@ class ContactLimit(Limit):
     gates: GateLines | None = None
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """A row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
         del turn
         finder = self.finder
         settings = self.settings
         contacts = finder.find(pose.points)
-        rows = contact_rows(contacts, jacobians)
+        rows = contact_rows(contacts, pose.moving)
         # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay, and the push mends it softly. Where
         # margins are narrow the row asks for some of it: a gap that only may not shrink is taken by the second order.
         beyond = contacts.gap - contacts.margin
@@ -171,10 +171,9 @@ class JointLimit(Limit):
 
     settings: StepSettings
 
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """Rows of the bends that the step could bring to their bound."""
-        del jacobians
-        bends = space.bends(pose.headings)
+        bends = space.bends(pose.q)
         limits = self.settings.limit_share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
         # A bend that is beyond its share already must not grow; clipping at 0 keeps δ = 0 feasible.
@@ -183,14 +182,14 @@ class JointLimit(Limit):
         allowed = np.maximum(self._accepted(space), np.abs(bends)) + _SOLVER_ACCURACY
 
         def keeps(trial: Pose) -> bool:
-            return bool(np.all(np.abs(space.bends(trial.headings)) <= allowed))
+            return bool(np.all(np.abs(space.bends(trial.q)) <= allowed))
 
         return LimitRows(space.bend_rows[tight], lower, upper, keeps=keeps)
 
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
         """Whether the pose on the goal is within the limits."""
         del near
-        return bool(np.all(np.abs(space.bends(final.headings)) <= self._accepted(space)))
+        return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
     def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Rows of the bends near their bound at keyframes after the first."""
@@ -243,9 +242,9 @@ def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance:
 class TurnLimit(Limit):
     """Bounds the turn of every link in a step; headings are linear in the coordinates, so the rows are exact."""
 
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """One row a link: −turn ≤ Δφ ≤ turn."""
-        del pose, jacobians
+        del pose
         matrix = space.matrix
         bound = np.full(len(matrix), turn)
         return LimitRows(matrix, -bound, bound)

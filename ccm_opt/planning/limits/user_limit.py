@@ -137,13 +137,12 @@ class UserLimit(Limit):
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
-        del jacobians
-        before = self.values(pose.headings)
+        before = self.values(pose.q)
 
         def keeps(trial: Pose) -> bool:
-            return self._keeps(before, self.values(trial.headings))
+            return self._keeps(before, self.values(trial.q))
 
         return replace(self.step_rows(before, space.matrix, space.matrix[:, None], turn), keeps=keeps)
 

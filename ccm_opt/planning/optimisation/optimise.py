@@ -16,7 +16,6 @@ from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
 from ccm_opt.planning.optimisation.planar_program import PlanarProgram
 from ccm_opt.planning.optimisation.sequential_convex import sequential_convex
-from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.settings import OptimisationSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -264,7 +263,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
     length = task.arm.length
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, _LARGEST_LINK * length)
-    end = pose_in(motion.space, motion.coordinates[-1])
+    end = motion.space.pose(motion.coordinates[-1])
     return PlanarProgram(
         end_fixed=task.goal_headings is not None,
         deadline=task.deadline,

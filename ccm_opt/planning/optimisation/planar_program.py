@@ -11,7 +11,6 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows
 from ccm_opt.planning.optimisation.objective import JointSlowness, Objective
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
-from ccm_opt.planning.pose import pose_in
 from ccm_opt.planning.settings import ConvexSettings, MotionSettings
 from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -124,7 +123,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
         """Whether a motion keeps the limits and ends on the goal."""
         if not self.holds(sweep, before):
             return False
-        return self.end_fixed or self.goal.on_goal(pose_in(self.space, sweep.unknowns[-1]))
+        return self.end_fixed or self.goal.on_goal(self.space.pose(sweep.unknowns[-1]))
 
     def failures(self, sweep: PlanarSweep) -> IntArray:
         """Intervals of a motion that are not certified."""
