@@ -9,9 +9,8 @@ import pytest
 from ccm_opt.planning.backward import backward_tasks, reversed_motion
 from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
-from ccm_opt.planning.search import find_motion, lift
+from ccm_opt.planning.search import LIFT_MARGIN, find_motion, lift
 from ccm_opt.planning.search_run import SearchRun
-from ccm_opt.planning.settings import SearchSettings
 from ccm_opt.problem import JointPose
 from tests.scenes import clutter, motion_task
 
@@ -67,7 +66,7 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     (other,) = backward_tasks(coarse, SearchRun.from_task(coarse, 0.06).stepper)
     assert other is not None
     found = reversed_motion(find_motion(other))
-    lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), SearchSettings().lift_margin), task)
+    lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), LIFT_MARGIN), task)
     assert lifted is not None
     np.testing.assert_allclose(lifted.headings[0], task.start, atol=EXACT)
     np.testing.assert_allclose(lifted.headings[-1], task.goal_headings, atol=EXACT)

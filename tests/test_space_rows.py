@@ -1,7 +1,5 @@
 """Rows of the optimisation in space: their slopes, and what they say of the room between keyframes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.space_continuation import SpaceTipPose
-from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
+from ccm_opt.planning.space_rows import BETWEEN, motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.robot.arm import Feed
 from tests.snakes_in_space import balls, snake, task_of
@@ -35,8 +33,7 @@ def random_sweep(seed: int) -> SpaceSweep:
 def test_slopes_of_rows_are_their_differences(seed: int) -> None:
     """By the unknowns of the keyframe before and of the one behind, for rows at the ends and in between."""
     sweep = random_sweep(seed)
-    numbers = sweep.stepper.settings.optimisation
-    rows = motion_rows(sweep, WANTED, 0.0, replace(numbers, active=5.0))
+    rows = motion_rows(sweep, WANTED, 0.0, 5.0 * sweep.stepper.unit)
     step = 1e-6
     for side in (0, 1):
         slopes = rows.slopes(sweep)[side]
@@ -57,13 +54,12 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
     """At the ends of intervals and at the times in between."""
     sweep = random_sweep(seed)
     stepper = sweep.stepper
-    numbers = stepper.settings.optimisation
     arm = stepper.curve.arm
-    lacking = room_lacking(sweep, WANTED, numbers)
+    lacking = room_lacking(sweep, WANTED)
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
     for k, (before, after) in enumerate(zip(sweep.unknowns[:-1], sweep.unknowns[1:], strict=True)):
         least = np.inf
-        for share in (0.5, 1.0, *numbers.between):
+        for share in (0.5, 1.0, *BETWEEN):
             points = arm.joint_positions_at(stepper.curve.configuration((1.0 - share) * before + share * after))
             axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
             least = min(least, float(np.min(stepper.tree.distances(axes, 1.0))))
@@ -75,10 +71,9 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
 def test_what_is_lacking_at_the_ends_is_not_lacking_on_the_way(seed: int) -> None:
     """A motion that stands still lacks nothing; one that begins and ends elsewhere what its least gap lacks more."""
     sweep = random_sweep(seed)
-    numbers = sweep.stepper.settings.optimisation
-    whole = float(np.max(room_lacking(sweep, WANTED, numbers)))
+    whole = float(np.max(room_lacking(sweep, WANTED)))
     ends = np.stack((sweep.unknowns[:-1], sweep.unknowns[:-1]), axis=1)
     stills = [SpaceSweep(sweep.stepper, still) for still in (*ends, np.stack((sweep.unknowns[-1],) * 2))]
-    assert [room_lacking_on_the_way(still, WANTED, numbers) for still in stills] == pytest.approx(np.zeros(4), abs=1e-9)
-    at_ends = max(float(np.max(room_lacking(still, WANTED, numbers))) for still in (stills[0], stills[-1]))
-    assert room_lacking_on_the_way(sweep, WANTED, numbers) == pytest.approx(whole - at_ends, abs=1e-9)
+    assert [room_lacking_on_the_way(still, WANTED) for still in stills] == pytest.approx(np.zeros(4), abs=1e-9)
+    at_ends = max(float(np.max(room_lacking(still, WANTED))) for still in (stills[0], stills[-1]))
+    assert room_lacking_on_the_way(sweep, WANTED) == pytest.approx(whole - at_ends, abs=1e-9)

@@ -8,7 +8,7 @@ import pytest
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned, travel
 from ccm_opt.planning.search import find_motion
-from ccm_opt.planning.shortcuts import straightened
+from ccm_opt.planning.shortcuts import MANY_INTERVALS, straightened
 from tests.scenes import clutter, motion_task, sweep_gaps, swept
 
 
@@ -25,7 +25,7 @@ def to_and_fro(seed: int, times: int) -> tuple[MotionTask, Motion]:
 def test_a_motion_to_and_fro_is_cut_short(seed: int) -> None:
     """What is left has the same ends, is certified, touches nothing in a dense sweep, and is much shorter."""
     task, long = to_and_fro(seed, 8)
-    assert len(thinned(long, task.certificate)[0]) - 1 > task.settings.straightening.many
+    assert len(thinned(long, task.certificate)[0]) - 1 > MANY_INTERVALS
     short = straightened(long, task)
     assert travel(short) < 0.5 * travel(long)
     assert np.array_equal(short.coordinates[[0, -1]], long.coordinates[[0, -1]])

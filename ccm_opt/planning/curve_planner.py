@@ -213,7 +213,7 @@ class CurvePlanner:
         """
         settings = self.settings
         with self.stages("free space"):
-            room = route_room(problem, ends, settings)
+            room = route_room(problem, ends)
             routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
             tip_paths = tip_paths_along(problem, ends, routes, room, settings)
             if not tip_paths:

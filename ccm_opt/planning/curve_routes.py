@@ -51,7 +51,7 @@ _LONGEST_ROUTE = 0.985
 """Routes longer than this share of the arm's length are not looked at. Taste: the arm needs some length to bend."""
 
 
-def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> FreeSpace:
+def route_room(problem: Problem, ends: Ends) -> FreeSpace:
     """Free space for routes, walls that no pose at the goal comes near to left out.
 
     Walls are inflated by a little more than the arm needs, but by no more than the goal has. Where that closes every
@@ -68,20 +68,20 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
         _, room = workspace.nearest(goal)
         wide = least + float(np.clip(room - least - kept, kept, inflation))
     free = FreeSpace(workspace, wide)
-    if _connected(problem, ends, free, settings):
+    if _connected(problem, ends, free):
         return free
     narrow = FreeSpace(workspace, least + kept)
-    if _connected(problem, ends, narrow, settings):
+    if _connected(problem, ends, narrow):
         return narrow
     return FreeSpace(workspace, least + kept, settings=FINE_FREE_SPACE)
 
 
-def _connected(problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings) -> bool:
+def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
     """Whether the free places nearest to the base, the tip as it is, and a member of the goal are in one piece."""
     pieces = shapely.get_parts(room.polygons)
     places = [problem.arm.base, problem.arm.joint_positions(ends.start)[-1]]
     if ends.goal.is_set:
-        if len(pieces) == 0 or not goal_members(problem.arm, ends.goal, room, settings.members):
+        if len(pieces) == 0 or not goal_members(problem.arm, ends.goal, room):
             return False
     else:
         places.append(ends.goal.position)
@@ -105,7 +105,7 @@ def find_routes(
     Returns:
         None when the arm is long enough for none of those that were looked for; that proves nothing.
     """
-    members = goal_members(problem.arm, ends.goal, room, settings.members)
+    members = goal_members(problem.arm, ends.goal, room)
     count = problem.planner.routes
     found = [routes_to(problem, member, room, count, settings) for member in members]
     # The shortest route to every member before the second to any.

@@ -18,6 +18,7 @@ from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import (
+    MOST_INTERVALS,
     keeps_limits,
     lacks_room,
     optimise,
@@ -27,13 +28,20 @@ from ccm_opt.planning.optimisation.optimise import (
     travel,
     with_more_room,
 )
-from ccm_opt.planning.settings import BottleneckSettings
 from ccm_opt.planning.step import Stepper
 
 _LEAST_KEYFRAMES = 4
 """A motion of fewer keyframes has no second differences to speak of. Derived."""
 _ROOMIER = 1.1
 """As many times the room of another motion decide between two before their lengths do. Taste."""
+_BOTTLENECK_SHARE = 0.9
+"""Share of the weight of the path's length that goes to the joints by how busy they are. Measured: with 0.9 and a power
+of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer."""
+_BOTTLENECK_POWER = 0.5
+"""Of a joint's largest turn from keyframe to keyframe over the root mean square of all joints'. Measured: with 1 the
+same motions last 1 % longer in the median."""
+_LEAST_BUSY = 0.2
+"""That ratio counts as at least this much. Taste."""
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
@@ -43,26 +51,25 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
         motion: nearly optimal, with keyframes at nearly even steps.
         task: with the user's weights and what the joints can do.
     """
-    settings = task.settings.bottleneck
     weights = task.weights
     bends = motion.space.drives(motion.headings)
     if weights.path_length == 0.0 or len(bends) < _LEAST_KEYFRAMES:
         return task
     slowness = task.slowness or JointSlowness.from_limits(np.ones(bends.shape[1]), np.ones(bends.shape[1]))
     busy = JointSlowness(
-        slowness.speed * _busyness(slowness.speed * np.diff(bends, axis=0), settings),
-        slowness.acceleration * _busyness(slowness.acceleration * np.diff(bends, 2, axis=0), settings),
+        slowness.speed * _busyness(slowness.speed * np.diff(bends, axis=0)),
+        slowness.acceleration * _busyness(slowness.acceleration * np.diff(bends, 2, axis=0)),
     )
-    moved = settings.share * weights.path_length
+    moved = _BOTTLENECK_SHARE * weights.path_length
     shifted = replace(weights, path_length=weights.path_length - moved, duration=weights.duration + moved)
     return replace(task, weights=shifted, slowness=busy)
 
 
-def _busyness(differences: FloatArray, settings: BottleneckSettings) -> FloatArray:
+def _busyness(differences: FloatArray) -> FloatArray:
     """A factor for each joint by the largest of its differences, shape (m, links) to (links,)."""
     most = np.abs(differences).max(axis=0)
     mean = np.sqrt(np.mean(most**2))
-    factors: FloatArray = np.clip(most / max(mean, TINY), settings.least, None) ** settings.power
+    factors: FloatArray = np.clip(most / max(mean, TINY), _LEAST_BUSY, None) ** _BOTTLENECK_POWER
     return factors
 
 
@@ -111,7 +118,7 @@ def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | N
     if not lacks_room(widened, task):
         return widened
     # Another as long would cost as much again; and among many walls what is won is small beside what is wanted.
-    if len(widened.coordinates) - 1 > task.settings.optimisation.most_intervals or task.among_many_walls:
+    if len(widened.coordinates) - 1 > MOST_INTERVALS or task.among_many_walls:
         return shortened(widened, weighed, margin)
     # What a long motion lacks holds it back from becoming shorter. The shortest one, which grazes walls, becomes
     # longer as it gets room, and mostly stays the shorter of the two.

@@ -21,7 +21,6 @@ from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_pose import GoalPoseSearch, for_arm
 from ccm_opt.planning.link_space import NOMINAL_LINKS
-from ccm_opt.planning.settings import GoalMemberSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
@@ -30,6 +29,26 @@ from ccm_opt.solution import GoalPoseRecord
 
 _ROOM_ENOUGH = 0.9
 """Share of the wanted gap from which on a pose of the motion's own class is taken without asking for others (taste)."""
+_MOST = 5
+"""Members that are chosen, but for one in every piece. Taste: each is worth routes of its own."""
+_PIECES = 4
+"""Pieces of the set that are looked at, the largest first. Taste."""
+_GRID = 9
+"""Places across the set, in both directions. Taste."""
+_TURN_STEP = 0.08726646259971647
+"""Between headings that are looked at [rad], at most. Taste: 5°."""
+_TURN_SHARE = 0.1
+"""Of the arm's length that a turn of one radian counts for. Taste."""
+_DIFFERENT = 0.04
+"""Members that differ by less than this share of the arm's length count as one. Taste: a nominal link."""
+_EDGE = 0.02
+"""Distance of places from the edge of free space, as a share of the set's radius. Taste."""
+_REACH = 0.99
+"""Share of its length to which the arm can be expected to stretch. Taste: at full stretch no step has a choice."""
+_RUNS = (0.5, 1.0, 2.0)
+"""Straight runs onto a member that are told apart, in nominal links. Taste."""
+_RUN_SAMPLES = 9
+"""Places of a run that have to be free. Taste."""
 
 
 @dataclass(frozen=True)
@@ -62,16 +81,13 @@ class _Choice:
     pieces: IntArray
 
 
-def goal_members(
-    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings | None = None, fed: float = 0.0
-) -> tuple[GoalMember, ...]:
+def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) -> tuple[GoalMember, ...]:
     """Members of a goal to lead routes to; the goal itself alone when it is no set.
 
     Args:
         arm: that is to get there.
         goal: of the tip.
         room: free space of the arm's axis.
-        settings: numbers.
         fed: how far the base can be fed in beyond where it stands [m].
 
     Returns:
@@ -79,48 +95,43 @@ def goal_members(
     """
     if not goal.is_set:
         return (GoalMember(goal.position, goal.heading),)
-    settings = settings or GoalMemberSettings()
-    choice = _choice(arm, goal, room, settings, fed)
-    chosen = _far_apart(arm, goal, choice, settings)
+    choice = _choice(arm, goal, room, fed)
+    chosen = _far_apart(arm, goal, choice)
     any_heading = goal.heading is None
     return tuple(GoalMember(choice.places[k], None if any_heading else float(choice.headings[k])) for k in chosen)
 
 
-def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings, fed: float) -> _Choice:
+def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
     """All places and headings that are looked at."""
-    places, pieces = _places(arm, goal, room, settings, fed)
-    headings = _headings(goal, settings)
+    places, pieces = _places(arm, goal, room, fed)
+    headings = _headings(goal)
     each = np.repeat(np.arange(len(places)), len(headings))
     turned = np.tile(headings, len(places))
     runs = np.zeros(len(each))
     if goal.heading is not None and len(each):
         unit = arm.length / NOMINAL_LINKS
         # The longest run comes last, so that it stays.
-        for links in sorted(settings.runs):
-            runs[_runs_in(room, places[each], turned, links * unit, settings)] = links
+        for links in sorted(_RUNS):
+            runs[_runs_in(room, places[each], turned, links * unit)] = links
     return _Choice(places[each], turned, runs, pieces[each])
 
 
-def _runs_in(
-    room: FreeSpace, places: FloatArray, headings: FloatArray, length: float, settings: GoalMemberSettings
-) -> BoolArray:
+def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: float) -> BoolArray:
     """Onto which places (m, 2) [m] with headings (m,) [rad] a straight run of some length [m] is free; shape (m,)."""
-    back = -np.linspace(0.0, length, settings.run_samples)
+    back = -np.linspace(0.0, length, _RUN_SAMPLES)
     samples = places[:, None] + back[:, None] * unit_vector(headings).reshape(-1, 2)[:, None]
     return np.asarray(room.contains(samples.reshape(-1, 2)).reshape(len(places), -1).all(axis=1))
 
 
-def _headings(goal: GoalPose, settings: GoalMemberSettings) -> FloatArray:
+def _headings(goal: GoalPose) -> FloatArray:
     """Headings within the range, evenly, the middle one among them; shape (h,) [rad]."""
     if goal.heading is None:
         return np.zeros(1)
-    steps = int(np.ceil(goal.room[1] / settings.turn_step))
+    steps = int(np.ceil(goal.room[1] / _TURN_STEP))
     return goal.heading + np.linspace(-goal.room[1], goal.room[1], 2 * steps + 1)
 
 
-def _places(
-    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings, fed: float
-) -> tuple[FloatArray, IntArray]:
+def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[FloatArray, IntArray]:
     """Places of the set that are connected with the base and within the arm's length of it, with their pieces."""
     if goal.room[0] == 0.0:
         return goal.position[None], np.zeros(1, dtype=np.intp)
@@ -130,38 +141,36 @@ def _places(
     base = shapely.Point(arm.base)
     around_base = parts[int(np.argmin(shapely.distance(parts, base)))]
     middle = shapely.Point(goal.position)
-    within = shapely.intersection(middle.buffer(goal.room[0]), base.buffer(settings.reach * arm.length + fed))
+    within = shapely.intersection(middle.buffer(goal.room[0]), base.buffer(_REACH * arm.length + fed))
     pieces = [
         piece
         for piece in shapely.get_parts(shapely.intersection(around_base, within))
         if isinstance(piece, shapely.Polygon) and not piece.is_empty
     ]
     pieces.sort(key=lambda piece: -piece.area)
-    places = [_places_in(piece, middle, base, goal.room[0], settings) for piece in pieces[: settings.pieces]]
+    places = [_places_in(piece, middle, base, goal.room[0]) for piece in pieces[:_PIECES]]
     numbers = [np.full(len(some), k, dtype=np.intp) for k, some in enumerate(places)]
     return np.concatenate([np.zeros((0, 2)), *places]), np.concatenate([np.zeros(0, dtype=np.intp), *numbers])
 
 
-def _places_in(
-    piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float, settings: GoalMemberSettings
-) -> FloatArray:
+def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float) -> FloatArray:
     """Places of one piece: a grid, its roomiest place, and those nearest to the middle and to the base; (m, 2) [m]."""
     roomiest = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece))[:1]
     # A little inside: at the very edge of free space no step has a choice.
-    inside = piece.buffer(-settings.edge * width)
+    inside = piece.buffer(-_EDGE * width)
     inside = piece if inside.is_empty else inside
     ends = [shapely.get_coordinates(shapely.shortest_line(inside, end))[:1] for end in (middle, base)]
-    across = np.linspace(-width, width, settings.grid)
+    across = np.linspace(-width, width, _GRID)
     grid = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2) + shapely.get_coordinates(middle)
     return np.concatenate([*ends, roomiest, grid[shapely.intersects_xy(inside, grid[:, 0], grid[:, 1])]])
 
 
-def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice, settings: GoalMemberSettings) -> list[int]:
+def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
     """Which members are taken: the nearest to the middle of every piece, then the farthest from those taken."""
     if len(choice.places) == 0:
         return []
     off = np.linalg.norm(choice.places - goal.position, axis=1) / arm.length
-    turned = np.abs(choice.headings - (goal.heading or 0.0)) * settings.turn_share
+    turned = np.abs(choice.headings - (goal.heading or 0.0)) * _TURN_SHARE
     # What can be run onto straight is better than what can not, whatever else.
     short = choice.runs.max() - choice.runs
     chosen: list[int] = []
@@ -169,20 +178,20 @@ def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice, settings: GoalMemberSe
         mine = np.flatnonzero(choice.pieces == piece)
         best = mine[np.argmin(short[mine] + 1e-3 * (off + turned)[mine])]
         chosen.append(int(best))
-    while len(chosen) < settings.most:
-        apart = np.min([_apart(arm, choice, k, settings) for k in chosen], axis=0)
+    while len(chosen) < _MOST:
+        apart = np.min([_apart(arm, choice, k) for k in chosen], axis=0)
         apart[short > 0.0] = 0.0
         farthest = int(np.argmax(apart))
-        if apart[farthest] < settings.different:
+        if apart[farthest] < _DIFFERENT:
             break
         chosen.append(farthest)
     return chosen
 
 
-def _apart(arm: Arm, choice: _Choice, k: int, settings: GoalMemberSettings) -> FloatArray:
+def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
     """How much all members differ from one of them, shape (m,): in arm lengths, turns by their share."""
     off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
-    turned = np.abs(wrap(choice.headings - choice.headings[k])) * settings.turn_share
+    turned = np.abs(wrap(choice.headings - choice.headings[k])) * _TURN_SHARE
     return np.asarray(off + turned)
 
 

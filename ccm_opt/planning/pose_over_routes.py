@@ -127,7 +127,7 @@ def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_
     """
     problem = search.problem
     ends = search.ends
-    room = route_room(problem, ends, settings)
+    room = route_room(problem, ends)
     for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
         start = f"route {number}, {long_length(route.length)}"
         try:
@@ -164,7 +164,7 @@ def brought_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAU
         settings: how many.
     """
     problem = search.problem
-    members = goal_members(problem.arm, search.ends.goal, route_room(problem, search.ends, settings), settings.members)
+    members = goal_members(problem.arm, search.ends.goal, route_room(problem, search.ends))
     poses = brought_poses(problem, problem.arm, search.ends, members, settings)
     for number, headings in enumerate(islice(poses, _BROUGHT), start=1):
         found = tried_from(search, f"pose brought onto the goal {number}", headings)

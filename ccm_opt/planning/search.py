@@ -36,6 +36,11 @@ _DESIGN_LINKS = 24
 motions found in clutter with this many, 34 held on finer arms as they were."""
 _MANY_LINKS = 1.5
 """Times that number of links from which lifting pays. Taste."""
+LIFT_MARGIN = 3e-3
+"""Gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length. Taste: about what an arm
+of 24 links leaves the curve by."""
+_REPAIR_MARGIN = 1.5e-3
+"""Planning margin of the repair of a lifted motion, as a share of the arm's length. Taste."""
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
@@ -124,8 +129,7 @@ def _resampled(offset: FloatArray, links: int) -> FloatArray:
 def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
     """The stepper of repairs, which keeps a smaller margin than the search does."""
     length = task.arm.length
-    lifting = task.settings.lifting
-    finder = task.finder(lifting.margin * length, _REACH * length)
+    finder = task.finder(_REPAIR_MARGIN * length, _REACH * length)
     return Stepper(space, finder, task.limits(finder), task.settings)
 
 
@@ -219,7 +223,7 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
     """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
     # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
     # still cannot be lifted, the motion as it was found has more room.
-    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, task.settings.search.lift_margin)
+    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, LIFT_MARGIN)
     lifted = lift(optimised, task)
     if lifted is not None or optimised is found:
         return lifted

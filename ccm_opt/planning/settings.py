@@ -163,55 +163,6 @@ DEFAULT_GUIDES = GuideSettings()
 
 
 @dataclass(frozen=True)
-class LiftingSettings:
-    """Numbers of the repair of a lifted motion.
-
-    Attributes:
-        margin: planning margin of a repair, as a share of the arm's length. Taste.
-    """
-
-    margin: float = 1.5e-3
-
-
-@dataclass(frozen=True)
-class ObjectiveSettings:
-    """Weights inside the objective; what the user weighs stands in the problem.
-
-    Attributes:
-        heading: weight of the turns of the links beside the turns of the joints. Taste.
-        unevenness: weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste.
-        shape: weight of the curve's curvature and of its differences, in nominal links. Taste.
-        blend: weight on changes of the coordinate that blends a whole-arm goal in. Taste.
-        following: of changes of the curve on which a fed arm lies still, as bends of a nominal link; an arm whose curve
-            does not change follows its tip. Measured on the disturbed jobs: a hundredth of their duration for half of
-            the worst deviation.
-    """
-
-    heading: float = 1e-3
-    unevenness: float = 4e-3
-    shape: float = 1e-3
-    blend: float = 1e-3
-    following: float = 25.0
-
-
-@dataclass(frozen=True)
-class BottleneckSettings:
-    """How much more the busiest joints count, once a motion is nearly optimal.
-
-    Attributes:
-        share: of the weight of the path's length that goes to the joints by how busy they are. Measured: with 0.9 and a
-            power of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer.
-        power: of a joint's largest turn from keyframe to keyframe over the root mean square of all joints'. Measured:
-            with 1 the same motions last 1 % longer in the median.
-        least: that ratio counts as at least this much. Taste.
-    """
-
-    share: float = 0.9
-    power: float = 0.5
-    least: float = 0.2
-
-
-@dataclass(frozen=True)
 class ConvexSettings:
     """Numbers of the sequential convex programming.
 
@@ -219,11 +170,7 @@ class ConvexSettings:
         tries: QPs of one round before it is given up. Taste.
         price: first price of one nominal link of slack. Taste.
         highest_price: to which it rises where an interval lacks room. Taste.
-        raised_damping: damping from which a refused step raises it. Taste.
         shortened_growth: its growth after a step of less than half its length. Taste.
-        good_shrinkage: its fall after a good step. Taste.
-        least_damping: least damping. Taste.
-        good: share of the foreseen gain from which a step is good. Taste.
         shortenings: shares of a step that are tried until one is certified. Taste.
         worth: share of the merit that a round has to gain. Taste.
         patience: rounds in a row that may gain less. Taste.
@@ -235,11 +182,7 @@ class ConvexSettings:
     tries: int = 5
     price: float = 30.0
     highest_price: float = 500.0
-    raised_damping: float = 0.05
     shortened_growth: float = 3.0
-    good_shrinkage: float = 3.0
-    least_damping: float = 1e-4
-    good: float = 0.6
     shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
     worth: float = 3e-3
     patience: int = 2
@@ -256,34 +199,20 @@ class OptimisationSettings:
             twice as many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
             motion through them is certified. Taste.
-        margin: gap that rows ask for beyond contact, as a share of the arm's length. Taste.
-        active: rows nearer to their bound than this many such links enter the QP. Taste.
-        groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
-        most_intervals: intervals of a motion beyond which none that lets nothing move is cut finer. Taste.
         rounds: most steps that are taken. Taste.
-        many: keyframes that are many, as a multiple of the intervals wanted. Taste.
         free_rounds: most steps before it is decided where the motion ends. Taste.
         end_rounds: most steps after that. Taste.
         bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
             Taste.
-        finest: intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step.
-        moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         steps: of the sequential convex programming.
     """
 
     intervals: int = 20
     moved_intervals: tuple[int, ...] = (24, 48, 96)
-    margin: float = 1e-3
-    active: float = 1.1
-    groups: int = 36
-    most_intervals: int = 60
     rounds: int = 14
     free_rounds: int = 9
-    many: float = 1.5
     end_rounds: int = 5
     bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
-    finest: int = 80
-    moved_rounds: int = 24
     steps: ConvexSettings = ConvexSettings()
 
 
@@ -297,8 +226,6 @@ class SearchSettings:
         tree_margins: margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a
             narrow one gets through. Taste.
         reach: contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less.
-        lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
-            Taste: about what an arm of 24 links leaves the curve by.
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
             looked for. Taste: among a thousand, such poses take seconds.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
@@ -307,7 +234,6 @@ class SearchSettings:
     margins: tuple[float, ...] = (0.06, 0.024)
     tree_margins: tuple[float, ...] = (0.12, 0.06, 0.024)
     reach: float = 0.96
-    lift_margin: float = 3e-3
     many_walls: int = 150
     spare: float = 1e-4
 
@@ -464,12 +390,10 @@ class StraighteningSettings:
     """Numbers of cutting a found motion short.
 
     Attributes:
-        many: motions that need no more intervals to be certified are optimised as they are. Taste.
         shortcuts: that are tried. Measured: among 1000 polygons 64 rounds of 32 take a third off a motion in 0.17 s,
             these two fifths in 0.28 s, and twice as many rounds hardly more.
     """
 
-    many: int = 40
     shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(128, 64, 0.005))
 
 
@@ -572,11 +496,8 @@ class MotionSettings:
         tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
         connect: of RRT-Connect.
-        lifting: of taking a motion over to an arm of many links.
         straightening: of cutting a long motion short before it is optimised.
         optimisation: of the optimisation of a motion.
-        objective: weights inside its objective.
-        bottleneck: how much more the busiest joints count at last.
     """
 
     ends: EndSettings = field(default_factory=EndSettings)
@@ -592,36 +513,11 @@ class MotionSettings:
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
-    lifting: LiftingSettings = field(default_factory=LiftingSettings)
     straightening: StraighteningSettings = field(default_factory=StraighteningSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
-    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
-    bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)
 
 
 # ------------------------------------------------------------ in space
-@dataclass(frozen=True)
-class EndingSettings:
-    """Of the pose in which a motion ends.
-
-    Attributes:
-        iterations: most iterations of the NLP; mostly it takes some twenty, and of arms on fixed bases, whose ends a
-            search leaves far from smooth, one in four takes 30 to 80 (measured among 40 and 80 bodies).
-        enough: share of the wanted gap that its pose has to have for the end to be settled.
-        room_share: room that the NLP makes at the end, where there is so much, as a multiple of the wanted gap. An arm
-            that follows its tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed
-            arms keep 0.82 to 1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1.
-        bending_from: places along a motion, as shares of it, from where on it is tried to be bent to another end.
-        opened: they end when no joint moves farther than this [u].
-    """
-
-    iterations: int = 100
-    enough: float = 0.9
-    room_share: float = 1.6
-    bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
-    opened: float = 0.02
-
-
 @dataclass(frozen=True)
 class SpaceConnectSettings:
     """Of the sampler, RRT-Connect in the unknowns of the curve.
@@ -655,22 +551,10 @@ class SpaceOptimisationSettings:
 
     Attributes:
         intervals: least number of intervals; a motion that needs more edges to be certified keeps them.
-        many: intervals that are many, as a multiple of that.
-        margin: gap that rows ask for beyond contact [u].
-        active: rows nearer to their bound than this enter the program [u].
-        between: shares of an interval at which links that lack room have rows too.
-        planes: most half-spaces about a link.
-        groups: arms with more links than this have rows for groups of neighbouring joints.
         steps: of the sequential convex programming.
     """
 
     intervals: int = 24
-    many: float = 1.2
-    margin: float = 0.02
-    active: float = 0.3
-    between: tuple[float, ...] = (0.25, 0.75)
-    planes: int = 6
-    groups: int = 24
     steps: ConvexSettings = _STEPS
 
 
@@ -769,8 +653,6 @@ class SpaceMotionSettings:
         swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
             arms beside a post, where some hundred draws are enough.
         connect: trees as the last resort.
-        ending: of the pose in which a motion ends.
-        objective: of the optimisation.
         optimisation: of a found motion.
     """
 
@@ -780,42 +662,10 @@ class SpaceMotionSettings:
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
     swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
-    ending: EndingSettings = field(default_factory=EndingSettings)
-    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
 
 
 # ------------------------------------------------------------ planners of curves and of feed
-@dataclass(frozen=True)
-class GoalMemberSettings:
-    """Numbers of the choice of members.
-
-    Attributes:
-        most: members that are chosen, but for one in every piece. Taste: each is worth routes of its own.
-        pieces: pieces of the set that are looked at, the largest first. Taste.
-        grid: places across the set, in both directions. Taste.
-        turn_step: between headings that are looked at [rad], at most. Taste: 5°.
-        turn_share: of the arm's length that a turn of one radian counts for. Taste.
-        different: members that differ by less than this share of the arm's length count as one. Taste: a nominal link.
-        edge: distance of places from the edge of free space, as a share of the set's radius. Taste.
-        reach: share of its length to which the arm can be expected to stretch. Taste: at full stretch no step has a
-            choice.
-        runs: straight runs onto a member that are told apart, in nominal links. Taste.
-        run_samples: places of a run that have to be free. Taste.
-    """
-
-    most: int = 5
-    pieces: int = 4
-    grid: int = 9
-    turn_step: float = 0.08726646259971647
-    turn_share: float = 0.1
-    different: float = 0.04
-    edge: float = 0.02
-    reach: float = 0.99
-    runs: tuple[float, ...] = (0.5, 1.0, 2.0)
-    run_samples: int = 9
-
-
 @dataclass(frozen=True)
 class CurvePlannerSettings:
     """Numbers of the planner, from free space to the smooth path.
@@ -829,7 +679,6 @@ class CurvePlannerSettings:
         full_curvature_share: the same for another guess when there is none at that share. Taste.
         cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
             found; the first is all of them, the last none. Taste.
-        members: of the members of a goal to which routes are led.
         configuration: of the configuration NLP.
         motion: of the search for a motion.
         goal_pose: of the goal pose's NLP.
@@ -840,7 +689,6 @@ class CurvePlannerSettings:
     curvature_share: float = 0.9
     full_curvature_share: float = 1.0
     cost_shares: tuple[float, ...] = COST_SHARES
-    members: GoalMemberSettings = field(default_factory=GoalMemberSettings)
     configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     goal_pose: PoseSettings = field(default_factory=PoseSettings)

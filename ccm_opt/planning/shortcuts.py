@@ -21,6 +21,8 @@ _TURN = 0.15
 """Most that a link turns between two keyframes of the result [rad]. Derived: that of a step."""
 _STREAM = 7
 """Tells its random numbers from those of others. Taste."""
+MANY_INTERVALS = 40
+"""Motions that need no more intervals to be certified are optimised as they are. Taste."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
     if not fits or task.optimiser == "none" or task.deadline.passed():
         return motion
     intervals = len(thinned(motion, task.certificate)[0]) - 1
-    if intervals <= settings.many:
+    if intervals <= MANY_INTERVALS:
         return motion
     check = SampledCheck.of(task.arm, task.workspace)
     shortcuts = Shortcuts(check, task.certificate.failures, settings.shortcuts)

@@ -16,7 +16,7 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
-from ccm_opt.planning.settings import ConvexSettings, SpaceOptimisationSettings
+from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_step import SpaceStepper
@@ -50,6 +50,14 @@ _FINER_INTERVALS = 32
 """Least number of intervals then."""
 _FINER_PRICE = 400.0
 """First price of slack then."""
+_MANY = 1.2
+"""Intervals that are many, as a multiple of those wanted."""
+_MARGIN = 0.02
+"""Gap that rows ask for beyond contact [u]."""
+_SEEN = 0.3
+"""Rows nearer to their bound than this enter the program [u]."""
+_GROUPS = 24
+"""Arms with more links than this have rows for groups of neighbouring joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,16 +135,12 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
     @property
     def steps(self) -> ConvexSettings:
         """Numbers of the steps."""
-        return self._settings.steps
-
-    @property
-    def _settings(self) -> SpaceOptimisationSettings:
-        return self.task.settings.optimisation
+        return self.task.settings.optimisation.steps
 
     @property
     def groups(self) -> int:
         """Arms with more links than this have rows for groups of neighbouring joints."""
-        return self._settings.groups
+        return _GROUPS
 
     @property
     def arm(self) -> Arm:
@@ -150,16 +154,16 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
     def objective(self, intervals: int) -> Objective:
         """The quadratic part of what is made small: a coordinate counts by the speed that it allows."""
         task = self.task
-        return Objective(self.stepper.curve, intervals, self.weights, None, task.settings.objective, task.slowness)
+        return Objective(self.stepper.curve, intervals, self.weights, None, task.slowness)
 
     def rows(self, sweep: SpaceSweep) -> IntervalRows:
         """All rows over intervals about a motion."""
-        return motion_rows(sweep, self.wanted_gap, self._settings.margin * self.unit, self._settings)
+        return motion_rows(sweep, self.wanted_gap, _MARGIN * self.unit, _SEEN * self.unit)
 
     def seen_by_steps(self, sweep: SpaceSweep) -> float:
         """How near to their bound rows enter the QP [m]."""
         del sweep
-        return self._settings.active * self.unit
+        return _SEEN * self.unit
 
     def keyframe_rows(self, sweep: SpaceSweep) -> tuple[KeyframeRows, ...]:
         """Limits of coordinates, gaps of the user, and places that the tip passes."""
@@ -189,7 +193,7 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
 
     def lack(self, sweep: SpaceSweep) -> float:
         """Room that a motion lacks over all its intervals, in nominal links."""
-        return float(np.sum(room_lacking(sweep, self.wanted_gap, self._settings))) / self.unit
+        return float(np.sum(room_lacking(sweep, self.wanted_gap))) / self.unit
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
         """The keyframes on the user's equations, the last one exactly on the goal; None where that fails."""
@@ -277,7 +281,7 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
 def _lacking(task: SpaceTask, motion: SpaceMotion) -> float:
     """By how much more of the wanted room a motion lacks on its way than at its ends [m]."""
     sweep = SpaceSweep(task.stepper(motion.curve, 0.0), motion.unknowns)
-    return room_lacking_on_the_way(sweep, task.wanted_gap, task.settings.optimisation)
+    return room_lacking_on_the_way(sweep, task.wanted_gap)
 
 
 def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
@@ -301,7 +305,7 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         else:
             # No fewer keep the user's constraints: those of the round before do, and are optimised to the end.
             keyframes = unknowns
-        many = few is not None and len(keyframes) - 1 > settings.many * settings.intervals
+        many = few is not None and len(keyframes) - 1 > _MANY * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
         passing = None if not task.via else _passing(task, stepper, keyframes, passed[0][passed[2]])
         better = sequential_convex(SpaceProgram.of(task, stepper, u, passing, end_fixed=end_fixed), keyframes, taken)

@@ -10,7 +10,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.settings import SpaceOptimisationSettings
 from ccm_opt.planning.space_sweep import SpaceSweep
 
 _BEHIND = 0.06
@@ -20,26 +19,30 @@ _MOST_TRAVEL = 0.75
 """Of the way of a joint over an interval that rows reach for [u]."""
 _PAIR_SHARE = 0.25
 """Of what links between two leave at full stretch that these are asked to keep apart."""
+BETWEEN = (0.25, 0.75)
+"""Shares of an interval at which links that lack room have rows too."""
+_PLANES = 6
+"""Most half-spaces about a link."""
 
 
-def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: SpaceOptimisationSettings) -> IntervalRows:
+def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, seen: float) -> IntervalRows:
     """All rows of a motion.
 
     Args:
         sweep: the motion.
         wanted: room beyond contact that is asked for [m].
         margin: gap beyond contact that rows keep in any case [m].
-        settings: of the optimisation.
+        seen: what is farther beyond that makes no rows [m].
     """
-    parts = [_wall_rows(sweep, wanted + margin, settings)]
+    parts = [_wall_rows(sweep, wanted + margin, seen)]
     if sweep.curve.arm.self_collision:
-        parts.append(_pair_rows(sweep, wanted + margin, settings))
+        parts.append(_pair_rows(sweep, wanted + margin, seen))
     rows = joined_rows(parts)
     # Rows at the given start can never be mended.
     return rows.take(rows.interval + rows.share > 0.0)
 
 
-def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> IntervalRows:
+def _wall_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
     """Rows of half-spaces about the links halfway through every interval, at every keyframe, and at times in between.
 
     A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
@@ -48,8 +51,8 @@ def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
     chords = np.linalg.norm(np.diff(sweep.joints, axis=0), axis=2)
     travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.stepper.unit)
     kept = sweep.stepper.kept + room
-    reach = kept + settings.active * sweep.stepper.unit
-    interval, link, normal, foot = _half_spaces(sweep, sweep.middle_points, reach + travel, settings)
+    reach = kept + seen
+    interval, link, normal, foot = _half_spaces(sweep, sweep.middle_points, reach + travel)
     parts = []
     for side in (0, 1):
         for end in (0, 1):
@@ -58,15 +61,13 @@ def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
             bow = _lost(normal, sweep.halfway_off[interval, link + end])
             rows = _of_points(interval, float(side), link + end, normal, foot + kept + bow)
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
-    parts.append(_rows_at(sweep, 1.0, reach, kept, settings))
+    parts.append(_rows_at(sweep, 1.0, reach, kept))
     # In between only what lacks room is asked for.
-    parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.unit, kept, settings) for share in settings.between)
+    parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.unit, kept) for share in BETWEEN)
     return joined_rows(parts)
 
 
-def _rows_at(
-    sweep: SpaceSweep, share: float, reach: float, kept: float, settings: SpaceOptimisationSettings
-) -> IntervalRows:
+def _rows_at(sweep: SpaceSweep, share: float, reach: float, kept: float) -> IntervalRows:
     """Rows of half-spaces about the links at one time of every interval.
 
     Args:
@@ -74,11 +75,10 @@ def _rows_at(
         share: of the interval that has passed.
         reach: surfaces farther away are left out [m].
         kept: distance that the links' axes shall keep [m].
-        settings: of the optimisation.
     """
     points = sweep.points_at(share)
     off = points - ((1.0 - share) * sweep.joints[:-1] + share * sweep.joints[1:])
-    interval, link, normal, foot = _half_spaces(sweep, points, reach, settings)
+    interval, link, normal, foot = _half_spaces(sweep, points, reach)
     parts = []
     for end in (0, 1):
         beside = np.einsum("md,md->m", normal, off[interval, link + end])
@@ -88,7 +88,7 @@ def _rows_at(
 
 
 def _half_spaces(
-    sweep: SpaceSweep, points: FloatArray, reach: float, settings: SpaceOptimisationSettings
+    sweep: SpaceSweep, points: FloatArray, reach: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Half-spaces n·x ≥ b about the links of several poses.
 
@@ -96,7 +96,6 @@ def _half_spaces(
         sweep: the motion.
         points: joints and tip of the poses, shape (k, links + 1, 3) [m].
         reach: surfaces farther away are left out [m].
-        settings: of the optimisation.
 
     Returns:
         Numbers of the poses and of the links, each of shape (m,), n, shape (m, 3), and b, shape (m,) [m].
@@ -106,36 +105,34 @@ def _half_spaces(
     beyond = arm.links - first
     looked_at = points[:, first:]
     segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
-    planes = sweep.stepper.tree.planes(segments, reach, settings.planes, _BEHIND * sweep.stepper.unit)
+    planes = sweep.stepper.tree.planes(segments, reach, _PLANES, _BEHIND * sweep.stepper.unit)
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
 
-def room_lacking(sweep: SpaceSweep, wanted: float, settings: SpaceOptimisationSettings) -> FloatArray:
+def room_lacking(sweep: SpaceSweep, wanted: float) -> FloatArray:
     """By how much the least gap from surfaces lacks the wanted one in every interval, at least 0, shape (K,) [m].
 
     Args:
         sweep: the motion.
         wanted: room beyond contact that is asked for [m].
-        settings: whose times in between are looked at.
     """
     lacking = np.zeros(sweep.intervals)
-    for share in (*settings.between, 0.5, 1.0):
+    for share in (*BETWEEN, 0.5, 1.0):
         points = sweep.middle_points if share == 0.5 else sweep.points_at(share)
         lacking = np.maximum(lacking, _lacking_at(sweep, points, wanted))
     return lacking
 
 
-def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float, settings: SpaceOptimisationSettings) -> float:
+def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float) -> float:
     """By how much the least gap from surfaces lacks more of the wanted one than where a motion starts and ends [m].
 
     Args:
         sweep: the motion.
         wanted: room beyond contact that is asked for [m].
-        settings: whose times in between are looked at.
     """
     at_ends = _lacking_at(sweep, sweep.joints[[0, -1]], wanted)
-    return float(np.max(room_lacking(sweep, wanted, settings)) - np.max(at_ends))
+    return float(np.max(room_lacking(sweep, wanted)) - np.max(at_ends))
 
 
 def _lacking_at(sweep: SpaceSweep, points: FloatArray, wanted: float) -> FloatArray:
@@ -154,11 +151,11 @@ def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
     return np.flatnonzero((point > 0) | bool(sweep.curve.arm.base_axes))
 
 
-def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> IntervalRows:
+def _pair_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
     """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
     arm = sweep.curve.arm
     motion = sweep.stepper.certificate.motion
-    reach = 2.0 * arm.radius + room + settings.active * sweep.stepper.unit
+    reach = 2.0 * arm.radius + room + seen
     columns: list[tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]] = []
     for k, points in enumerate(sweep.middle_points):
         near = motion.near_pairs(points, reach)

@@ -20,7 +20,6 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.limits.limit import Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
-from ccm_opt.planning.settings import ObjectiveSettings
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -32,6 +31,18 @@ _SHAPE_CHANGE = 0.1
 """Share of that weight on changes of the curvature from keyframe to keyframe. Taste."""
 _SECOND_HEADING = 0.1
 """Weight of the turns of the links in ``∫|q''|²``. Taste."""
+_HEADING = 1e-3
+"""Weight of the turns of the links beside the turns of the joints. Taste."""
+_UNEVENNESS = 4e-3
+"""Weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste."""
+_SHAPE = 1e-3
+"""Weight of the curve's curvature and of its differences, in nominal links. Taste."""
+_BLEND = 1e-3
+"""Weight on changes of the coordinate that blends a whole-arm goal in. Taste."""
+_FOLLOWING = 25.0
+"""Weight of changes of the curve on which a fed arm lies still, as bends of a nominal link; an arm whose curve does not
+change follows its tip. Measured on the disturbed jobs: a hundredth of their duration for half of the worst
+deviation."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +122,6 @@ class Objective:
         intervals: K.
         weights: how much each part counts.
         slowness: of the coordinates, for the weight of the duration; None when all are alike.
-        settings: weights inside the parts.
         scale: how much a unit of each coordinate counts, shape (c,); None when all count alike.
     """
 
@@ -119,23 +129,21 @@ class Objective:
     intervals: int
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
-    settings: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     scale: FloatArray | None = None
 
     # ------------------------------------------------------------ metrics of the unknowns
     @cached_property
     def first(self) -> FloatArray:
         """Metric of first differences between keyframes, shape (p, p)."""
-        settings = self.settings
         curve = self.curve
         curvature, unevenness = self._curvature_rows
-        change = _SHAPE_CHANGE * settings.shape
-        shape = change * curvature.T @ curvature + settings.shape * unevenness.T @ unevenness
+        change = _SHAPE_CHANGE * _SHAPE
+        shape = change * curvature.T @ curvature + _SHAPE * unevenness.T @ unevenness
         metric = self.weights.bending * shape + self._ridge
-        metric += self.weights.path_length * settings.heading * self._share * curve.heading_metric
+        metric += self.weights.path_length * _HEADING * self._share * curve.heading_metric
         following = self._unit * curve.following_rows
         if len(following):
-            metric += settings.following * following.T @ following
+            metric += _FOLLOWING * following.T @ following
         if curve.affine:
             metric += self._turns(self._first_weights)
         # K Σ |Δv|² approximates ∫ |v′|² du, since each of the K steps lasts 1/K.
@@ -145,7 +153,7 @@ class Objective:
     def second(self) -> FloatArray:
         """Metric of second differences, shape (p, p)."""
         curve = self.curve
-        metric = _SHAPE_CHANGE * self.settings.shape * np.eye(len(self._ridge))
+        metric = _SHAPE_CHANGE * _SHAPE * np.eye(len(self._ridge))
         metric += self.weights.smoothness * _SECOND_HEADING * self._share * curve.heading_metric
         if curve.affine:
             metric += self._turns(self._second_weights)
@@ -157,7 +165,7 @@ class Objective:
         """Metric of the unknowns themselves, shape (p, p)."""
         curvature, unevenness = self._curvature_rows
         bending = curvature.T @ curvature + unevenness.T @ unevenness
-        return np.asarray(self.weights.bending * self.settings.shape * bending / self.intervals)
+        return np.asarray(self.weights.bending * _SHAPE * bending / self.intervals)
 
     @property
     def _share(self) -> float:
@@ -171,7 +179,7 @@ class Objective:
 
     @property
     def _second_factor(self) -> float:
-        return self.settings.unevenness * self.intervals**3
+        return _UNEVENNESS * self.intervals**3
 
     @cached_property
     def _first_weights(self) -> FloatArray:
@@ -197,7 +205,7 @@ class Objective:
     @cached_property
     def _ridge(self) -> FloatArray:
         # Unknowns after those of the curve blend the goal in; they have another unit and a weight of their own.
-        return np.diag(np.where(self.curve.of_shape, _RIDGE, self.settings.blend))
+        return np.diag(np.where(self.curve.of_shape, _RIDGE, _BLEND))
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:

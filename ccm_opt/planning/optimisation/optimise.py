@@ -14,7 +14,7 @@ from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion_task import Motion, MotionTask
 from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
-from ccm_opt.planning.optimisation.planar_program import PlanarProgram
+from ccm_opt.planning.optimisation.planar_program import MANY, PlanarProgram
 from ccm_opt.planning.optimisation.sequential_convex import sequential_convex
 from ccm_opt.planning.settings import OptimisationSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
@@ -61,10 +61,18 @@ _ROOM_GROWTH = 1.02
 _ROOM_PATIENCE = 6
 """Steps without growth after which a pass ends. Taste."""
 
-OPTIMISATION = OptimisationSettings()
-"""The settings unless others are given."""
 NO_BREAKS = np.zeros(0)
 """No path parameters."""
+_MARGIN = 1e-3
+"""Gap that rows ask for beyond contact, as a share of the arm's length. Taste."""
+_ACTIVE = 1.1
+"""Rows nearer to their bound than this many such links enter the QP. Taste."""
+_FINEST = 80
+"""Intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step."""
+_MOVED_ROUNDS = 24
+"""Most steps where keyframes have to be moved onto limits. Taste."""
+MOST_INTERVALS = 60
+"""Intervals of a motion beyond which none that lets nothing move is cut finer. Taste."""
 
 
 def optimise(motion: Motion, task: MotionTask, margin: float | None = None, rounds: int | None = None) -> Motion:
@@ -73,7 +81,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     Args:
         motion: piecewise linear in its link space, certified; its keyframes meet all equations.
         task: arm, room, goal, limits and deadline.
-        margin: gap that rows ask for beyond contact, as a share of the arm's length; that of the settings when None.
+        margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
         rounds: most steps; those of the settings when None.
 
     Returns:
@@ -95,10 +103,10 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
 def _optimised_on_limits(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: int | None) -> Motion:
     """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
     settings = task.settings.optimisation
-    taken = settings.moved_rounds if rounds is None else settings.moved_rounds * rounds // settings.rounds
+    taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
     # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
     for intervals in settings.moved_intervals:
-        keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
+        keyframes, u = thinned(motion, task.certificate, intervals, _breaks(task))
         program = replace(whole, u=u)
         start = program.restored(keyframes)
         # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
@@ -119,7 +127,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
     keyframes, u = _few_keyframes(motion, task, whole, 0.0)
     while left > 0:
         program = replace(whole, u=u)
-        many = len(keyframes) - 1 > settings.many * settings.intervals
+        many = len(keyframes) - 1 > MANY * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
         before = keyframes
         length = travel(motion)
@@ -130,12 +138,12 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
         stuck = np.array_equal(motion.coordinates, before)
         # A motion that keeps room already is not thinned into the walls again.
         keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.headings))
-        if len(keyframes) - 1 <= settings.many * settings.intervals:
+        if len(keyframes) - 1 <= MANY * settings.intervals:
             continue
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
         # become few stays as it is, or is cut finer where nothing moves.
         slow = travel(motion) > (1.0 - _WORTH_MANY) * length
-        if slow and len(before) > (settings.most_intervals if stuck else 0):
+        if slow and len(before) > (MOST_INTERVALS if stuck else 0):
             break
         keyframes, u = finer(motion, _FINER if stuck else 1.0)
     return motion
@@ -154,11 +162,11 @@ def _few_keyframes(
 ) -> tuple[FloatArray, FloatArray]:
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
-    if settings.intervals <= len(motion.coordinates) - 1 <= settings.many * settings.intervals:
+    if settings.intervals <= len(motion.coordinates) - 1 <= MANY * settings.intervals:
         return motion.coordinates, path_parameters(motion)
     if task.gates is not None:
         return _few_in_gates(motion, whole)
-    return thinned(motion, task.certificate_with(spare), settings)
+    return thinned(motion, task.certificate_with(spare), settings.intervals)
 
 
 def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, FloatArray]:
@@ -211,8 +219,7 @@ def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | Non
 def thinned(
     motion: Motion,
     certificate: IntervalCertificate,
-    settings: OptimisationSettings = OPTIMISATION,
-    intervals: int | None = None,
+    intervals: int = OptimisationSettings.intervals,
     breaks: FloatArray = NO_BREAKS,
 ) -> tuple[FloatArray, FloatArray]:
     """Coordinates at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
@@ -220,12 +227,10 @@ def thinned(
     Args:
         motion: certified; where it knows its path parameter, the keyframes are at even steps of that.
         certificate: of the legs.
-        settings: of the legs.
-        intervals: least number of intervals; that of the settings when None.
+        intervals: least number of intervals.
         breaks: path parameters that keyframes have to be at, where the motion knows its own.
     """
     space = motion.space
-    intervals = settings.intervals if intervals is None else intervals
     labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
 
     # Such a motion was tracked under limits that depend on u: its keyframes may not be shifted against u.
@@ -258,8 +263,7 @@ def travel(motion: Motion) -> float:
 
 def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> PlanarProgram:
     """The program of a motion, its keyframes still to be chosen; arguments as for ``optimise``."""
-    settings = task.settings.optimisation
-    margin = settings.margin if margin is None else margin
+    margin = _MARGIN if margin is None else margin
     length = task.arm.length
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, _LARGEST_LINK * length)
@@ -275,7 +279,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
         limits=task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap),
         u=np.zeros(0),
-        active=settings.active * link + task.wanted_gap,
+        active=_ACTIVE * link + task.wanted_gap,
         slowness=task.slowness,
         in_gates=task.gates is not None,
         settings=task.settings,
@@ -307,12 +311,11 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
     Returns:
         Certified, with the same ends.
     """
-    settings = task.settings.optimisation
     if not lacks_room(motion, task) or task.deadline.passed():
         return motion
     wanted = _enough_room(motion, task)
     most = room_of(motion, task)
-    roomier = _with_finer_keyframes(motion, settings)
+    roomier = _with_finer_keyframes(motion)
     program = _program_to_end(roomier, task, margin)
     for _ in range(_ROOM_PASSES):
         growth = RoomGrowth(task, wanted)
@@ -323,7 +326,7 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
         if room > most:
             motion = roomier
             most = room
-        dear = len(roomier.coordinates) > settings.most_intervals
+        dear = len(roomier.coordinates) > MOST_INTERVALS
         if most >= wanted or not worthwhile or dear or task.deadline.passed():
             break
     return motion
@@ -383,10 +386,10 @@ def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> P
     return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
 
 
-def _with_finer_keyframes(motion: Motion, settings: OptimisationSettings) -> Motion:
+def _with_finer_keyframes(motion: Motion) -> Motion:
     """The same motion with as many times the intervals, as even as may be; not beyond what is affordable."""
     now = len(motion.coordinates) - 1
-    coordinates, _ = finer(motion, min(_FINER, max(1.0, settings.finest / now)))
+    coordinates, _ = finer(motion, min(_FINER, max(1.0, _FINEST / now)))
     return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
 
 

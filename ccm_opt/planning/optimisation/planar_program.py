@@ -19,6 +19,10 @@ from ccm_opt.robot.arm import Arm
 _ACTIVE_AT_MANY = 0.5
 """Share of how near rows enter the QP at many keyframes. Measured: among 300 and 1000 polygons the same motions in
 three quarters of the time."""
+_GROUPS = 36
+"""Arms with more links than this have rows for groups of neighbouring joints. Taste."""
+MANY = 1.5
+"""Keyframes that are many, as a multiple of the intervals wanted. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +62,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
     @property
     def groups(self) -> int:
         """Arms with more links than this have rows for groups of neighbouring joints."""
-        return self.settings.optimisation.groups
+        return _GROUPS
 
     @property
     def yielding(self) -> bool:
@@ -71,7 +75,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
 
     def objective(self, intervals: int) -> Objective:
         """The quadratic part of the objective."""
-        return Objective(self.space, intervals, self.weights, self.slowness, self.settings.objective)
+        return Objective(self.space, intervals, self.weights, self.slowness)
 
     def rows(self, sweep: PlanarSweep) -> IntervalRows:
         """All rows over intervals about a motion."""
@@ -80,7 +84,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
     def seen_by_steps(self, sweep: PlanarSweep) -> float:
         """How near to their bound rows enter the QP [m]; many keyframes are steps as short as the rows are many."""
         settings = self.settings.optimisation
-        many = sweep.intervals > settings.many * settings.intervals
+        many = sweep.intervals > MANY * settings.intervals
         return self.active * (_ACTIVE_AT_MANY if many else 1.0)
 
     def keyframe_rows(self, sweep: PlanarSweep) -> tuple[KeyframeRows, ...]:

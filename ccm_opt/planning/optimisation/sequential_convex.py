@@ -53,6 +53,14 @@ _YIELDING_REACH = 4.0
 """Keyframes on either side that give way with it, less and less. Taste."""
 _YIELDING_SHARE = 0.4
 """Share of its part of the step that such a keyframe keeps each time. Taste."""
+_RAISED_DAMPING = 0.05
+"""Damping from which a refused step raises it. Taste."""
+_GOOD_SHRINKAGE = 3.0
+"""Fall of the damping after a good step. Taste."""
+_LEAST_DAMPING = 1e-4
+"""Least damping. Taste."""
+_GOOD = 0.6
+"""Share of the foreseen gain from which a step is good. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +235,7 @@ class _Iterate(Generic[SweepType]):
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
         """The same motion after a refused step, which was damped so much, with other prices."""
-        raised = _REFUSED_GROWTH * max(damping, self.motion.program.steps.raised_damping)
+        raised = _REFUSED_GROWTH * max(damping, _RAISED_DAMPING)
         return replace(self, damping=raised, prices=prices)
 
 
@@ -379,7 +387,7 @@ def _damping(damping: float, share: float, gain: float, settings: ConvexSettings
     """More damping after a shortened step, less after a good one."""
     if share < 1.0:
         growth = _HALVED_GROWTH if share >= 0.5 else settings.shortened_growth
-        return max(damping, settings.raised_damping) * growth
-    if gain > settings.good:
-        return max(damping / settings.good_shrinkage, settings.least_damping)
+        return max(damping, _RAISED_DAMPING) * growth
+    if gain > _GOOD:
+        return max(damping / _GOOD_SHRINKAGE, _LEAST_DAMPING)
     return damping
