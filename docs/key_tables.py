@@ -1,11 +1,7 @@
 """Tables of the keys of problem files, made from the schema that checks the files."""
 
-import ast
-import inspect
-import itertools
 import math
 import re
-import textwrap
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -51,23 +47,8 @@ def key_rows(table: type[BaseModel], left_out: list[str]) -> list[str]:
 
 
 def key_meanings(table: type[BaseModel]) -> dict[str, str]:
-    """What stands below every key in the source of its class and of the classes that it is made from."""
-    found: dict[str, str] = {}
-    for each in reversed(table.__mro__):
-        if issubclass(each, BaseModel) and each is not BaseModel:
-            found |= _meanings_in(each)
-    return found
-
-
-def _meanings_in(table: type[BaseModel]) -> dict[str, str]:
-    source = ast.parse(textwrap.dedent(inspect.getsource(table)))
-    body = next(node.body for node in source.body if isinstance(node, ast.ClassDef))
-    found = {}
-    for statement, below in itertools.pairwise(body):
-        match statement, below:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                found[name] = " ".join(text.split())
-    return found
+    """What every key of a table means."""
+    return {name: field.description or "" for name, field in table.model_fields.items()}
 
 
 def value_words(hint: Any) -> str:

@@ -16,8 +16,8 @@ DOCS = Path(__file__).parent.parent / "docs"
 PAGE = (DOCS / "problem-file.md").read_text() + (DOCS / "space.md").read_text()
 TABLES = [table for _, table in inspect.getmembers(schema, inspect.isclass) if issubclass(table, Table)]
 WRITTEN_OUT = {
-    *("CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "StartTable", "Table"),
-    *("ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable", "SpaceStartTable"),
+    *("CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "Table"),
+    *("ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable"),
 }
 """Tables whose keys stand in the row of the key that holds them, and those that others are made from."""
 

@@ -25,7 +25,7 @@ TABLES = {
     "workspace.obstacles": schema.ObstacleTable,
     "arm": schema.ArmTable,
     "limits": schema.LimitsTable,
-    "start": schema.StartTable,
+    "start": schema.PoseTable,
     "goal": schema.GoalTable,
     "planner": schema.PlannerTable,
     "simulation": schema.SimulationTable,
@@ -37,7 +37,7 @@ SPACE_TABLES = TABLES | {
     "workspace": schema.SpaceWorkspaceTable,
     "workspace.obstacles": schema.SpaceObstacleTable,
     "arm": schema.SpaceArmTable,
-    "start": schema.SpaceStartTable,
+    "start": schema.SpacePoseTable,
     "goal": schema.SpaceGoalTable,
 }
 

@@ -27,9 +27,7 @@ from ccm_opt.io.schema import (
     SpaceGoalTable,
     SpaceObstacleTable,
     SpacePoseTable,
-    SpaceStartTable,
     SpaceWorkspaceTable,
-    StartTable,
     ToleranceTable,
     VerificationTable,
     WorkspaceTable,
@@ -144,7 +142,7 @@ class Tables:
     meshes: Mapping[int, MeshBody]
     arm: ArmTable | SpaceArmTable
     limits: LimitsTable
-    start: StartTable | SpaceStartTable
+    start: PoseTable | SpacePoseTable
     goals: tuple[GoalTable | SpaceGoalTable, ...]
     planner: PlannerTable
     simulation: SimulationTable

@@ -126,7 +126,7 @@ def _known_everywhere() -> dict[str, tuple[str, ...]]:
         "workspace": schema.WorkspaceTable,
         "arm": schema.ArmTable,
         "limits": schema.LimitsTable,
-        "start": schema.StartTable,
+        "start": schema.PoseTable,
         "goal": schema.GoalTable,
         "planner": schema.PlannerTable,
         "simulation": schema.SimulationTable,

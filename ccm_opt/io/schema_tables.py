@@ -222,10 +222,8 @@ MAX_LINKS = 400
 class InertiaTable(Table):
     """Moments of inertia of the links about their centres [kg m²], one for all links or one each."""
 
-    axial: PositiveEach
-    """About the axis of a link [kg m²]."""
-    transverse: PositiveEach
-    """Across it [kg m²]."""
+    axial: PositiveEach = Field(description="About the axis of a link [kg m²].")
+    transverse: PositiveEach = Field(description="Across it [kg m²].")
 
 
 def _even(links: int) -> int:
@@ -237,10 +235,10 @@ def _even(links: int) -> int:
 class FeedTable(Table):
     """A linear axis that carries the base along the base heading."""
 
-    range: Annotated[list[Length], exactly(2)]
-    """`[least, greatest]` place of the base on the axis."""
-    hole: Length | None = None
-    """Where the guide tube ends, on the axis. Default: the greatest place of the base."""
+    range: Annotated[list[Length], exactly(2)] = Field(description="`[least, greatest]` place of the base on the axis.")
+    hole: Length | None = Field(
+        default=None, description="Where the guide tube ends, on the axis. Default: the greatest place of the base."
+    )
 
     @field_validator("range")
     @classmethod
@@ -253,130 +251,156 @@ class FeedTable(Table):
 class ChainTable(Table):
     """What arms in the plane and in space have in common."""
 
-    links: Annotated[int, Field(ge=2, le=MAX_LINKS), AfterValidator(_even)]
-    """Equal links, with a ball joint at the base of each; an even number."""
-    link_length: PositiveLength
-    """Of a link."""
-    radius: NonNegativeLength
-    """Of the discs swept along the links."""
-    joint_limit_deg: BendLimitDegrees
-    """Bound on the bend of every joint but the first; in space on each of its two bends."""
-    base_limit_deg: PositiveDegrees = 2.0 * math.pi
-    """Bound on the bend of the first joint; in space on each of its two bends."""
-    self_collision: bool = True
-    """Whether links with at least max(2 l, π r) of arm between them keep their axes 2 r apart."""
-    mount_length: NonNegativeLength | None = None
-    """Length of arm, from the base, that may touch obstacles. Default: `radius`."""
-    link_mass: Positive | None = None
-    """Mass of every link [kg]. Default: 0.1."""
-    masses: Annotated[list[Positive], Field(min_length=1)] | None = None
-    """Mass of each link [kg], in place of `link_mass`."""
-    inertia: InertiaTable | None = None
-    """`{ axial = …, transverse = … }` about a link's centre [kg m²]. Default: solid cylinders."""
-    payload: NonNegative = 0.0
-    """Mass of a point at the tip [kg]."""
-    rotor_inertia: NonNegativeEach = 0.0
-    """Of the drives as seen at the joints [kg m²]; a list has one a ball joint or one a revolute."""
-    friction: NonNegativeEach = 0.0
-    """Viscous friction of the joints [N m s/rad], given likewise."""
-    feed: FeedTable | None = None
-    """`{ range = [least, greatest], hole = … }`: an axis that carries the base along the base heading
-    ([how](problem-file.md#feed-axis)). Default: the base is fixed."""
+    links: Annotated[int, Field(ge=2, le=MAX_LINKS), AfterValidator(_even)] = Field(
+        description="Equal links, with a ball joint at the base of each; an even number."
+    )
+    link_length: PositiveLength = Field(description="Of a link.")
+    radius: NonNegativeLength = Field(description="Of the discs swept along the links.")
+    joint_limit_deg: BendLimitDegrees = Field(
+        description=("Bound on the bend of every joint but the first; in space on each of its two bends.")
+    )
+    base_limit_deg: PositiveDegrees = Field(
+        default=2.0 * math.pi, description=("Bound on the bend of the first joint; in space on each of its two bends.")
+    )
+    self_collision: bool = Field(
+        default=True,
+        description=("Whether links with at least max(2 l, π r) of arm between them keep their axes 2 r apart."),
+    )
+    mount_length: NonNegativeLength | None = Field(
+        default=None, description=("Length of arm, from the base, that may touch obstacles. Default: `radius`.")
+    )
+    link_mass: Positive | None = Field(default=None, description="Mass of every link [kg]. Default: 0.1.")
+    masses: Annotated[list[Positive], Field(min_length=1)] | None = Field(
+        default=None, description="Mass of each link [kg], in place of `link_mass`."
+    )
+    inertia: InertiaTable | None = Field(
+        default=None,
+        description=("`{ axial = …, transverse = … }` about a link's centre [kg m²]. Default: solid cylinders."),
+    )
+    payload: NonNegative = Field(default=0.0, description="Mass of a point at the tip [kg].")
+    rotor_inertia: NonNegativeEach = Field(
+        default=0.0,
+        description=("Of the drives as seen at the joints [kg m²]; a list has one a ball joint or one a revolute."),
+    )
+    friction: NonNegativeEach = Field(
+        default=0.0, description="Viscous friction of the joints [N m s/rad], given likewise."
+    )
+    feed: FeedTable | None = Field(
+        default=None,
+        description=(
+            "`{ range = [least, greatest], hole = … }`: an axis that carries the base along the base heading "
+            "([how](problem-file.md#feed-axis)). Default: the base is fixed."
+        ),
+    )
 
 
 class ArmTable(ChainTable):
     """The arm in its plane."""
 
-    base: Point
-    """Of the first joint; it may touch a wall, not stand inside one."""
-    base_heading_deg: Degrees = 0.0
-    """Heading of the straight arm."""
-    axes: Axes = Arm.axes
-    """Order of a ball's revolutes; `"zyz"` as in the paper's table."""
+    base: Point = Field(description="Of the first joint; it may touch a wall, not stand inside one.")
+    base_heading_deg: Degrees = Field(default=0.0, description="Heading of the straight arm.")
+    axes: Axes = Field(default=Arm.axes, description="Order of a ball's revolutes; `\"zyz\"` as in the paper's table.")
 
 
 class PointLimitTable(Table):
     """Bounds on the speed and the acceleration of a point of the arm."""
 
-    at: NonNegativeLength
-    """Arc length of the point from the base, along the links."""
-    velocity: PositiveSpeed | None = None
-    """Of the point. Default: none."""
-    acceleration: PositiveAcceleration | None = None
-    """Of the point. Default: none."""
+    at: NonNegativeLength = Field(description="Arc length of the point from the base, along the links.")
+    velocity: PositiveSpeed | None = Field(default=None, description="Of the point. Default: none.")
+    acceleration: PositiveAcceleration | None = Field(default=None, description="Of the point. Default: none.")
 
 
 class LimitsTable(Table):
     """Joint limits, each one number, one a ball joint, or one a revolute; limits of the feed axis, and of points."""
 
-    velocity: PositiveEach
-    """Of the joints [rad/s]."""
-    acceleration: PositiveEach
-    """Of the joints [rad/s²]."""
-    jerk: PositiveEach | None = None
-    """Of the joints [rad/s³]; for smooth motions. Default: accelerations may jump."""
-    torque: PositiveEach | None = None
-    """Of the joints [N m]. Default: not limited."""
-    feed_velocity: PositiveSpeed | None = None
-    """Of the feed axis; required where there is one."""
-    feed_acceleration: PositiveAcceleration | None = None
-    """Of the feed axis; required where there is one."""
-    feed_jerk: PositiveJerk | None = None
-    """Of the feed axis. Default: its acceleration may jump."""
-    feed_force: Positive | None = None
-    """Of the feed axis [N]. Default: not limited."""
-    tip_velocity: PositiveSpeed | None = None
-    """Of the tip in the plane, in any direction. Default: not limited."""
-    tip_acceleration: PositiveAcceleration | None = None
-    """Of the tip in the plane, in any direction. Default: not limited."""
-    points: list[PointLimitTable] = Field(default=[])
-    """`[{ at = s, velocity = …, acceleration = … }, …]`: the same of other points of the arm."""
+    velocity: PositiveEach = Field(description="Of the joints [rad/s].")
+    acceleration: PositiveEach = Field(description="Of the joints [rad/s²].")
+    jerk: PositiveEach | None = Field(
+        default=None, description="Of the joints [rad/s³]; for smooth motions. Default: accelerations may jump."
+    )
+    torque: PositiveEach | None = Field(default=None, description="Of the joints [N m]. Default: not limited.")
+    feed_velocity: PositiveSpeed | None = Field(
+        default=None, description="Of the feed axis; required where there is one."
+    )
+    feed_acceleration: PositiveAcceleration | None = Field(
+        default=None, description="Of the feed axis; required where there is one."
+    )
+    feed_jerk: PositiveJerk | None = Field(
+        default=None, description="Of the feed axis. Default: its acceleration may jump."
+    )
+    feed_force: Positive | None = Field(default=None, description="Of the feed axis [N]. Default: not limited.")
+    tip_velocity: PositiveSpeed | None = Field(
+        default=None, description="Of the tip in the plane, in any direction. Default: not limited."
+    )
+    tip_acceleration: PositiveAcceleration | None = Field(
+        default=None, description="Of the tip in the plane, in any direction. Default: not limited."
+    )
+    points: list[PointLimitTable] = Field(
+        default=[],
+        description=("`[{ at = s, velocity = …, acceleration = … }, …]`: the same of other points of the arm."),
+    )
 
 
 class GainsTable(Table):
     """Gains of the PD law for every joint: proportional [N m/rad], derivative [N m s/rad]; else they suit the arm."""
 
-    proportional: Positive | None = None
-    """[N m/rad]. Default: what suits the arm, or the other gain."""
-    derivative: Positive | None = None
-    """[N m s/rad]. Default: what suits the arm, or the other gain."""
+    proportional: Positive | None = Field(
+        default=None, description="[N m/rad]. Default: what suits the arm, or the other gain."
+    )
+    derivative: Positive | None = Field(
+        default=None, description="[N m s/rad]. Default: what suits the arm, or the other gain."
+    )
 
 
 class DisturbancesTable(Table):
     """What the simulated arm does otherwise than its controller believes."""
 
-    mass_error: Annotated[float, Field(gt=-1.0)] = Disturbances.mass_error
-    """Share by which links are heavier."""
-    payload: NonNegative = Disturbances.payload
-    """Further mass at the tip [kg]."""
-    friction: NonNegative = Disturbances.friction
-    """Further viscous friction of every revolute [N m s/rad]."""
-    angle_noise_deg: Annotated[float, Field(ge=0.0), AfterValidator(math.radians)] = Disturbances.angle_noise
-    """Standard deviation of measured angles [deg]; of the bends alone while the arm moves in its plane."""
-    velocity_noise: NonNegative = Disturbances.velocity_noise
-    """Standard deviation of measured speeds [rad/s], likewise."""
-    start_delay: NonNegative = Disturbances.start_delay
-    """Time for which brakes still hold the arm when the motion begins [s]."""
-    seed: Annotated[int, Field(ge=0)] = Disturbances.seed
-    """Of the noise."""
+    mass_error: Annotated[float, Field(gt=-1.0)] = Field(
+        default=Disturbances.mass_error, description="Share by which links are heavier."
+    )
+    payload: NonNegative = Field(default=Disturbances.payload, description="Further mass at the tip [kg].")
+    friction: NonNegative = Field(
+        default=Disturbances.friction, description="Further viscous friction of every revolute [N m s/rad]."
+    )
+    angle_noise_deg: Annotated[float, Field(ge=0.0), AfterValidator(math.radians)] = Field(
+        default=Disturbances.angle_noise,
+        description=(
+            "Standard deviation of measured angles [deg]; of the bends alone while the arm moves in its plane."
+        ),
+    )
+    velocity_noise: NonNegative = Field(
+        default=Disturbances.velocity_noise, description="Standard deviation of measured speeds [rad/s], likewise."
+    )
+    start_delay: NonNegative = Field(
+        default=Disturbances.start_delay,
+        description="Time for which brakes still hold the arm when the motion begins [s].",
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(default=Disturbances.seed, description="Of the noise.")
 
 
 class SimulationTable(Table):
     """How the timed motion is simulated."""
 
-    gravity: Vector = Field(default_factory=SimulationOptions().gravity.tolist)
-    """In 3-D [m/s²]; in the plane that is (x, z)."""
-    step: Positive = SimulationOptions.step
-    """Of the integration [s]."""
-    controller: ControllerName = SimulationOptions.controller
-    """Control law."""
-    bandwidth: Positive = SimulationOptions.bandwidth
-    """Natural frequency that both laws are tuned for, on joints and on the feed axis [1/s]."""
-    gains: GainsTable = GainsTable()
-    """Of the PD law, for every joint: `{ proportional = …, derivative = … }` [N m/rad, N m s/rad]. Default: what [suits
-    the arm](dynamics.md#the-closed-loop) at this bandwidth."""
-    disturbances: DisturbancesTable = DisturbancesTable()
-    """In what the simulated arm differs ([below](#simulation-disturbances))."""
+    gravity: Vector = Field(
+        default_factory=SimulationOptions().gravity.tolist, description="In 3-D [m/s²]; in the plane that is (x, z)."
+    )
+    step: Positive = Field(default=SimulationOptions.step, description="Of the integration [s].")
+    controller: ControllerName = Field(default=SimulationOptions.controller, description="Control law.")
+    bandwidth: Positive = Field(
+        default=SimulationOptions.bandwidth,
+        description=("Natural frequency that both laws are tuned for, on joints and on the feed axis [1/s]."),
+    )
+    gains: GainsTable = Field(
+        default=GainsTable(),
+        description=(
+            "Of the PD law, for every joint: `{ proportional = …, derivative = … }` [N m/rad, N m s/rad]. "
+            "Default: what [suits the arm](dynamics.md#the-closed-loop) at this bandwidth."
+        ),
+    )
+    disturbances: DisturbancesTable = Field(
+        default=DisturbancesTable(),
+        description="In what the simulated arm differs ([below](#simulation-disturbances)).",
+    )
 
 
 Weight = Annotated[float, Field(ge=0.0)]
@@ -385,71 +409,118 @@ Weight = Annotated[float, Field(ge=0.0)]
 class WeightsTable(Table):
     """How much each thing counts that planning makes small."""
 
-    path_length: Weight = Weights.path_length
-    """Turns of the joints along the motion."""
-    smoothness: Weight = Weights.smoothness
-    """Changes of these turns."""
-    bending: Weight = Weights.bending
-    """The arm's curvature."""
-    clearance: Weight = Weights.clearance
-    """Nearness to walls, where they are nearer than 3 % of the arm's length. At 0 motions run close to
-    `workspace.clearance`; it is kept in any case."""
-    duration: Weight = Weights.duration
-    """Turns and changes of turns, each joint's against its own velocity and acceleration limit: a stand-in for the
-    duration, of use where joints have different limits."""
+    path_length: Weight = Field(default=Weights.path_length, description="Turns of the joints along the motion.")
+    smoothness: Weight = Field(default=Weights.smoothness, description="Changes of these turns.")
+    bending: Weight = Field(default=Weights.bending, description="The arm's curvature.")
+    clearance: Weight = Field(
+        default=Weights.clearance,
+        description=(
+            "Nearness to walls, where they are nearer than 3 % of the arm's length. At 0 motions run close to "
+            "`workspace.clearance`; it is kept in any case."
+        ),
+    )
+    duration: Weight = Field(
+        default=Weights.duration,
+        description=(
+            "Turns and changes of turns, each joint's against its own velocity and acceleration limit: a "
+            "stand-in for the duration, of use where joints have different limits."
+        ),
+    )
 
 
 class PlannerTable(Table):
     """Which planner, how long, and with what."""
 
-    method: MethodName = PlannerOptions.method
-    """`"nlp"`, this package's own planner, or `"hill-climbing"`, [the paper's](hill-climbing.md)."""
-    mapping: MappingName = PlannerOptions.mapping
-    """How a curve becomes joints; `"even-joints"` is the paper's."""
-    time_limit: Positive = PlannerOptions.time_limit
-    """CPU time of the process after which the search stops [s], so that what is found does not depend on what else the
-    machine does. Three times as much wall time ends it too."""
-    routes: Annotated[int, Field(ge=1)] = PlannerOptions.routes
-    """Corridors tried, shortest first; refused in space, where none are sought."""
-    seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
-    """Of the order in which candidates are tried, of the poses at the goal that are drawn, and of the trees; 0 tries
-    the most promising candidate first. The same seed gives the same plan."""
-    tries: Annotated[int, Field(ge=1)] = PlannerOptions.tries
-    """So many plans are made, with `seed` and the seeds after it, each with an equal share of the time that is left; of
-    those that keep nine tenths of the room that the roomiest keeps the shortest motion is taken. The paper's planner
-    draws nothing, so more than one try is refused."""
-    optimiser: OptimiserName = PlannerOptions.optimiser
-    """How the motion is optimised over all keyframes; by `"none"` it stays as it was found."""
-    retiming: RetimingName = PlannerOptions.retiming
-    """How the path is timed: `"toppra"`, as fast as the limits allow; or `"paul"`, the paper's: joints move at constant
-    speed between keyframes and turn smoothly at each. The second leaves the certified path a little, so shorter turns
-    are tried until the verifier accepts the motion."""
-    wanted_gap: NonNegativeLength | None = PlannerOptions.wanted_gap
-    """Room beyond radius and clearance that [the goal pose](goal-pose.md) and the motion keep where there is so much;
-    where a passage has less, as much as it has. 0: no more than the clearance is asked for. What the motion kept is [in
-    its record](room.md), and `solve --pareto` shows what other gaps would cost. Motions that follow a leader on a feed
-    axis keep the room of its path, and the paper's planner keeps none. Default: 1.5 % of the arm's length or half its
-    radius, whichever is less."""
-    effort_share: Annotated[float, Field(gt=0.0, le=1.0)] = PlannerOptions.effort_share
-    """Share of the drives' limits (velocity, acceleration, jerk, torque, and those of the feed axis) that plans use;
-    the rest is left to [the controller](dynamics.md#what-a-plan-leaves-to-the-controller). Limits on the tip and on
-    other points are used in full."""
-    weights: WeightsTable = WeightsTable()
-    """What planning makes small ([below](#planner-weights))."""
+    method: MethodName = Field(
+        default=PlannerOptions.method,
+        description=('`"nlp"`, this package\'s own planner, or `"hill-climbing"`, [the paper\'s](hill-climbing.md).'),
+    )
+    mapping: MappingName = Field(
+        default=PlannerOptions.mapping, description='How a curve becomes joints; `"even-joints"` is the paper\'s.'
+    )
+    time_limit: Positive = Field(
+        default=PlannerOptions.time_limit,
+        description=(
+            "CPU time of the process after which the search stops [s], so that what is found does not depend "
+            "on what else the machine does. Three times as much wall time ends it too."
+        ),
+    )
+    routes: Annotated[int, Field(ge=1)] = Field(
+        default=PlannerOptions.routes,
+        description="Corridors tried, shortest first; refused in space, where none are sought.",
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(
+        default=PlannerOptions.seed,
+        description=(
+            "Of the order in which candidates are tried, of the poses at the goal that are drawn, and of the "
+            "trees; 0 tries the most promising candidate first. The same seed gives the same plan."
+        ),
+    )
+    tries: Annotated[int, Field(ge=1)] = Field(
+        default=PlannerOptions.tries,
+        description=(
+            "So many plans are made, with `seed` and the seeds after it, each with an equal share of the time "
+            "that is left; of those that keep nine tenths of the room that the roomiest keeps the shortest "
+            "motion is taken. The paper's planner draws nothing, so more than one try is refused."
+        ),
+    )
+    optimiser: OptimiserName = Field(
+        default=PlannerOptions.optimiser,
+        description='How the motion is optimised over all keyframes; by `"none"` it stays as it was found.',
+    )
+    retiming: RetimingName = Field(
+        default=PlannerOptions.retiming,
+        description=(
+            'How the path is timed: `"toppra"`, as fast as the limits allow; or `"paul"`, the paper\'s: joints '
+            "move at constant speed between keyframes and turn smoothly at each. The second leaves the "
+            "certified path a little, so shorter turns are tried until the verifier accepts the motion."
+        ),
+    )
+    wanted_gap: NonNegativeLength | None = Field(
+        default=PlannerOptions.wanted_gap,
+        description=(
+            "Room beyond radius and clearance that [the goal pose](goal-pose.md) and the motion keep where "
+            "there is so much; where a passage has less, as much as it has. 0: no more than the clearance is "
+            "asked for. What the motion kept is [in its record](room.md), and `solve --pareto` shows what "
+            "other gaps would cost. Motions that follow a leader on a feed axis keep the room of its path, "
+            "and the paper's planner keeps none. Default: 1.5 % of the arm's length or half its radius, "
+            "whichever is less."
+        ),
+    )
+    effort_share: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=PlannerOptions.effort_share,
+        description=(
+            "Share of the drives' limits (velocity, acceleration, jerk, torque, and those of the feed axis) "
+            "that plans use; the rest is left to [the "
+            "controller](dynamics.md#what-a-plan-leaves-to-the-controller). Limits on the tip and on other "
+            "points are used in full."
+        ),
+    )
+    weights: WeightsTable = Field(
+        default=WeightsTable(), description="What planning makes small ([below](#planner-weights))."
+    )
 
 
 class ToleranceTable(Table):
     """Errors with which the motion has to touch nothing."""
 
-    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), AfterValidator(math.radians)] = 0.0
-    """Error of every joint, at every time another, with which nothing may come nearer than the clearance; 0 asks for
-    nothing."""
+    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), AfterValidator(math.radians)] = Field(
+        default=0.0,
+        description=(
+            "Error of every joint, at every time another, with which nothing may come nearer than the "
+            "clearance; 0 asks for nothing."
+        ),
+    )
 
 
 class VerificationTable(Table):
     """How strictly plans are judged."""
 
-    contact_tolerance: PositiveLength | None = VerificationOptions.contact_tolerance
-    """Gap that may be missing before a motion is refused; motions that begin or end in contact may use half of it. It
-    is there for rounding, a thousandth of the arm's length at most: a clearance belongs into `workspace.clearance`.
-    Default: [a millionth of the arm's length](scale.md)."""
+    contact_tolerance: PositiveLength | None = Field(
+        default=VerificationOptions.contact_tolerance,
+        description=(
+            "Gap that may be missing before a motion is refused; motions that begin or end in contact may use "
+            "half of it. It is there for rounding, a thousandth of the arm's length at most: a clearance "
+            "belongs into `workspace.clearance`. Default: [a millionth of the arm's length](scale.md)."
+        ),
+    )

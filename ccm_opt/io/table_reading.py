@@ -49,9 +49,7 @@ from ccm_opt.io.schema import (
     SpaceGoalTable,
     SpaceObstacleTable,
     SpacePoseTable,
-    SpaceStartTable,
     SpaceWorkspaceTable,
-    StartTable,
     ToleranceTable,
     VerificationTable,
     WorkspaceTable,
@@ -71,12 +69,12 @@ _OPTIONAL: Mapping[str, type[Table]] = {
     "verification": VerificationTable,
 }
 _SECTIONS: Mapping[bool, Mapping[str, type[Table]]] = {
-    False: {"workspace": WorkspaceTable, "arm": ArmTable, "limits": LimitsTable, "start": StartTable, **_OPTIONAL},
+    False: {"workspace": WorkspaceTable, "arm": ArmTable, "limits": LimitsTable, "start": PoseTable, **_OPTIONAL},
     True: {
         "workspace": SpaceWorkspaceTable,
         "arm": SpaceArmTable,
         "limits": LimitsTable,
-        "start": SpaceStartTable,
+        "start": SpacePoseTable,
         **_OPTIONAL,
     },
 }
