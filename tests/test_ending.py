@@ -14,7 +14,8 @@ from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
@@ -81,7 +82,7 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
 # ---------------------------------------------------------------- more keyframes where room is lacking
 def room(motion: Motion, task: MotionTask) -> float:
     """Least gap of the spline along a motion, densely sampled [m]."""
-    return task.least_gap(clamped_spline(motion.headings)(np.linspace(0.0, 1.0, 1000)))
+    return task.least_gap(clamped_spline(motion.configurations)(np.linspace(0.0, 1.0, 1000)))
 
 
 @pytest.mark.parametrize("seed", [90_111, 90_115])
@@ -92,14 +93,14 @@ def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
     found = find_motion(replace(task, optimiser="none"))
     grazing = optimise(found, task, rounds=1)
     widened = with_more_room(grazing, task)
-    assert widened.headings[[0, -1]] == pytest.approx(grazing.headings[[0, -1]], abs=1e-9)
-    frames = [swept(a, b, 10) for a, b in zip(widened.headings[:-1], widened.headings[1:], strict=True)]
+    assert widened.configurations[[0, -1]] == pytest.approx(grazing.configurations[[0, -1]], abs=1e-9)
+    frames = [swept(a, b, 10) for a, b in zip(widened.configurations[:-1], widened.configurations[1:], strict=True)]
     walls, own = sweep_gaps(problem.arm, problem.workspace, np.vstack(frames))
     assert walls > 0.0
     assert own > 0.0
 
     before = room(grazing, task)
-    most = min(problem.wanted_gap, task.least_gap(grazing.headings[[0, -1]]))
+    most = min(problem.wanted_gap, task.least_gap(grazing.configurations[[0, -1]]))
     assert before < 0.8 * most
     assert room(widened, task) > before
     assert room(widened, task) >= 0.9 * most
@@ -118,14 +119,14 @@ def test_a_motion_with_room_stays_as_it_is() -> None:
 def test_a_motion_is_bent_to_the_goal_pose(seed: int) -> None:
     """It begins where it began, ends in the other pose to rounding, and a dense sweep of it touches nothing."""
     problem, task, motion = optimised(seed)
-    pose = GoalPoseSearch(problem, resolve_ends(problem), motion.headings[-1]).best(motion.headings[-1])
+    pose = GoalPoseSearch(problem, resolve_ends(problem), motion.configurations[-1]).best(motion.configurations[-1])
     assert pose is not None
     bent = bent_to(motion, pose.headings, task)
     assert bent is not None
-    assert bent.headings[0] == pytest.approx(motion.headings[0], abs=1e-12)
-    assert bent.headings[-1] == pytest.approx(pose.headings, abs=1e-9)
+    assert bent.configurations[0] == pytest.approx(motion.configurations[0], abs=1e-12)
+    assert bent.configurations[-1] == pytest.approx(pose.headings, abs=1e-9)
     assert bent.end_pose is not None
-    frames = [swept(a, b, 30) for a, b in zip(bent.headings[:-1], bent.headings[1:], strict=True)]
+    frames = [swept(a, b, 30) for a, b in zip(bent.configurations[:-1], bent.configurations[1:], strict=True)]
     walls, own = sweep_gaps(problem.arm, problem.workspace, np.vstack(frames))
     assert walls > 0.0
     assert own > 0.0
@@ -134,7 +135,7 @@ def test_a_motion_is_bent_to_the_goal_pose(seed: int) -> None:
 def test_an_end_behind_a_wall_is_not_reached() -> None:
     """Where no certified way leads to another end, there is no bent motion."""
     _, task, motion = optimised(90_100)
-    turned = motion.headings[-1] + 2.0 * np.pi / 3.0  # the whole arm turned about its base, through the obstacles
+    turned = motion.configurations[-1] + 2.0 * np.pi / 3.0  # the whole arm turned about its base, through the obstacles
     assert bent_to(motion, turned, task) is None
 
 
@@ -156,13 +157,13 @@ def test_busy_joints_count_more(seed: int) -> None:
     """Weights of path length and duration add up to what they were; a joint that turns more is weighed no less."""
     _, task, motion = optimised(90_100)
     rng = np.random.default_rng(seed)
-    steps = rng.normal(size=motion.coordinates.shape)
-    moved = replace(motion, coordinates=steps, headings=motion.space.headings(steps))
+    steps = rng.normal(size=motion.unknowns.shape)
+    moved = replace(motion, unknowns=steps, configurations=motion.curve.configurations(steps))
     weighed = weighing_bottlenecks(moved, task)
     total = task.weights.path_length + task.weights.duration
     assert weighed.weights.path_length + weighed.weights.duration == pytest.approx(total)
     assert weighed.slowness is not None
-    most = np.abs(np.diff(motion.space.bends(moved.headings), axis=0)).max(axis=0)
+    most = np.abs(np.diff(motion.curve.bends(moved.configurations), axis=0)).max(axis=0)
     if task.slowness is None:
         order = np.argsort(most)
         assert np.all(np.diff(weighed.slowness.speed[order]) >= -1e-12)

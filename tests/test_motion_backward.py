@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ccm_opt.planning.backward import backward_tasks, reversed_motion
-from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.search import LIFT_MARGIN, find_motion, lift
 from ccm_opt.planning.search_run import SearchRun
@@ -53,9 +54,9 @@ def test_reversed_motion_runs_from_start_to_goal() -> None:
     """A motion found backwards begins at the start, ends at the goal pose, and is certified."""
     task = whole_arm_task(24)
     motion = backwards()
-    np.testing.assert_allclose(motion.headings[0], task.start, atol=EXACT)
-    np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)
-    assert len(task.certificate.failures(motion.headings)) == 0
+    np.testing.assert_allclose(motion.configurations[0], task.start, atol=EXACT)
+    np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)
+    assert len(task.certificate.failures(motion.configurations)) == 0
 
 
 @pytest.mark.parametrize("links", [36, 60])
@@ -68,6 +69,6 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     found = reversed_motion(find_motion(other))
     lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), LIFT_MARGIN), task)
     assert lifted is not None
-    np.testing.assert_allclose(lifted.headings[0], task.start, atol=EXACT)
-    np.testing.assert_allclose(lifted.headings[-1], task.goal_headings, atol=EXACT)
-    assert len(task.certificate.failures(lifted.headings)) == 0
+    np.testing.assert_allclose(lifted.configurations[0], task.start, atol=EXACT)
+    np.testing.assert_allclose(lifted.configurations[-1], task.goal_headings, atol=EXACT)
+    assert len(task.certificate.failures(lifted.configurations)) == 0

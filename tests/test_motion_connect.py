@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.draws import HeadingTree
-from ccm_opt.planning.motion_task import Motion
+from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
 from ccm_opt.planning.search import find_motion
@@ -158,10 +158,10 @@ def test_motions_are_certified_and_lead_from_the_start_to_the_goal(seed: int) ->
     assert motion.candidate == CONNECT
     arm = problem.arm
     assert isinstance(problem.start, JointPose)
-    np.testing.assert_allclose(arm.bends(motion.headings[0]), problem.start.bends, atol=1e-12)
-    assert len(Certificate(arm, problem.workspace).failures(motion.headings)) == 0
-    assert (np.abs(arm.bends(motion.headings)) <= arm.bend_limits).all()
-    assert_at_goal(problem, motion.headings[-1])
+    np.testing.assert_allclose(arm.bends(motion.configurations[0]), problem.start.bends, atol=1e-12)
+    assert len(Certificate(arm, problem.workspace).failures(motion.configurations)) == 0
+    assert (np.abs(arm.bends(motion.configurations)) <= arm.bend_limits).all()
+    assert_at_goal(problem, motion.configurations[-1])
 
 
 def assert_at_goal(problem: Problem, headings: FloatArray) -> None:
@@ -185,8 +185,8 @@ def test_what_is_found_is_optimised() -> None:
     first = ConnectStrategy(Turn.EARLY).find(task, [])
     last = find_motion(task, CONNECT_ALONE)
     assert first is not None
-    assert np.abs(np.diff(last.headings, axis=0)).sum() < np.abs(np.diff(first.headings, axis=0)).sum()
-    assert len(Certificate(problem.arm, problem.workspace).failures(last.headings)) == 0
+    assert np.abs(np.diff(last.configurations, axis=0)).sum() < np.abs(np.diff(first.configurations, axis=0)).sum()
+    assert len(Certificate(problem.arm, problem.workspace).failures(last.configurations)) == 0
 
 
 def test_the_seed_decides() -> None:
@@ -198,8 +198,10 @@ def test_the_seed_decides() -> None:
     assert once is not None
     assert again is not None
     assert other is not None
-    np.testing.assert_array_equal(once.headings, again.headings)
-    assert once.headings.shape != other.headings.shape or not np.array_equal(once.headings, other.headings)
+    np.testing.assert_array_equal(once.configurations, again.configurations)
+    assert once.configurations.shape != other.configurations.shape or not np.array_equal(
+        once.configurations, other.headings
+    )
 
 
 def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_drawn() -> None:
@@ -209,9 +211,9 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
     for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
         motion = strategy.find(motion_task(problem), [])
         assert motion is not None
-        np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-9)
-        np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
-        assert len(Certificate(scene.arm, scene.workspace).failures(motion.headings)) == 0
+        np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-9)
+        np.testing.assert_allclose(motion.configurations[-1], scene.goal, atol=1e-9)
+        assert len(Certificate(scene.arm, scene.workspace).failures(motion.configurations)) == 0
 
 
 def test_a_search_ends_with_its_budget() -> None:

@@ -163,7 +163,7 @@ def test_interpolation_arrives_near_its_end(seed: int) -> None:
     stepper, start = make_stepper(scene)
     goal = goal_coordinates(stepper, scene.goal)
     poses = follow(stepper, Interpolation(stepper.space, start.v, goal), start, later())
-    assert np.abs(poses[-1].q - stepper.space.headings(goal)).max() < 0.15
+    assert np.abs(poses[-1].q - stepper.space.configurations(goal)).max() < 0.15
 
 
 def test_the_tip_is_led_along_the_track() -> None:
@@ -212,17 +212,17 @@ def test_polish_meets_the_goal_to_a_nanometre(seed: int, links: int, *, free: bo
     arm = make_arm(links)
     space, v = LinkSpace.through(arm, random_headings(rng, arm, 5.0))
     points = space.pose(v).points
-    last = space.headings(v)[-1]
+    last = space.configurations(v)[-1]
     heading = None if free else float(last + rng.uniform(-0.05, 0.05)) + 2.0 * np.pi * int(rng.integers(-1, 2))
     inwards = 0.004 * (points[0] - points[-1]) / np.hypot(*(points[0] - points[-1]))
     goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), heading)
     final = polish(space, goal, v)
     assert np.hypot(*(space.pose(final).points[-1] - goal.position)) < 2.0 * GoalSettings().polish_tolerance
-    turn = space.headings(final)[-1] - (last if heading is None else heading)
+    turn = space.configurations(final)[-1] - (last if heading is None else heading)
     assert (
         heading is None or abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) < 2.0 * GoalSettings().polish_tolerance
     )
-    assert np.abs(space.headings(final) - space.headings(v)).max() < 0.5
+    assert np.abs(space.configurations(final) - space.configurations(v)).max() < 0.5
 
 
 @pytest.mark.parametrize("heading", [True, False])

@@ -41,7 +41,7 @@ def test_headings_are_the_means_of_the_curve(links: int) -> None:
     half = 0.5 * np.diff(fine)[:, None]
     theta = curve.heading_at(np.clip(fine[:-1, None] + half * (nodes + 1.0), 0.0, 1.0))
     means = (theta @ weights / 2.0).reshape(links, 20).mean(axis=1)
-    np.testing.assert_allclose(space.headings(v), means, atol=1e-11)
+    np.testing.assert_allclose(space.configurations(v), means, atol=1e-11)
 
 
 @pytest.mark.parametrize("links", [4, 14, 96])
@@ -54,7 +54,7 @@ def test_headings_agree_with_adaptive_quadrature(links: int) -> None:
     for j in (0, 1, links // 2, links - 1):
         inner = curve.breakpoints[(curve.breakpoints > j * l) & (curve.breakpoints < (j + 1) * l)]
         total, _ = quad(lambda s: float(curve.heading_at(np.array(s))), j * l, (j + 1) * l, points=inner, epsabs=1e-13)
-        assert space.headings(v)[j] == pytest.approx(total / l, abs=1e-10)
+        assert space.configurations(v)[j] == pytest.approx(total / l, abs=1e-10)
 
 
 @settings(max_examples=25)
@@ -65,7 +65,7 @@ def test_start_is_met_exactly(seed: int, links: int) -> None:
     rng = np.random.default_rng(seed)
     start = random_headings(rng, arm) + rng.normal(0.0, 0.3, links)
     space, v = LinkSpace.through(arm, start)
-    np.testing.assert_allclose(space.headings(v), start, atol=1e-12)
+    np.testing.assert_allclose(space.configurations(v), start, atol=1e-12)
     np.testing.assert_allclose(space.pose(v).points, arm.joint_positions(start), atol=1e-12)
 
 
@@ -78,7 +78,7 @@ def test_start_of_a_curve_is_found_again(seed: int, links: int) -> None:
     coefficients = rng.normal(0.0, 2.0, 3)
     s = np.linspace(0.0, 1.0, KNOTS)
     gentle = np.append(rng.uniform(-3.0, 3.0), np.polynomial.chebyshev.chebval(2.0 * s - 1.0, coefficients))
-    found, _ = LinkSpace.through(space.arm, space.headings(gentle))
+    found, _ = LinkSpace.through(space.arm, space.configurations(gentle))
     assert np.abs(found.offset).max() < 2e-3
 
 
@@ -92,8 +92,8 @@ def test_blended_space_holds_both_ends(seed: int, links: int) -> None:
     space, v = LinkSpace.through(arm, start)
     blended, end = space.blended_to(goal)
     assert end[-1] == 1.0
-    np.testing.assert_allclose(blended.headings(end), goal, atol=1e-11)
-    np.testing.assert_allclose(blended.headings(np.append(v, 0.0)), start, atol=1e-11)
+    np.testing.assert_allclose(blended.configurations(end), goal, atol=1e-11)
+    np.testing.assert_allclose(blended.configurations(np.append(v, 0.0)), start, atol=1e-11)
 
 
 @settings(max_examples=10)
@@ -105,7 +105,7 @@ def test_jacobians_are_the_derivatives_of_the_positions(seed: int, links: int, *
     space, v = LinkSpace.through(arm, random_headings(rng, arm))
     if blended:
         space, v = space.blended_to(random_headings(rng, arm))
-    jacobians = space.jacobians(space.headings(v))
+    jacobians = space.jacobians(space.configurations(v))
     steps = 1e-6 * np.eye(len(v))
     numeric = np.stack([(space.pose(v + h).points - space.pose(v - h).points) / 2e-6 for h in steps], axis=-1)
     assert jacobians.shape == (links + 1, 2, len(v))
@@ -150,9 +150,9 @@ def test_spaces_of_every_fineness_follow_their_curve(
     rng = np.random.default_rng(seed)
     start = random_headings(rng, arm)
     space, v = LinkSpace.through(arm, start, nominal_links, clamped=clamped)
-    np.testing.assert_allclose(space.headings(v), start, atol=1e-12)
+    np.testing.assert_allclose(space.configurations(v), start, atol=1e-12)
     moved = v + rng.normal(0.0, 1.0, len(v))
-    turned = space.headings(moved) - space.headings(v)
+    turned = space.configurations(moved) - space.configurations(v)
     expected = mean_headings(space.curve(moved), links) - mean_headings(space.curve(v), links)
     np.testing.assert_allclose(turned, expected, atol=1e-10)
     assert space.nominal_length == pytest.approx(arm.length / nominal_links)
@@ -169,9 +169,9 @@ def test_a_clamped_base_keeps_its_heading(seed: int) -> None:
     goal += start[0] - goal[0]
     space, v = LinkSpace.through(arm, start, clamped=True)
     blended, end = space.blended_to(goal)
-    np.testing.assert_allclose(blended.headings(end), goal, atol=1e-11)
+    np.testing.assert_allclose(blended.configurations(end), goal, atol=1e-11)
     for held, at in ((space, v), (blended, end)):
-        assert held.headings(at + rng.normal(0.0, 3.0, len(at)))[0] == pytest.approx(start[0], abs=1e-12)
+        assert held.configurations(at + rng.normal(0.0, 3.0, len(at)))[0] == pytest.approx(start[0], abs=1e-12)
 
 
 @settings(max_examples=25)

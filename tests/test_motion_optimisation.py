@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.limits.clearance_rows import motion_rows, sweep_regions
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
 from ccm_opt.planning.optimisation.optimise import motion_program, optimise, thinned, travel
@@ -55,9 +56,9 @@ def test_optimised_motion_is_shorter_and_keeps_clear(seed: int) -> None:
     scene, task, motion = found(seed)
     optimised = optimise(motion, replace(task, optimiser=SEQUENTIAL))
     assert travel(optimised) < 0.8 * travel(motion)
-    assert np.array_equal(optimised.coordinates[0], motion.coordinates[0])
-    assert np.allclose(optimised.headings[0], scene.start, atol=1e-12)
-    frames = [swept(a, b, 30) for a, b in zip(optimised.headings[:-1], optimised.headings[1:], strict=True)]
+    assert np.array_equal(optimised.unknowns[0], motion.unknowns[0])
+    assert np.allclose(optimised.configurations[0], scene.start, atol=1e-12)
+    frames = [swept(a, b, 30) for a, b in zip(optimised.configurations[:-1], optimised.configurations[1:], strict=True)]
     walls, own = sweep_gaps(scene.arm, scene.workspace, np.vstack(frames))
     assert walls > 0.0
     assert own > 0.0
@@ -67,7 +68,7 @@ def test_optimised_motion_is_shorter_and_keeps_clear(seed: int) -> None:
 def test_optimised_motion_ends_on_the_goal_within_joint_limits(seed: int) -> None:
     """The last keyframe meets position and heading of the goal, and no bend passes its limit."""
     scene, task, motion = found(seed)
-    headings = optimise(motion, replace(task, optimiser=SEQUENTIAL)).headings
+    headings = optimise(motion, replace(task, optimiser=SEQUENTIAL)).configurations
     tip = scene.arm.joint_positions(headings[-1])[-1]
     assert np.allclose(tip, scene.goal_tip.position, atol=1e-7)
     assert np.cos(headings[-1, -1] - scene.goal_tip.heading) > 1.0 - 1e-12
@@ -79,7 +80,7 @@ def test_whole_arm_goal_stays_fixed() -> None:
     scene, task, motion = found(5, whole_arm=True)
     optimised = optimise(motion, replace(task, optimiser=SEQUENTIAL))
     assert travel(optimised) < travel(motion)
-    assert np.allclose(optimised.headings[-1], scene.goal, atol=1e-9)
+    assert np.allclose(optimised.configurations[-1], scene.goal, atol=1e-9)
 
 
 def test_interior_point_agrees_with_sequential_convex() -> None:
@@ -88,9 +89,9 @@ def test_interior_point_agrees_with_sequential_convex() -> None:
     ours = optimise(motion, replace(task, optimiser=SEQUENTIAL))
     keyframes, u = thinned(motion, task.certificate)
     coordinates = interior_point(replace(motion_program(motion, task), u=u), keyframes)
-    headings = motion.space.headings(coordinates)
+    headings = motion.curve.configurations(coordinates)
     assert len(task.certificate.failures(headings)) == 0
-    reference = replace(motion, coordinates=coordinates, headings=headings)
+    reference = replace(motion, unknowns=coordinates, configurations=headings)
     assert travel(ours) == pytest.approx(travel(reference), rel=0.15)
 
 
@@ -213,8 +214,8 @@ def test_thinned_motion_is_certified() -> None:
     """Few keyframes of a found motion still pass the certificate."""
     _, task, motion = found(0)
     few, _ = thinned(motion, task.certificate)
-    assert len(few) < len(motion.coordinates)
-    assert len(task.certificate.failures(motion.space.headings(few))) == 0
+    assert len(few) < len(motion.unknowns)
+    assert len(task.certificate.failures(motion.curve.configurations(few))) == 0
 
 
 def test_representatives_are_the_tightest() -> None:

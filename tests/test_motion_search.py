@@ -17,7 +17,8 @@ from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.failures import Failure
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise, travel
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.search import find_motion, lift
@@ -76,7 +77,7 @@ def least_gap(arm: Arm, workspace: Workspace, headings: FloatArray) -> float:
 def test_a_motion_leads_from_start_to_goal(name: str) -> None:
     """It starts at the start, ends on the goal pose to nanometres, keeps all joint limits and touches nothing."""
     task, motion = planned(name)
-    headings = motion.headings
+    headings = motion.configurations
     arm = task.arm
     np.testing.assert_allclose(headings[0], task.start, atol=1e-12)
     assert np.hypot(*(arm.joint_positions(headings[-1])[-1] - task.goal.position)) < EXACT
@@ -91,14 +92,14 @@ def test_a_motion_leads_from_start_to_goal(name: str) -> None:
 def test_the_coordinates_are_those_of_the_headings(name: str) -> None:
     """Every keyframe's coordinates give its headings in the motion's own space."""
     _, motion = planned(name)
-    np.testing.assert_allclose(motion.space.headings(motion.coordinates), motion.headings, atol=1e-12)
+    np.testing.assert_allclose(motion.curve.configurations(motion.unknowns), motion.configurations, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_task_gives_the_same_motion(name: str) -> None:
     """The search draws no lots."""
     task, motion = planned(name)
-    np.testing.assert_array_equal(find_motion(replace(task, deadline=later())).headings, motion.headings)
+    np.testing.assert_array_equal(find_motion(replace(task, deadline=later())).configurations, motion.configurations)
 
 
 @pytest.mark.parametrize("seed", [1, 6])
@@ -107,18 +108,18 @@ def test_whole_arm_goals_are_met_by_every_link(seed: int) -> None:
     scene = clutter(seed, 10)
     task = motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal))))
     motion = find_motion(task)
-    np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
-    np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
-    assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+    np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
+    np.testing.assert_allclose(motion.configurations[-1], scene.goal, atol=1e-9)
+    assert least_gap(scene.arm, scene.workspace, motion.configurations) > 0.0
 
 
 def test_a_goal_without_heading_is_met_by_the_tip() -> None:
     """Any heading will do when none is asked for."""
     scene = clutter(4)
     motion = find_motion(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
-    tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+    tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
     assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-    assert certified(scene, motion.headings)
+    assert certified(scene, motion.configurations)
 
 
 @pytest.mark.parametrize("name", ["clutter 4", "corridor"])
@@ -129,11 +130,11 @@ def test_optimising_shortens_and_stays_safe(name: str) -> None:
     found = find_motion(replace(task, deadline=later(), optimiser="none"))
     assert travel(optimised) < travel(found)
     for motion in (found, optimised):
-        np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
-        tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+        np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
+        tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
         assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-        assert certified(scene, motion.headings)
-        assert (np.abs(scene.arm.bends(motion.headings)) <= scene.arm.bend_limits).all()
+        assert certified(scene, motion.configurations)
+        assert (np.abs(scene.arm.bends(motion.configurations)) <= scene.arm.bend_limits).all()
 
 
 def test_a_detour_is_cut_short() -> None:
@@ -144,10 +145,10 @@ def test_a_detour_is_cut_short() -> None:
     turn = np.eye(len(v))[0]
     bend = np.eye(len(v))[5]
     way = np.vstack((np.linspace(v, v + 0.8 * turn, 12), np.linspace(v + 0.8 * turn, v + 0.3 * turn + bend, 12)[1:]))
-    astray = Motion(space, way, space.headings(way), "astray")
-    points = scene.arm.joint_positions(astray.headings[-1])
-    task = replace(task, goal=GoalPose(points[-1], float(astray.headings[-1, -1])), deadline=later())
-    straight = Motion(space, way[[0, -1]], astray.headings[[0, -1]], "straight")
+    astray = Motion(space, way, space.configurations(way), "astray")
+    points = scene.arm.joint_positions(astray.configurations[-1])
+    task = replace(task, goal=GoalPose(points[-1], float(astray.configurations[-1, -1])), deadline=later())
+    straight = Motion(space, way[[0, -1]], astray.configurations[[0, -1]], "straight")
     assert travel(astray) > 2.0 * travel(straight)
     assert travel(optimise(astray, task)) < 1.2 * travel(straight)
 
@@ -170,11 +171,11 @@ def test_a_motion_is_lifted_to_more_links(name: str, links: int) -> None:
     task = motion_task(scene.problem(coarse.goal_tip))
     lifted = lift(motion, task)
     assert lifted is not None
-    assert lifted.headings.shape[1] == links
-    np.testing.assert_allclose(lifted.headings[0], start, atol=1e-12)
-    assert np.hypot(*(arm.joint_positions(lifted.headings[-1])[-1] - coarse.goal_tip.position)) < EXACT
-    assert least_gap(arm, scene.workspace, lifted.headings) > 0.0
-    assert (np.abs(arm.bends(lifted.headings)) <= arm.bend_limits).all()
+    assert lifted.configurations.shape[1] == links
+    np.testing.assert_allclose(lifted.configurations[0], start, atol=1e-12)
+    assert np.hypot(*(arm.joint_positions(lifted.configurations[-1])[-1] - coarse.goal_tip.position)) < EXACT
+    assert least_gap(arm, scene.workspace, lifted.configurations) > 0.0
+    assert (np.abs(arm.bends(lifted.configurations)) <= arm.bend_limits).all()
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -194,9 +195,9 @@ def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool) -> No
     coordinates = np.linspace(np.append(first, (0.0, 0.0)), last, 12)
     if backwards:
         coordinates = coordinates[::-1]
-    lifted = lift(Motion(twice, coordinates, twice.headings(coordinates), "bent twice"), task)
+    lifted = lift(Motion(twice, coordinates, twice.configurations(coordinates), "bent twice"), task)
     assert lifted is not None
-    np.testing.assert_allclose(lifted.headings[[0, -1]], [start, goal], atol=1e-9)
+    np.testing.assert_allclose(lifted.configurations[[0, -1]], [start, goal], atol=1e-9)
 
 
 def _refined(headings: FloatArray, links: int) -> FloatArray:
@@ -209,11 +210,11 @@ def test_arms_of_many_links_are_planned_and_certified_on_their_own_links() -> No
     """At 72 links the motion found has 72 headings, meets start and goal, and touches nothing."""
     scene = clutter(4, 10, 72)
     motion = find_motion(motion_task(scene.problem()))
-    assert motion.headings.shape[1] == 72
-    np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
-    tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+    assert motion.configurations.shape[1] == 72
+    np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
+    tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
     assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-    assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+    assert least_gap(scene.arm, scene.workspace, motion.configurations) > 0.0
 
 
 def test_a_coarser_arm_has_the_same_shape() -> None:
@@ -258,7 +259,7 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
         CurvePlanner(refuse=refuse_closed).plan(boxed_goal(0.028).problem(goal))
     scene = boxed_goal(0.12)
     motion = find_motion(motion_task(scene.problem(goal)))
-    assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+    assert least_gap(scene.arm, scene.workspace, motion.configurations) > 0.0
 
 
 @pytest.mark.parametrize("links", [12, 24])
@@ -337,8 +338,8 @@ def test_guides_lead_chains_out_of_a_horn(links: int) -> None:
     """A goal that the curve shows exactly leaves the blend of it without effect, and no step stands still for that."""
     task = replace(motion_task(ompl_scenes.horn(links)), optimiser="none")
     motion = find_motion(task, CANDIDATES)
-    assert len(task.certificate.failures(motion.headings)) == 0
-    np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)
+    assert len(task.certificate.failures(motion.configurations)) == 0
+    np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)
 
 
 class OnlyWithFewLinks(PortfolioStrategy):
@@ -354,5 +355,5 @@ def test_what_cannot_be_lifted_is_found_again() -> None:
     task = replace(motion_task(ompl_scenes.horn(48)), optimiser="none")
     motion = find_motion(task, (OnlyWithFewLinks(narrow=False),))
     assert "lifted" not in motion.candidate
-    assert len(task.certificate.failures(motion.headings)) == 0
-    np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)
+    assert len(task.certificate.failures(motion.configurations)) == 0
+    np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)

@@ -68,20 +68,20 @@ def test_the_trees_alone_lead_the_tip_to_its_goal(seed: int) -> None:
     scene = clutter(seed)
     motion = find_motion(motion_task(scene.problem(), guessing=True), NO_CANDIDATES)
     assert motion.candidate == TREES
-    np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
-    tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+    np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
+    tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
     assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-    assert (np.abs(scene.arm.bends(motion.headings)) <= scene.arm.bend_limits).all()
-    assert is_certified(scene, motion.headings)
+    assert (np.abs(scene.arm.bends(motion.configurations)) <= scene.arm.bend_limits).all()
+    assert is_certified(scene, motion.configurations)
 
 
 def test_the_trees_meet_whole_arm_goals() -> None:
     """A goal for the whole arm is met by every link."""
     scene = clutter(1, 10)
     motion = find_motion(motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal)))), NO_CANDIDATES)
-    np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
+    np.testing.assert_allclose(motion.configurations[-1], scene.goal, atol=1e-9)
     assert motion.candidate == TREES
-    assert is_certified(scene, motion.headings)
+    assert is_certified(scene, motion.configurations)
 
 
 def test_a_single_tree_settles_on_the_goal() -> None:

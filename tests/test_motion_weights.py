@@ -14,7 +14,8 @@ from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.limits.clearance_rows import motion_rows
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness, WallNearness
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.search import find_motion
@@ -42,9 +43,11 @@ def optimised(weights: Weights, slowness: JointSlowness | None = None) -> FloatA
     _, task, motion = found()
     task = replace(task, optimiser="sequential-convex", weights=weights, slowness=slowness, deadline=later())
     result = optimise(motion, task)
-    assert len(task.certificate.failures(result.headings)) == 0
-    at = np.linspace(0.0, len(result.headings) - 1.0, 400)
-    return np.stack([np.interp(at, np.arange(len(result.headings)), column) for column in result.headings.T], axis=1)
+    assert len(task.certificate.failures(result.configurations)) == 0
+    at = np.linspace(0.0, len(result.configurations) - 1.0, 400)
+    return np.stack(
+        [np.interp(at, np.arange(len(result.configurations)), column) for column in result.configurations.T], axis=1
+    )
 
 
 def travel(headings: FloatArray) -> float:
@@ -113,9 +116,9 @@ def test_duration_spares_slow_joints() -> None:
 def test_interior_point_weighs_the_same() -> None:
     """The cost of nearness that IPOPT sees has the value that the sequential programming sees."""
     _, task, motion = found()
-    sweep = PlanarSweep(motion.space, thinned(motion, task.certificate)[0])
+    sweep = PlanarSweep(motion.curve, thinned(motion, task.certificate)[0])
     near = nearness(sweep)
-    l = motion.space.arm.link_length
+    l = motion.curve.arm.link_length
     points = sweep.points[..., 0].T, sweep.points[..., 1].T
     seen = nearness_cost((near,), tuple(map(ca.DM, points)), ca.DM(sweep.headings.T), l)
     assert float(seen) == pytest.approx(near.value(sweep))
@@ -131,12 +134,12 @@ def nearness(sweep: PlanarSweep) -> WallNearness:
 def test_model_of_nearness_matches_differences() -> None:
     """The gradient of the cost of nearness agrees with central differences of its value."""
     _, task, motion = found()
-    sweep = PlanarSweep(motion.space, thinned(motion, task.certificate)[0])
+    sweep = PlanarSweep(motion.curve, thinned(motion, task.certificate)[0])
     near = nearness(sweep)
     model = near.model(sweep)
     change = np.random.default_rng(3).normal(size=sweep.unknowns.shape)
     step = 1e-6
-    ahead, behind = (near.value(PlanarSweep(motion.space, sweep.unknowns + s * step * change)) for s in (1.0, -1.0))
+    ahead, behind = (near.value(PlanarSweep(motion.curve, sweep.unknowns + s * step * change)) for s in (1.0, -1.0))
     assert np.vdot(model.gradient, change) == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5)
     assert near.foreseen(sweep, np.zeros_like(change)) == pytest.approx(near.value(sweep))
 

@@ -44,7 +44,7 @@ def test_the_energy_is_bending_travel_and_distance(seed: int) -> None:
     near = rng.normal(0.0, 1.0, 10)
     space, v = LinkSpace.through(arm, rng.normal(0.0, 1.0, 10))
     energy = PoseEnergy.of(space, near, EnergyWeights(0.3, 0.5))
-    headings = space.headings(v)
+    headings = space.configurations(v)
     bends = np.diff(headings)
     turned = np.diff(headings - near, prepend=0.0)
     parts = 0.3 * 10 * np.sum(bends**2) + 0.5 * np.sum(turned**2)
@@ -60,8 +60,8 @@ def test_the_rows_of_the_tip_are_derivatives(seed: int) -> None:
     space, v = LinkSpace.through(make_arm(12), rng.normal(0.0, 1.0, 12))
     equations = TipEquations(space, np.array([0.4, 0.3]), np.array([1.0]))
     step = 1e-6 * rng.standard_normal((1, len(v)))
-    rows = equations.rows(space.headings(v[None]))[0]
-    change = equations.miss(space.headings(v + 0.5 * step)) - equations.miss(space.headings(v - 0.5 * step))
+    rows = equations.rows(space.configurations(v[None]))[0]
+    change = equations.miss(space.configurations(v + 0.5 * step)) - equations.miss(space.configurations(v - 0.5 * step))
     assert change[0] == pytest.approx(-rows @ step[0], abs=1e-11)
 
 

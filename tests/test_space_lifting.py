@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from tests.snakes_in_space import balls, snake, task_of

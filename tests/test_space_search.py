@@ -12,6 +12,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.grid_ways import shortened
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.settings import SpaceConnectSettings
 from ccm_opt.planning.space_connect import Connect
@@ -22,7 +23,7 @@ from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_sweep import SpaceSweep
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned, travel
 from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.shortcuts import MANY_INTERVALS, straightened
@@ -16,9 +17,9 @@ def to_and_fro(seed: int, times: int) -> tuple[MotionTask, Motion]:
     """A found motion that goes there and back several times before it goes there."""
     task = motion_task(clutter(seed, 20).problem(), guessing=True)
     found = find_motion(replace(task, optimiser="none"))
-    back = np.vstack((found.coordinates, found.coordinates[-2::-1]))
-    coordinates = np.vstack((*(back[:-1] for _ in range(times)), found.coordinates))
-    return task, replace(found, coordinates=coordinates, headings=found.space.headings(coordinates))
+    back = np.vstack((found.unknowns, found.unknowns[-2::-1]))
+    coordinates = np.vstack((*(back[:-1] for _ in range(times)), found.unknowns))
+    return task, replace(found, unknowns=coordinates, configurations=found.curve.configurations(coordinates))
 
 
 @pytest.mark.parametrize("seed", [50_001, 50_004])
@@ -28,10 +29,10 @@ def test_a_motion_to_and_fro_is_cut_short(seed: int) -> None:
     assert len(thinned(long, task.certificate)[0]) - 1 > MANY_INTERVALS
     short = straightened(long, task)
     assert travel(short) < 0.5 * travel(long)
-    assert np.array_equal(short.coordinates[[0, -1]], long.coordinates[[0, -1]])
-    assert short.space.headings(short.coordinates) == pytest.approx(short.headings)
-    assert len(task.certificate.failures(short.headings)) == 0
-    frames = [swept(a, b, 10) for a, b in zip(short.headings[:-1], short.headings[1:], strict=True)]
+    assert np.array_equal(short.unknowns[[0, -1]], long.unknowns[[0, -1]])
+    assert short.curve.configurations(short.unknowns) == pytest.approx(short.configurations)
+    assert len(task.certificate.failures(short.configurations)) == 0
+    frames = [swept(a, b, 10) for a, b in zip(short.configurations[:-1], short.configurations[1:], strict=True)]
     assert min(sweep_gaps(task.arm, task.workspace, np.vstack(frames))) > 0.0
 
 

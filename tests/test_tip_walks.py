@@ -8,7 +8,8 @@ import pytest
 
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.failures import Failure
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import SearchSettings, TipWalkSettings
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy, TipWays
@@ -29,9 +30,9 @@ def crowded(scene: Scene, settings: TipWalkSettings = FEW) -> MotionTask:
 
 def assert_right(motion: Motion, scene: Scene) -> None:
     """A motion begins at the start, ends on the goal and is free in a dense sweep."""
-    assert motion.headings[0] == pytest.approx(scene.start)
-    assert np.allclose(scene.arm.joint_positions(motion.headings[-1])[-1], scene.goal_tip.position, atol=1e-8)
-    frames = [swept(a, b, 6) for a, b in zip(motion.headings[:-1], motion.headings[1:], strict=True)]
+    assert motion.configurations[0] == pytest.approx(scene.start)
+    assert np.allclose(scene.arm.joint_positions(motion.configurations[-1])[-1], scene.goal_tip.position, atol=1e-8)
+    frames = [swept(a, b, 6) for a, b in zip(motion.configurations[:-1], motion.configurations[1:], strict=True)]
     assert min(sweep_gaps(scene.arm, scene.workspace, np.vstack(frames))) > 0.0
 
 
@@ -60,7 +61,7 @@ def test_a_seed_repeats_its_walks() -> None:
     """Walks are drawn from the task's seed alone: the same one ends as near to the goal, with the same links."""
     ends = []
     for motion, failures in (walked(5, late=True), walked.__wrapped__(5, late=True)):
-        ends.append(failures[-1].pose if motion is None else motion.headings[-1])
+        ends.append(failures[-1].pose if motion is None else motion.configurations[-1])
     assert np.array_equal(*ends)
 
 

@@ -72,9 +72,9 @@ def test_the_space_of_a_fed_arm_moves_as_its_points_do() -> None:
     arm = fed_arm(base_heading=0.4)
     space = FedSpace.of_arm(arm, 0.3)
     v = np.append(np.random.default_rng(5).normal(0.0, 0.3, arm.links), 4.2)
-    pose = space.headings(v)
+    pose = space.configurations(v)
     assert np.allclose(space.coordinates(pose), v)
     jacobians = space.jacobians(pose)
     for k, d in enumerate(1e-6 * np.eye(len(v))):
-        change = (arm.points(space.headings(v + d)) - arm.points(space.headings(v - d))) / 2e-6
+        change = (arm.points(space.configurations(v + d)) - arm.points(space.configurations(v - d))) / 2e-6
         assert np.allclose(jacobians[..., k], change, atol=1e-7)

@@ -25,7 +25,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, check, failed_checks
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner
-from ccm_opt.planning.motion_task import Motion
+from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.space_ends import refuse_ends

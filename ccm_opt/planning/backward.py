@@ -11,7 +11,8 @@ from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, whole_turn
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.limits.gate_rails import GateRails
 from ccm_opt.planning.link_space import fit_coordinates
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.step import GoalPose, Stepper, polish
 from ccm_opt.planning.tip_paths import tip_paths_in, turning_by
@@ -145,7 +146,7 @@ def reversed_motion(motion: Motion) -> Motion:
     """The motion run from its end to its start."""
     return replace(
         motion,
-        coordinates=motion.coordinates[::-1].copy(),
-        headings=motion.headings[::-1].copy(),
+        unknowns=motion.unknowns[::-1].copy(),
+        configurations=motion.configurations[::-1].copy(),
         candidate=f"{motion.candidate}, backwards",
     )

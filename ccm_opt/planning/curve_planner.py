@@ -27,13 +27,13 @@ from ccm_opt.planning.goal_members import EndPoses
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace, nearest_curves
-from ccm_opt.planning.motion_task import CachedItems, Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.search import find_motion
-from ccm_opt.planning.search_run import pose_headings
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.step import Stepper
@@ -60,8 +60,8 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
     Returns:
         None where the known motion leads to none, or begins elsewhere; that says nothing of the task.
     """
-    same_start = known.headings.shape[1] == len(task.start) and np.allclose(
-        known.headings[0], task.start, rtol=0.0, atol=task.settings.certificate.rounding
+    same_start = known.configurations.shape[1] == len(task.start) and np.allclose(
+        known.configurations[0], task.start, rtol=0.0, atol=task.settings.certificate.rounding
     )
     if not same_start:
         return None
@@ -75,7 +75,7 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
 def _stepper(known: Motion, task: MotionTask) -> Stepper:
     """Steps in the space through the start that holds the end of the known motion too."""
     space, _ = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
-    space, _ = space.blended_to(known.headings[-1])
+    space, _ = space.blended_to(known.configurations[-1])
     margin = task.settings.search.margins[0] * space.nominal_length
     finder = task.planning_finder(margin, space.nominal_length)
     return Stepper(space, finder, task.limits(finder), task.settings)
@@ -103,20 +103,19 @@ def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
 def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
     """The known motion tracked by steps that keep off the walls as they are now, then settled on the goal."""
     start = stepper.pose(_coordinates(stepper.space, known, task.start)[0])
-    reference = ReferenceMotion.from_headings(known.headings)
+    reference = ReferenceMotion.from_headings(known.configurations)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, start, task.deadline)
     except Stalled:
         return None
-    headings = pose_headings(way.poses)
-    if len(task.certificate.failures(headings)) or not task.within_joint_limits(headings):
-        return None
-    return Motion(stepper.space, np.array([pose.v for pose in way.poses]), headings, known.candidate)
+    motion = Motion.of(stepper.space, way.poses, known.candidate)
+    refused = len(task.certificate.failures(motion.configurations)) > 0
+    return None if refused or not task.within_joint_limits(motion.configurations) else motion
 
 
 def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArray:
     """Coordinates nearest to the keyframes of the known motion, shape (K, p); those of the start are exact."""
-    wanted = known.headings - space.offset
+    wanted = known.configurations - space.offset
     coordinates = np.array(np.linalg.lstsq(space.matrix, wanted.T, rcond=None)[0].T, dtype=np.float64)
     exact = LinkSpace.through(space.arm, start, space.nominal_links, clamped=space.clamped)[1]
     coordinates[0] = np.append(exact, 0.0)
@@ -125,10 +124,10 @@ def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArr
 
 def _certified(space: LinkSpace, coordinates: FloatArray, known: Motion, task: MotionTask) -> Motion | None:
     """The motion through keyframes, shape (K, p); None where it is not certified."""
-    headings = space.headings(coordinates)
+    headings = space.configurations(coordinates)
     if len(task.certificate.failures(headings)) or not task.within_joint_limits(headings):
         return None
-    return replace(known, space=space, coordinates=coordinates, headings=headings, u=None, end_pose=None)
+    return replace(known, curve=space, unknowns=coordinates, configurations=headings, u=None, end_pose=None)
 
 
 @dataclass(frozen=True)
@@ -290,7 +289,7 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
             reason = f"{reason} that keeps the joint limits and the constraints {names}"
         raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm.radius, problem.workspace.clearance)))
     control = problem.arm.bends(path.spline.c)
-    curves = nearest_curves(problem.arm, motion.headings)
-    keyframes = problem.arm.bends(motion.headings)
+    curves = nearest_curves(problem.arm, motion.configurations)
+    keyframes = problem.arm.bends(motion.configurations)
     spline = BSpline(path.spline.t, control, path.spline.k)
     return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)

@@ -15,7 +15,8 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.guides import Interpolation
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import (
     MOST_INTERVALS,
@@ -52,7 +53,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
         task: with the user's weights and what the joints can do.
     """
     weights = task.weights
-    bends = motion.space.drives(motion.headings)
+    bends = motion.curve.drives(motion.configurations)
     if weights.path_length == 0.0 or len(bends) < _LEAST_KEYFRAMES:
         return task
     slowness = task.slowness or JointSlowness.from_limits(np.ones(bends.shape[1]), np.ones(bends.shape[1]))
@@ -90,11 +91,11 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
         return optimise(motion, task, margin)
     free = optimise(motion, task, margin, settings.free_rounds)
     # The best first: the first that can be reached wins.
-    offered = task.end_poses(task.arm, free.headings[-1]) if task.goal_headings is None else ()
+    offered = task.end_poses(task.arm, free.configurations[-1]) if task.goal_headings is None else ()
     for wanted in offered:
         bent = bent_to(free, wanted, task)
         if bent is not None:
-            to_end = weighing_bottlenecks(bent, task).ending_at(bent.coordinates[-1], wanted)
+            to_end = weighing_bottlenecks(bent, task).ending_at(bent.unknowns[-1], wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
             if keeps_limits(ended, task):
                 return _with_room(ended, motion, task, margin)
@@ -118,12 +119,12 @@ def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | N
     if not lacks_room(widened, task):
         return widened
     # Another as long would cost as much again; and among many walls what is won is small beside what is wanted.
-    if len(widened.coordinates) - 1 > MOST_INTERVALS or task.among_many_walls:
+    if len(widened.unknowns) - 1 > MOST_INTERVALS or task.among_many_walls:
         return shortened(widened, weighed, margin)
     # What a long motion lacks holds it back from becoming shorter. The shortest one, which grazes walls, becomes
     # longer as it gets room, and mostly stays the shorter of the two.
     short = optimise(found, replace(task, wanted_gap=0.0), margin)
-    end = ended.headings[-1] if ended.end_pose is None else ended.end_pose
+    end = ended.configurations[-1] if ended.end_pose is None else ended.end_pose
     bent = bent_to(short, end, task)
     motions = [widened]
     if bent is not None:
@@ -150,33 +151,33 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
         wanted: link headings of the other end, shape (links,) [rad]; at the same goal.
         task: arm, room and limits.
     """
-    space, end = motion.space.blended_to(wanted)
+    space, end = motion.curve.blended_to(wanted)
     # A coordinate that the space has besides says how much of what the curve cannot show is added.
-    further = space.dimension - motion.space.dimension
-    before = np.pad(motion.coordinates, ((0, 0), (0, further)))
+    further = space.dimension - motion.curve.dimension
+    before = np.pad(motion.unknowns, ((0, 0), (0, further)))
     change = end - before[-1]
     u = path_parameters(motion)
     for beginning in task.settings.optimisation.bending_from:
         share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
         coordinates = before + (share**2 * (3.0 - 2.0 * share))[:, None] * change
-        headings = space.headings(coordinates)
+        headings = space.configurations(coordinates)
         if len(task.certificate.failures(headings)) == 0 and task.within_joint_limits(headings):
             return Motion(space, coordinates, headings, motion.candidate, motion.u, wanted)
     if motion.u is not None:
         return None  # whose limits depend on where along the motion they are: nothing can be added to it
-    return _led_on(Motion(space, before, motion.headings, motion.candidate, end_pose=wanted), end, task)
+    return _led_on(Motion(space, before, motion.configurations, motion.candidate, end_pose=wanted), end, task)
 
 
 def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
     """A motion with a way from its end to other coordinates added."""
-    space = motion.space
+    space = motion.curve
     for links in task.settings.search.margins:
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
         stepper = Stepper(space, finder, task.limits(finder), task.settings)
-        added = _certified_way(stepper, task, motion.coordinates[-1], end)
+        added = _certified_way(stepper, task, motion.unknowns[-1], end)
         if added is not None:
-            coordinates = np.vstack((motion.coordinates, added))
-            return replace(motion, coordinates=coordinates, headings=space.headings(coordinates))
+            coordinates = np.vstack((motion.unknowns, added))
+            return replace(motion, unknowns=coordinates, configurations=space.configurations(coordinates))
     return None
 
 
@@ -189,6 +190,6 @@ def _certified_way(stepper: Stepper, task: MotionTask, start: FloatArray, end: F
     except Stalled:
         return None
     coordinates = np.array([*(pose.v for pose in poses), end])
-    if len(task.certificate.failures(stepper.space.headings(coordinates))):
+    if len(task.certificate.failures(stepper.space.configurations(coordinates))):
         return None
     return coordinates[1:]

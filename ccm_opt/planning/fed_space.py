@@ -84,4 +84,4 @@ class FedSpace(LinkSpace):
 
     def curve(self, v: FloatArray) -> Configuration:
         """The curve nearest to the links, as it lies at a feed of 0."""
-        return nearest_curve(self.arm, self.headings(v)[: self.arm.links])
+        return nearest_curve(self.arm, self.configurations(v)[: self.arm.links])

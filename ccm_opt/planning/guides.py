@@ -256,7 +256,7 @@ class Interpolation:
 
     def target(self) -> FloatArray:
         """Headings the links should have now, shape (links,) [rad]."""
-        return self.space.headings(self._target_coordinates())
+        return self.space.configurations(self._target_coordinates())
 
     def _target_coordinates(self) -> FloatArray:
         return self.start + self.u * (self.end - self.start)

@@ -92,13 +92,13 @@ class LinkSpace:
         column = headings - self.matrix @ goal - self.offset
         return replace(self, matrix=np.column_stack((self.matrix, column))), np.append(goal, 1.0)
 
-    def headings(self, v: FloatArray) -> FloatArray:
+    def configurations(self, v: FloatArray) -> FloatArray:
         """Link headings of coordinates, shape (..., p) to (..., links) [rad]."""
         return v @ self.matrix.T + self.offset
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates, shape (p,)."""
-        headings = self.headings(v)
+        headings = self.configurations(v)
         cos = np.cos(headings[: self.arm.links])
         sin = np.sin(headings[: self.arm.links])
         frames = np.stack((cos, -sin, sin, cos), axis=-1).reshape(-1, 2, 2)

@@ -16,7 +16,7 @@ from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
+from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import GoalPose
@@ -247,28 +247,6 @@ class CachedItems:
                     return
                 self._known.append(item)
             yield self._known[k]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A certified piecewise-linear motion on the links.
-
-    Attributes:
-        space: the link space it was planned in.
-        coordinates: at the keyframes, shape (K, p).
-        headings: link headings at the keyframes, shape (K, links) [rad].
-        candidate: name of the candidate that led to it.
-        u: path parameter at the keyframes, shape (K,), or None where nothing depends on it.
-        end_pose: link headings of the offered pose at the goal that it ends in, of the arm it was planned for; None
-            where it ends elsewhere.
-    """
-
-    space: LinkSpace
-    coordinates: FloatArray
-    headings: FloatArray
-    candidate: str
-    u: FloatArray | None = None
-    end_pose: FloatArray | None = None
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:

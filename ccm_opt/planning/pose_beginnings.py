@@ -8,10 +8,11 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,7 @@ class PoseDraws:
         price = np.zeros(len(v))
         for _ in range(settings.descents):
             v, price = self._descent(equations, v, price)
-        costs = np.where(self._there(equations, self.energy.space.headings(v)), self.energy.cost(v), np.inf)
+        costs = np.where(self._there(equations, self.energy.space.configurations(v)), self.energy.cost(v), np.inf)
         found = []
         for tip, heading in enumerate(tips):
             best = int(np.argmin(np.where(of_tip == tip, costs, np.inf)))
@@ -220,11 +220,11 @@ class PoseDraws:
         """
         settings = self.settings
         down = self.energy.descent(v)
-        change, multipliers = equations.correction(self.energy.space.headings(v), self.energy.inverse, down)
+        change, multipliers = equations.correction(self.energy.space.configurations(v), self.energy.inverse, down)
         step = self._shortened(down + change)
         price = np.maximum(settings.forgetting * price, settings.penalty * np.abs(multipliers).max(axis=1))
         tried = v + np.array(settings.line)[:, None, None] * step
-        miss = np.abs(equations.miss(self.energy.space.headings(tried))).sum(axis=-1)
+        miss = np.abs(equations.miss(self.energy.space.configurations(tried))).sum(axis=-1)
         best = np.argmin(self.energy.cost(tried) + price * miss, axis=0)
         return tried[best, np.arange(len(v))], price
 
@@ -240,7 +240,7 @@ class PoseDraws:
             if len(found):
                 break
         order = np.argsort(self.energy.cost(found), kind="stable")
-        return self.energy.space.headings(found[order])
+        return self.energy.space.configurations(found[order])
 
     def _batch(self, pose: CheapestPose, cost: float) -> FloatArray:
         """The same, drawn once about one of them."""
@@ -251,9 +251,9 @@ class PoseDraws:
         v = self.energy.drawn(self._rng, pose.coordinates, shares * (cost - pose.cost))
         equations = self._equations(np.full(len(v), pose.heading))
         for _ in range(settings.newton_steps):
-            v = v + self._shortened(equations.correction(space.headings(v), self.energy.inverse)[0])
-        v = v[self._there(equations, space.headings(v)) & (self.energy.cost(v) < cost)]
-        return v[self._crossing_nothing(space.headings(v))]
+            v = v + self._shortened(equations.correction(space.configurations(v), self.energy.inverse)[0])
+        v = v[self._there(equations, space.configurations(v)) & (self.energy.cost(v) < cost)]
+        return v[self._crossing_nothing(space.configurations(v))]
 
     def _shortened(self, step: FloatArray) -> FloatArray:
         """Steps that turn no link too far, shape (m, p)."""

@@ -13,7 +13,8 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.draws import GoalDraws, HeadingTree, TargetDraws
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings
@@ -228,7 +229,7 @@ class Connecting:
     def _motion(self, way: FloatArray) -> Motion | None:
         """A way in the coordinates of the curve, certified once more; None when that fails."""
         coordinates = self._coordinates(dense(way, _TURN))
-        headings = self.space.headings(coordinates)
+        headings = self.space.configurations(coordinates)
         # The same motion but for rounding, and for the last bit of the way onto the goal.
         if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(headings)):
             return None
@@ -239,7 +240,7 @@ class Connecting:
         task = self.task
         ends = [self.start.q]
         if self.goal.coordinates is not None:
-            ends.append(self.space.headings(self.goal.coordinates))
+            ends.append(self.space.configurations(self.goal.coordinates))
         share = task.settings.step.limit_share
         draws = TargetDraws.within(self.space, ends, KNOTS + 1, share, self.settings)
         trees = (HeadingTree.empty(task.arm.links), HeadingTree.empty(task.arm.links))
@@ -251,7 +252,7 @@ class Connecting:
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
         """Poses at the goal: that of the whole arm, or some that have the tip there."""
         if self.goal.coordinates is not None:
-            yield self.space.headings(self.goal.coordinates)[None]
+            yield self.space.configurations(self.goal.coordinates)[None]
             return
         drawn = GoalDraws(draws, self.goal, check).poses(rng)
         yield next(drawn)
@@ -275,7 +276,7 @@ class Connecting:
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
         """Coordinates near given ones with given link headings."""
         space = self.space
-        missed = headings - space.headings(near)
+        missed = headings - space.configurations(near)
         # Few links leave many curves with the same headings: the smoothest, and then what it misses.
         change = fit_coordinates(space.matrix, missed, space.arm.length)
         rest = missed - space.matrix @ change

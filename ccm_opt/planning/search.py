@@ -14,7 +14,8 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.planning.link_space import LinkSpace, mean_heading_matrix
-from ccm_opt.planning.motion_task import Motion, MotionTask, coarsened
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
 from ccm_opt.planning.pose import Term
@@ -50,7 +51,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     keyframe is polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
     """
     space = _lifted_space(motion, task)
-    coordinates = motion.coordinates.copy()
+    coordinates = motion.unknowns.copy()
     # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
     if task.goal_headings is None:
         goal = task.limited_goal
@@ -60,7 +61,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
     certificate = task.certificate
     stepper = _repair_stepper(space, task)
-    failing = certificate.failures(space.headings(coordinates))
+    failing = certificate.failures(space.configurations(coordinates))
     if _lies_across(stepper, coordinates, failing):
         return None
     for _ in range(_REPAIRS):
@@ -69,10 +70,10 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
         # An interval has no position of its own: both its keyframes are moved.
         at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
         coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
-        failing = certificate.failures(space.headings(coordinates))
+        failing = certificate.failures(space.configurations(coordinates))
 
     # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
-    headings = space.headings(coordinates)
+    headings = space.configurations(coordinates)
     if len(failing) or not task.within_joint_limits(headings):
         return None
     return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
@@ -92,13 +93,13 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     """
     matrix = mean_heading_matrix(task.arm.links, task.arm.length)
     p = matrix.shape[1]
-    first = motion.coordinates[0]
-    last = motion.coordinates[-1]
+    first = motion.unknowns[0]
+    last = motion.unknowns[-1]
     at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
 
     if task.goal_headings is not None:
         # A motion that was bent to its own end for more room has still more coordinates: their columns are taken over.
-        extra = _resampled_columns(motion.space.matrix[:, p + 1 :], task.arm.links)
+        extra = _resampled_columns(motion.curve.matrix[:, p + 1 :], task.arm.links)
         before = at_start - extra @ first[p + 1 :]
         behind = task.goal_headings - matrix @ last[:p] - extra @ last[p + 1 :]
         planned_backwards = first[p] > last[p]
@@ -108,11 +109,11 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
 
     if len(first) > p and first[-1] == 0.0:
         # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
-        extra = _resampled_columns(motion.space.matrix[:, p:], task.arm.links)
+        extra = _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)
         return LinkSpace(task.arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
 
     if len(first) > p:
-        offset = _resampled(motion.space.offset, task.arm.links)
+        offset = _resampled(motion.curve.offset, task.arm.links)
         return LinkSpace(task.arm, np.column_stack((matrix, at_start - offset)), offset)
 
     return LinkSpace(task.arm, matrix, at_start)

@@ -22,7 +22,8 @@ from ccm_opt.planning.failures import Failure
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.hairpin import fitting_folds, led_along, pulled_over
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import CachedItems, Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, slid_out, ways_on
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
@@ -406,12 +407,12 @@ class SearchRun:
 
     def motion(self, name: str, poses: list[Pose]) -> Motion:
         """The poses as a motion found by a candidate."""
-        return Motion(self.stepper.space, np.array([p.v for p in poses]), pose_headings(poses), name)
+        return Motion.of(self.stepper.space, poses, name)
 
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
         """A motion bent to the limits; None when that fails."""
         name = f"{found.candidate}, tracked"
-        reference = ReferenceMotion.from_headings(found.headings)
+        reference = ReferenceMotion.from_headings(found.configurations)
         try:
             way = follow_reference(self.stepper, reference, self.goal, self.start, self.task.deadline)
         except Stalled as stalled:

@@ -12,7 +12,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ShortcutSettings
@@ -104,16 +105,18 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
         return motion
     check = SampledCheck.of(task.arm, task.workspace)
     shortcuts = Shortcuts(check, task.certificate.failures, settings.shortcuts)
-    way = shortcuts.shortened(motion.headings, np.random.default_rng((task.seed, _STREAM)))
-    coordinates = _coordinates(motion.space, dense(way, _TURN), motion)
-    headings = motion.space.headings(coordinates)
+    way = shortcuts.shortened(motion.configurations, np.random.default_rng((task.seed, _STREAM)))
+    coordinates = _coordinates(motion.curve, dense(way, _TURN), motion)
+    headings = motion.curve.configurations(coordinates)
     # The same way but for rounding.
     if len(task.certificate.failures(headings)):
         return motion
-    return replace(motion, coordinates=coordinates, headings=headings)
+    return replace(motion, unknowns=coordinates, configurations=headings)
 
 
 def _coordinates(space: LinkSpace, way: FloatArray, motion: Motion) -> FloatArray:
     """Coordinates of link headings of the space, shape (K, links) to (K, p); those of the motion's ends stay."""
-    inside = np.linalg.lstsq(space.matrix, (way[1:-1] - space.headings(np.zeros(space.dimension))).T, rcond=None)[0].T
-    return np.vstack((motion.coordinates[:1], inside, motion.coordinates[-1:]))
+    inside = np.linalg.lstsq(space.matrix, (way[1:-1] - space.configurations(np.zeros(space.dimension))).T, rcond=None)[
+        0
+    ].T
+    return np.vstack((motion.unknowns[:1], inside, motion.unknowns[-1:]))

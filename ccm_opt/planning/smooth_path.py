@@ -8,7 +8,8 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.path_on_limits import KnotJoints, certified_samples, spline_on_limits
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
@@ -23,7 +24,7 @@ def path_through_knots(motion: Motion, task: MotionTask) -> BSpline | None:
     """
     arm = task.arm
     # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
-    rows = np.diff(np.eye(arm.links, motion.headings.shape[1]), axis=0, prepend=0.0)
+    rows = np.diff(np.eye(arm.links, motion.configurations.shape[1]), axis=0, prepend=0.0)
     joints = KnotJoints(rows, lambda q: arm.bends(q[: arm.links]), arm.bend_limits, partial(_free, task))
     for base in _bases(motion, task):
         spline = spline_on_limits(base, task.user_limits, joints)
@@ -36,7 +37,7 @@ def _bases(motion: Motion, task: MotionTask) -> list[BSpline]:
     """Smooth paths near the motion that know its path parameter, smoothest first."""
     bases = []
     if not task.parametric:
-        near = certified_spline(motion.headings, task.certificate)
+        near = certified_spline(motion.configurations, task.certificate)
         if near is not None:
             bases.append(near)
 
@@ -44,7 +45,7 @@ def _bases(motion: Motion, task: MotionTask) -> list[BSpline]:
     # certified.
     u = path_parameters(motion)
     if len(u) > 3:
-        bases.append(make_interp_spline(u, motion.headings, k=3))
+        bases.append(make_interp_spline(u, motion.configurations, k=3))
     return bases
 
 
@@ -108,7 +109,7 @@ class SplineNearKeyframes:
 
     def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
         """The spline, refined until it is certified."""
-        spline = certified_spline(motion.headings, task.certificate)
+        spline = certified_spline(motion.configurations, task.certificate)
         return None if spline is None else SmoothPath(spline, spare_kept(spline, task.certificate))
 
 

@@ -17,6 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.pose_settings import SpacePoseSettings
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.ik.space_pose_solver import SpaceArmPose
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_continuation import (
     SpaceStalled,
@@ -29,7 +30,7 @@ from ccm_opt.planning.space_continuation import (
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Problem
 from ccm_opt.robot.biarc import straight_at_exit
 from ccm_opt.solution import SpaceGoalPoseRecord

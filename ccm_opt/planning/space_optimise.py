@@ -12,6 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost
 from ccm_opt.planning.limits.user_motion_rows import UserCosts
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
@@ -21,7 +22,7 @@ from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.robot.arm import Arm
 

@@ -18,6 +18,7 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.settings import SpaceCertificateSettings, SpaceMotionSettings
 from ccm_opt.planning.space_ending import ended_by_nlp
@@ -26,7 +27,7 @@ from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_smooth_path import PATH_SAMPLES, certified_path
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask, coarse_problem, space_task
+from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
 from ccm_opt.planning.spline_path import spare_kept
 from ccm_opt.problem import JointPose, Problem

@@ -12,6 +12,7 @@ from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
@@ -22,7 +23,7 @@ from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, S
 from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 
 _WANTED_POSES = 8
 """Poses that are moved to in turn before the sampler is tried."""

@@ -12,7 +12,6 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.failures import Sought
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_continuation import SpaceTipPose
@@ -133,31 +132,6 @@ class SpaceTask:
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
         return SpaceStepper(curve, self.tree, self.certificate, share * self.margin, self.settings, self.user)
-
-
-@dataclass(frozen=True, eq=False)
-class SpaceMotion:
-    """A certified motion, linear in its configurations between keyframes.
-
-    Attributes:
-        curve: the map that its unknowns belong to.
-        unknowns: at the keyframes, shape (K, p).
-        configurations: the same as configurations, shape (K, c) [rad, m].
-        candidate: name of the tactic that found it.
-        u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where any will do.
-    """
-
-    curve: CurveMap
-    unknowns: FloatArray
-    configurations: FloatArray
-    candidate: str
-    u: FloatArray | None = None
-
-    @classmethod
-    def of(cls, curve: CurveMap, poses: list[Pose], candidate: str) -> "SpaceMotion":
-        """The motion through poses."""
-        unknowns = np.stack([pose.v for pose in poses])
-        return cls(curve, unknowns, np.stack([pose.q for pose in poses]), candidate)
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:

@@ -15,13 +15,14 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
-from ccm_opt.planning.space_task import SpaceMotion, SpaceTask
+from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.tracking import tracked_to_arrival
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 

@@ -18,7 +18,8 @@ from ccm_opt.planning.backward import backward_tasks, ending_in, laid_backward_t
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.failures import TREES, Failure
 from ccm_opt.planning.link_space import NOMINAL_LINKS
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.rrt_connect import CONNECT, Connecting
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING

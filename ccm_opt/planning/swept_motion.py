@@ -30,7 +30,7 @@ class PlanarSweep:
     @cached_property
     def headings(self) -> FloatArray:
         """Link headings [rad], and then what carries the base [link lengths], shape (K + 1, c)."""
-        return self.space.headings(self.unknowns)
+        return self.space.configurations(self.unknowns)
 
     @cached_property
     def points(self) -> FloatArray:

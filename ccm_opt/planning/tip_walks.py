@@ -23,7 +23,8 @@ from ccm_opt.planning.continuation import GuideCandidate, GuideIntoSet, Stalled,
 from ccm_opt.planning.failures import Failure
 from ccm_opt.planning.hairpin import led_along, pulled_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search_run import SearchRun, pose_headings

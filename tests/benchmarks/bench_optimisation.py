@@ -21,7 +21,8 @@ from ccm_opt.errors import NoPlanFound
 from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.curve_planner import CurvePlanner, joint_path
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.search import find_motion
 from ccm_opt.problem import OptimiserName, Problem

@@ -104,7 +104,7 @@ class RandomPoses:
         if goal.heading is not None:
             last = last + wrap(goal.heading - last)
         for _ in range(NEWTON_STEPS):
-            headings = space.headings(v)
+            headings = space.configurations(v)
             rows = space.jacobians(headings)[:, -1]
             miss = goal.position - self.problem.arm.joint_positions(headings)[:, -1]
             if goal.heading is not None:

@@ -28,7 +28,8 @@ from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.step import GoalPose
@@ -279,7 +280,7 @@ class GuideTubeLimit(Limit):
 
     def _snapped(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
         """Coordinates, shape (K, p), with tiny bends of joints within the reserve 0, and the base within its range."""
-        poses = space.headings(coordinates)
+        poses = space.configurations(coordinates)
         bends = space.bends(poses)
         inside = self._beyond(poses) < self._reserve + self.settings.rounding
         tiny = inside & (np.abs(bends) < self.settings.tiny_bend)
@@ -344,7 +345,7 @@ def task_of_optimising(task: MotionTask, query: FeedQuery, motion: Motion) -> Mo
         motion: to optimise.
     """
     arm = query.arm
-    way = arm.coordinates.advance(arm.configurations(motion.headings))
+    way = arm.coordinates.advance(arm.configurations(motion.configurations))
     # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
     links_fed = float(np.abs(np.diff(way)).sum()) / arm.link_length
     dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))

@@ -93,7 +93,7 @@ class Reshaping:
             motion = find_motion(planner.motion_task(part.problem, part.ends(self.settings), self.deadline))
         except NoPlanFound:
             return None
-        return self._whole(start, part.problem.arm.bends(motion.headings), clamped=part.clamped)
+        return self._whole(start, part.problem.arm.bends(motion.configurations), clamped=part.clamped)
 
     def _whole(self, start: JointPose, bends: FloatArray, *, clamped: bool) -> FloatArray:
         """Keyframes of the whole arm, the part before straight."""

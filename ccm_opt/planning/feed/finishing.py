@@ -21,7 +21,8 @@ from ccm_opt.planning.feed.member_problems import ProposedMotion
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.link_space import nearest_curves
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.smooth_path import SmoothPath, smooth_path
@@ -139,8 +140,8 @@ class FedPaths:
     def smooth(self, motion: Motion) -> JointPath | None:
         """The quickest smooth path along a motion of the optimisation."""
         arm = self.query.arm
-        curves = nearest_curves(arm, motion.headings[:, : arm.links])
-        keyframes = arm.configurations(motion.headings)
+        curves = nearest_curves(arm, motion.configurations[:, : arm.links])
+        keyframes = arm.configurations(motion.configurations)
         paths = []
         for path in (self._even(motion), smooth_path(motion, self.task) or self._beside_keyframes(motion)):
             if path is not None:
@@ -155,7 +156,7 @@ class FedPaths:
         finer = _FINER_SAMPLES
         certificate = self.task.certificate
         travel = self.query.motions.travel
-        spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer)
+        spline = even_spline(self.query.arm, motion.configurations, travel, certificate, finer)
         return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate))
 
     def _beside_keyframes(self, motion: Motion) -> SmoothPath | None:
@@ -166,7 +167,7 @@ class FedPaths:
         """
         if not any(limit.shapes_path for limit in self.task.user_limits):
             return None
-        spline = certified_spline(motion.headings, self.task.certificate)
+        spline = certified_spline(motion.configurations, self.task.certificate)
         if spline is None:
             return None
         u = np.linspace(0.0, 1.0, _ROOM_SAMPLES)
@@ -216,7 +217,7 @@ class Finishing:
         found = self._motion(proposed)
         if self.task.user_limits:
             return self._on_limits(found)
-        certified = len(self.task.certificate.failures(found.headings)) == 0
+        certified = len(self.task.certificate.failures(found.configurations)) == 0
         plain = self.paths.plain(proposed) or (self.paths.smooth(found) if certified else None)
         if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
             better = optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found))
@@ -275,9 +276,9 @@ class Finishing:
         space = self.space
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
         stepper = Stepper(space, finder, task.limits(finder), _keeping_up(task.settings, found))
-        start = stepper.pose(found.coordinates[0])
+        start = stepper.pose(found.unknowns[0])
         goal = task.limited_goal
-        reference = ReferenceMotion.from_headings(found.headings)
+        reference = ReferenceMotion.from_headings(found.configurations)
         if task.goal_headings is not None:
             goal = replace(goal, coordinates=space.coordinates(task.goal_headings))
         way = follow_reference(stepper, reference, goal, start, task.deadline)
@@ -342,7 +343,7 @@ class Finishing:
 def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
     """Settings with which a motion that is tracked runs no faster than steps can follow: a long feed takes many."""
     tracking = settings.tracking
-    length = float(np.abs(np.diff(found.headings, axis=0)).max(axis=1).sum())
+    length = float(np.abs(np.diff(found.configurations, axis=0)).max(axis=1).sum())
     most = settings.step.largest_turn / max(length, TINY)
     paced = replace(
         tracking,
@@ -357,12 +358,12 @@ def duration_estimate(motion: Motion) -> float:
 
     What the drives move is counted by the time that it takes, so the busiest of them decides in every interval.
     """
-    return _at_full_speed(motion.space.drives(motion.headings))
+    return _at_full_speed(motion.curve.drives(motion.configurations))
 
 
 def _straight_line(motion: Motion) -> float:
     """The same of the straight line between the ends of a motion."""
-    return _at_full_speed(motion.space.drives(motion.headings[[0, -1]]))
+    return _at_full_speed(motion.curve.drives(motion.configurations[[0, -1]]))
 
 
 def _at_full_speed(drives: FloatArray) -> float:

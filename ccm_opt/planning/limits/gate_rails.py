@@ -145,7 +145,7 @@ class GateLines:
         exact = settings.exact * space.arm.length
         off = np.full(len(moved), np.inf)
         for _ in range(_NEWTON_STEPS):
-            headings = space.headings(moved)
+            headings = space.configurations(moved)
             found = self.crossings(space.arm.points(headings), settings.across * space.nominal_length)
             off = np.abs(found.aside).max(axis=1, initial=0.0)
             if np.all(off <= exact):

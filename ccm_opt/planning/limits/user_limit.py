@@ -243,7 +243,7 @@ class UserLimit(Limit):
         # The side to which each bend was too large on the way; ``overbent`` adds to it and takes nothing out.
         held = np.zeros(space.arm.links)
         for _ in range(self.settings.newton_steps):
-            headings = space.headings(v)
+            headings = space.configurations(v)
             values = self.values(headings)
             if not np.isfinite(values.violation):
                 return None

@@ -12,7 +12,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
-from ccm_opt.planning.motion_task import Motion, MotionTask
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
 from ccm_opt.planning.optimisation.planar_program import MANY, PlanarProgram
 from ccm_opt.planning.optimisation.sequential_convex import sequential_convex
@@ -88,7 +89,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
         The last certified motion: with a shorter joint path (or whatever the task's weights ask for) and few
         keyframes, with the same start; the given one when nothing shorter was found.
     """
-    if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
+    if task.optimiser == "none" or len(motion.unknowns) < 2 or task.deadline.passed():
         return motion
     whole = motion_program(motion, task, margin)
     if any(limit.moves_keyframes for limit in task.user_limits):
@@ -135,9 +136,9 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
         left -= _COUNTED_ROUNDS if many else taken
         if not many:
             continue
-        stuck = np.array_equal(motion.coordinates, before)
+        stuck = np.array_equal(motion.unknowns, before)
         # A motion that keeps room already is not thinned into the walls again.
-        keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.headings))
+        keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.configurations))
         if len(keyframes) - 1 <= MANY * settings.intervals:
             continue
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
@@ -151,8 +152,8 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
 
 def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
     """The coordinates of the same motion at as many times the intervals, as even as may be, and their parameters."""
-    turns = np.linalg.norm(np.diff(motion.space.drives(motion.headings), axis=0), axis=1)
-    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    turns = np.linalg.norm(np.diff(motion.curve.drives(motion.configurations), axis=0), axis=1)
+    labelled = np.column_stack((motion.unknowns, path_parameters(motion)))
     keyframes = subdivided(labelled, turns, int(np.ceil(times * len(turns))))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
@@ -162,8 +163,8 @@ def _few_keyframes(
 ) -> tuple[FloatArray, FloatArray]:
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
-    if settings.intervals <= len(motion.coordinates) - 1 <= MANY * settings.intervals:
-        return motion.coordinates, path_parameters(motion)
+    if settings.intervals <= len(motion.unknowns) - 1 <= MANY * settings.intervals:
+        return motion.unknowns, path_parameters(motion)
     if task.gates is not None:
         return _few_in_gates(motion, whole)
     return thinned(motion, task.certificate_with(spare), settings.intervals)
@@ -174,7 +175,7 @@ def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, Flo
 
     Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
     """
-    space = motion.space
+    space = motion.curve
     u = path_parameters(motion)
 
     def restored(coordinates: FloatArray) -> FloatArray:
@@ -186,10 +187,10 @@ def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, Flo
         return whole.failures(PlanarSweep(space, coordinates))
 
     for intervals in _GATE_INTERVALS:
-        few = resampled(motion.coordinates, u, intervals, failures, restored, _GATE_HALVINGS)
+        few = resampled(motion.unknowns, u, intervals, failures, restored, _GATE_HALVINGS)
         if few is not None and len(few[1]) < len(u):
             return few
-    return motion.coordinates, u
+    return motion.unknowns, u
 
 
 def keeps_limits(motion: Motion, task: MotionTask) -> bool:
@@ -197,7 +198,7 @@ def keeps_limits(motion: Motion, task: MotionTask) -> bool:
     if not any(limit.moves_keyframes for limit in task.user_limits):
         return True  # every motion that is made here is certified
     program = replace(motion_program(motion, task), u=path_parameters(motion))
-    return _certified(program, motion.coordinates)
+    return _certified(program, motion.unknowns)
 
 
 def _breaks(task: MotionTask) -> FloatArray:
@@ -213,7 +214,7 @@ def _certified(program: PlanarProgram, coordinates: FloatArray) -> bool:
 
 def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | None) -> Motion:
     """A motion with other keyframes in the same link space."""
-    return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates), u=u)
+    return replace(motion, unknowns=coordinates, configurations=motion.curve.configurations(coordinates), u=u)
 
 
 def thinned(
@@ -230,19 +231,19 @@ def thinned(
         intervals: least number of intervals.
         breaks: path parameters that keyframes have to be at, where the motion knows its own.
     """
-    space = motion.space
-    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    space = motion.curve
+    labelled = np.column_stack((motion.unknowns, path_parameters(motion)))
 
     # Such a motion was tracked under limits that depend on u: its keyframes may not be shifted against u.
     if motion.u is not None:
         u = even_parameters(intervals, breaks)
-        return np.column_stack([np.interp(u, motion.u, column) for column in motion.coordinates.T]), u
+        return np.column_stack([np.interp(u, motion.u, column) for column in motion.unknowns.T]), u
 
     # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
     judged = partial(certificate.failures, depth=_LEG_DEPTH)
-    few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), _FIRST_STRIDE)
+    few = decimated(labelled, lambda v: judged(space.configurations(v[:, :-1])), _FIRST_STRIDE)
 
-    turns = np.diff(space.drives(space.headings(few[:, :-1])), axis=0)
+    turns = np.diff(space.drives(space.configurations(few[:, :-1])), axis=0)
     keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
@@ -251,14 +252,14 @@ def path_parameters(motion: Motion) -> FloatArray:
     """Path parameter of every keyframe: its own, or its share of the motion's length in joint space, shape (K,)."""
     if motion.u is not None:
         return motion.u
-    arcs = arc_lengths(motion.space.drives(motion.headings))
+    arcs = arc_lengths(motion.curve.drives(motion.configurations))
     shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
     return shares
 
 
 def travel(motion: Motion) -> float:
     """Length of the joint path, Σ |Δq| [rad, link lengths]."""
-    return path_length(motion.space.drives(motion.headings))
+    return path_length(motion.curve.drives(motion.configurations))
 
 
 def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> PlanarProgram:
@@ -267,13 +268,13 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
     length = task.arm.length
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, _LARGEST_LINK * length)
-    end = motion.space.pose(motion.coordinates[-1])
+    end = motion.curve.pose(motion.unknowns[-1])
     return PlanarProgram(
         end_fixed=task.goal_headings is not None,
         deadline=task.deadline,
         weights=normalised(task.weights),
         wanted_gap=task.wanted_gap,
-        space=motion.space,
+        space=motion.curve,
         # Of a goal that is a set the motion keeps the member to which it was found.
         goal=task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
@@ -288,7 +289,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
 
 def room_of(motion: Motion, task: MotionTask) -> float:
     """Least gap of the smooth path that will be laid along a motion, as far as the wanted gap sees [m]."""
-    return _room(motion.headings, task)
+    return _room(motion.configurations, task)
 
 
 def lacks_room(motion: Motion, task: MotionTask) -> bool:
@@ -297,7 +298,7 @@ def lacks_room(motion: Motion, task: MotionTask) -> bool:
     looked_for = task.wanted_gap > 0.0 and task.optimiser != "none" and motion.u is None
     # In the middle of a gate with hardly any play there is all the room that there can be.
     looked_for = looked_for and task.gates is None
-    return looked_for and len(motion.coordinates) > DEGREE and room_of(motion, task) < _enough_room(motion, task)
+    return looked_for and len(motion.unknowns) > DEGREE and room_of(motion, task) < _enough_room(motion, task)
 
 
 def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
@@ -319,14 +320,14 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
     program = _program_to_end(roomier, task, margin)
     for _ in range(_ROOM_PASSES):
         growth = RoomGrowth(task, wanted)
-        coordinates = sequential_convex(program, roomier.coordinates, _ROOM_ROUNDS, growth.ended)
-        roomier = replace(roomier, coordinates=coordinates, headings=motion.space.headings(coordinates))
+        coordinates = sequential_convex(program, roomier.unknowns, _ROOM_ROUNDS, growth.ended)
+        roomier = replace(roomier, unknowns=coordinates, configurations=motion.curve.configurations(coordinates))
         room = room_of(roomier, task)
         worthwhile = room >= _ROOM_WORTH * most
         if room > most:
             motion = roomier
             most = room
-        dear = len(roomier.coordinates) > MOST_INTERVALS
+        dear = len(roomier.unknowns) > MOST_INTERVALS
         if most >= wanted or not worthwhile or dear or task.deadline.passed():
             break
     return motion
@@ -375,27 +376,27 @@ def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> 
     if motion.u is not None or room <= 0.0 or task.deadline.passed():
         return motion
     kept = replace(task, wanted_gap=room)
-    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.coordinates, _ROOM_ROUNDS)
-    shorter = replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
+    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.unknowns, _ROOM_ROUNDS)
+    shorter = replace(motion, unknowns=coordinates, configurations=motion.curve.configurations(coordinates))
     return shorter if room_of(shorter, task) >= _ENOUGH_ROOM * room else motion
 
 
 def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> PlanarProgram:
     """The program of a motion that keeps its keyframes' number and its last pose."""
-    to_end = task.ending_at(motion.coordinates[-1], motion.headings[-1])
+    to_end = task.ending_at(motion.unknowns[-1], motion.configurations[-1])
     return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
 
 
 def _with_finer_keyframes(motion: Motion) -> Motion:
     """The same motion with as many times the intervals, as even as may be; not beyond what is affordable."""
-    now = len(motion.coordinates) - 1
+    now = len(motion.unknowns) - 1
     coordinates, _ = finer(motion, min(_FINER, max(1.0, _FINEST / now)))
-    return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
+    return replace(motion, unknowns=coordinates, configurations=motion.curve.configurations(coordinates))
 
 
 def _enough_room(motion: Motion, task: MotionTask) -> float:
     """Nearly the wanted gap, or what the ends leave of it [m]."""
-    most = min(task.wanted_gap, task.least_gap(motion.headings[[0, -1]]))
+    most = min(task.wanted_gap, task.least_gap(motion.configurations[[0, -1]]))
     return _ENOUGH_ROOM * most
 
 

@@ -1,0 +1,57 @@
+"""A certified motion, piecewise linear in the unknowns of a curve."""
+
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.pose import Pose
+
+
+class Curve(Protocol):
+    """What a motion has to know of the map from unknowns to configurations."""
+
+    def configurations(self, v: FloatArray, /) -> FloatArray:
+        """The configurations of unknowns, shape (K, p) to (K, c)."""
+        ...
+
+
+CurveType = TypeVar("CurveType", bound=Curve)
+"""The kind of map of a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveMotion(Generic[CurveType]):
+    """A certified motion, linear between its keyframes.
+
+    Attributes:
+        curve: the map that its unknowns belong to.
+        unknowns: at the keyframes, shape (K, p).
+        configurations: the same as configurations, shape (K, c): link headings [rad] and what carries the base [link
+            lengths] in the plane, bends [rad] and that [m] in space.
+        candidate: name of what led to it.
+        u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where nothing depends on them.
+        end_pose: configuration of the offered pose at the goal that it ends in, of the arm it was planned for; None
+            where it ends elsewhere.
+    """
+
+    curve: CurveType
+    unknowns: FloatArray
+    configurations: FloatArray
+    candidate: str
+    u: FloatArray | None = None
+    end_pose: FloatArray | None = None
+
+    @classmethod
+    def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
+        """The motion through poses."""
+        return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
+
+
+Motion: TypeAlias = CurveMotion[LinkSpace]
+"""In the plane."""
+SpaceMotion: TypeAlias = CurveMotion[CurveMap]
+"""In space."""
