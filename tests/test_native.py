@@ -31,7 +31,7 @@ def nowhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_a_missing_library_is_told_with_what_to_do() -> None:
     """Whoever calls C without a library gets one error that says how to build it."""
     with pytest.raises(NativeLibraryError, match=r"_native.so is missing: .*python hatch_build.py"):
-        NativeCall("chain_state")
+        NativeCall("chain")
 
 
 @pytest.mark.usefixtures("nowhere")
@@ -39,7 +39,7 @@ def test_what_is_no_library_is_told_with_what_to_do() -> None:
     """A file that the system cannot load is no bug but a broken installation."""
     native.LIBRARY.write_text("no library")
     with pytest.raises(NativeLibraryError, match="cannot be loaded"):
-        NativeCall("chain_state")
+        NativeCall("chain")
 
 
 def test_an_older_library_is_told_with_what_to_do() -> None:
@@ -72,8 +72,8 @@ def test_the_command_line_tells_a_missing_library_in_one_line(tmp_path: Path) ->
 def test_what_c_writes_into_must_fit() -> None:
     """An array of another type or layout would be written out of bounds; it is refused by its name."""
     for array in (np.zeros(8, dtype=np.float32), np.zeros(16)[::2], np.zeros(8, dtype=np.int64)):
-        with pytest.raises(TypeError, match="'positions' must be a contiguous array of float64"):
-            NativeCall("space_poses", positions=array)
+        with pytest.raises(TypeError, match="'points' must be a contiguous array of float64"):
+            NativeCall("places", points=array)
 
 
 def test_what_c_reads_is_converted_and_kept() -> None:

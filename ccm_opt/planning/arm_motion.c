@@ -85,42 +85,6 @@ PUBLIC void nearest_links(NearestPairQuery *q)
 }
 
 typedef struct {
-    int64_t links, unknowns, fed; /* fed is 1 where the last coordinate carries the base, else 0 */
-    double length;
-    const double *start, *base;   /* place of the first joint without feed, (3,), and rotation of the base, (3, 3) */
-    const double *q;              /* coordinates: two bends a joint, then the feed, (2 links + fed,) */
-    const double *slopes;         /* derivatives of the coordinates by the unknowns, (2 links + fed, unknowns) */
-    double *points, *rotations;   /* out: (links + 1, 3) and (links, 3, 3) */
-    double *turning, *moving;     /* out: derivatives of turns, (links, 3, unknowns), of places, (links + 1, 3, unknowns) */
-} ChainQuery;
-
-/* Places, rotations and their derivatives, from the base outward. */
-PUBLIC void chain(ChainQuery *q)
-{
-    int64_t p = q->unknowns, n = q->links;
-    const double *feed = q->slopes + 2 * n * p;
-    place_links(n, q->length, q->fed, q->start, q->base, q->q, q->points, q->rotations);
-    for (int d = 0; d < 3; d++)
-        for (int64_t k = 0; k < p; k++) q->moving[d * p + k] = q->fed ? q->base[3 * d] * feed[k] : 0.0;
-    for (int64_t j = 0; j < n; j++) {
-        const double *before = j ? q->rotations + 9 * (j - 1) : q->base;
-        const double *after = q->rotations + 9 * j;
-        const double *about_a = q->slopes + 2 * j * p, *about_b = about_a + p;
-        double *turn = q->turning + 3 * j * p, *move = q->moving + 3 * (j + 1) * p;
-        for (int d = 0; d < 3; d++)
-            for (int64_t k = 0; k < p; k++)
-                turn[d * p + k] = (j ? turn[(d - 3) * p + k] : 0.0) + before[3 * d + 2] * about_a[k]
-                                  + after[3 * d + 1] * about_b[k];
-        for (int d = 0; d < 3; d++) {
-            int e = (d + 1) % 3, f = (d + 2) % 3;
-            double te = q->length * after[3 * e], tf = q->length * after[3 * f];
-            for (int64_t k = 0; k < p; k++)
-                move[d * p + k] = move[(d - 3) * p + k] + turn[e * p + k] * tf - turn[f * p + k] * te;
-        }
-    }
-}
-
-typedef struct {
     int64_t joints, knots;
     double spacing, length; /* of the knots, the first of which is at 0, and of a link */
     const double *places;   /* arc lengths of the joints, (joints,) */

@@ -279,9 +279,9 @@ class Arm:
         positions = np.empty((*q.shape[:-1], links + 1, 3))
         rotations = np.empty((*q.shape[:-1], links, 3, 3))
         NativeCall(
-            "space_poses",
-            poses=q.size // q.shape[-1], links=links, coordinates=q.shape[-1], link_length=self.link_length,
-            base=self.base, rotation=self.base_rotation, q=q, positions=positions, rotations=rotations,
+            "places",
+            poses=q.size // q.shape[-1], links=links, fed=len(self.base_axes), length=self.link_length,
+            start=self.base, base=self.base_rotation, q=q, points=positions, rotations=rotations,
         )()  # fmt: skip
         return positions, rotations
 

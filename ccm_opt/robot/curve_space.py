@@ -6,7 +6,7 @@ splines over the same knots. A bend is the mean turn of the curve about its join
 links, and the plane is κ2 = 0. The offset q₀ keeps a start exact, whatever curve comes nearest to it.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -116,44 +116,6 @@ class ChainState(NamedTuple):
     jacobian: FloatArray
 
 
-class ChainEvaluator:
-    """Evaluates an arm with q = B v + q₀; not for use by two threads at once.
-
-    Args:
-        arm: the arm.
-        matrix: B, shape (c, p).
-        offset: q₀, shape (c,).
-    """
-
-    def __init__(self, arm: Arm, matrix: FloatArray, offset: FloatArray) -> None:
-        links = arm.links
-        coordinates, p = matrix.shape
-        if coordinates != len(arm.coordinates) or offset.shape != (coordinates,):
-            raise ValueError(
-                f"the map has the shapes {matrix.shape} and {offset.shape} for {len(arm.coordinates)} rows"
-            )
-        self._v = np.empty(p)
-        # All results stand in one block, so that one copy hands them out.
-        self._shapes = ((coordinates,), (links + 1, 3), (links, 3, 3), (links, 3, p), (links + 1, 3, p))
-        ends = [int(end) for end in np.cumsum([np.prod(shape) for shape in self._shapes])]
-        self._cuts = [slice(begin, end) for begin, end in zip((0, *ends), ends, strict=False)]
-        self._block = np.empty(ends[-1])
-        results = (self._block[cut] for cut in self._cuts)
-        self._call = NativeCall(
-            "chain_state",
-            links=links, coordinates=coordinates, dimension=p, link_length=arm.link_length,
-            base=arm.base, rotation=arm.base_rotation, matrix=matrix, offset=offset, v=self._v,
-            **dict(zip(ChainState._fields, results, strict=True)),
-        )  # fmt: skip
-
-    def at(self, v: FloatArray) -> ChainState:
-        """The arm at coordinates of shape (p,)."""
-        self._v[:] = v
-        self._call()
-        block = self._block.copy()
-        return ChainState(*(block[cut].reshape(shape) for cut, shape in zip(self._cuts, self._shapes, strict=True)))
-
-
 KNOTS = 11
 """Curvature values of each of the two directions unless said otherwise."""
 _RANK = 1e-9
@@ -250,11 +212,6 @@ class CurveSpace:
         rows = np.diag(self.scales)[: 2 * each]
         return np.delete(rows, [0, each], axis=0)
 
-    @cached_property
-    def chain(self) -> ChainEvaluator:
-        """What evaluates the arm; not for use by two threads at once."""
-        return ChainEvaluator(self.arm, self.matrix, self.offset)
-
     def coordinates_like(self, other: "CurveSpace", v: FloatArray) -> FloatArray:
         """Coordinates here of the same curve that v is in another space with as many knots, such as of fewer links.
 
@@ -264,11 +221,17 @@ class CurveSpace:
         """
         return np.asarray(v * other.scales / self.scales)
 
-    def __getstate__(self) -> dict[str, object]:
-        """The fields alone: what else is kept may hold compiled code."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
 
 def chain_at(space: CurveSpace, v: FloatArray) -> ChainState:
     """Where the links of the arm are at coordinates of shape (p,), and how they move with them."""
-    return space.chain.at(v)
+    arm = space.arm
+    n, p = arm.links, space.dimension
+    q = space.configurations(v)
+    state = ChainState(q, np.empty((n + 1, 3)), np.empty((n, 3, 3)), np.empty((n, 3, p)), np.empty((n + 1, 3, p)))
+    NativeCall(
+        "chain",
+        links=n, unknowns=p, fed=len(arm.base_axes), length=arm.link_length, start=arm.base, base=arm.base_rotation,
+        q=q, slopes=space.matrix, points=state.positions, rotations=state.rotations, turning=state.omega,
+        moving=state.jacobian,
+    )()  # fmt: skip
+    return state

@@ -37,7 +37,7 @@ def rotations_by_numpy(arm: Arm, q: FloatArray) -> FloatArray:
 
 
 class ChainByNumpy:
-    """As ``ChainEvaluator``, but for rounding.
+    """As ``chain_at``, but for rounding.
 
     Args:
         arm: the arm.

@@ -3,19 +3,16 @@
    hierarchies, 2007). */
 
 #include "native.h"
-#include "surface_clusters.h"
 #include "surface_nodes.h"
 
 #define CUTS 16
-#define MANY 65536 /* triangles: of fewer the boxes are made in no time */
 #define DEEP 60 /* levels after which boxes are cut into halves of equal number */
 #define MOST_IN_SLICE 4096 /* triangles: more are hardly ever flat */
 #define SHORTENED (1.0 - 1e-6)
-#define AHEAD 12 /* triangles */
 
 typedef struct {
     float low[3], high[3]; /* of the triangles with their rounding */
-    int32_t first, count;  /* the number of a given triangle; or the triangles of a cluster, in the order of the leaves */
+    int32_t number;        /* of the given triangle */
 } Item;
 
 typedef struct {
@@ -26,7 +23,6 @@ typedef struct {
     int64_t *order;                       /* number of the given triangle, likewise */
     int64_t count;                        /* of nodes; none where there is too little memory */
     Item *items;
-    int64_t clustered; /* whether the items are clusters */
 } Building;
 
 typedef struct {
@@ -184,15 +180,6 @@ static float rounded_down(double number)
 
 static float rounded_up(double number) { return -rounded_down(-number); }
 
-static void span(const double *normal, const double *corners, int64_t count, double *beneath, double *above)
-{
-    for (int64_t corner = 0; corner < 3 * count; corner++) {
-        double height = dot(normal, corners + 3 * corner);
-        *beneath = smaller(*beneath, height);
-        *above = larger(*above, height);
-    }
-}
-
 /* The two planes across the mean normal between which the triangles of some items lie. */
 static void slice(const Building *b, Node *node, const Box *box, int64_t begin, int64_t end)
 {
@@ -206,26 +193,25 @@ static void slice(const Building *b, Node *node, const Box *box, int64_t begin, 
         node->normal[d] = rounded;
         normal[d] = rounded;
     }
-    if (known && !b->clustered) span(normal, b->corners + 9 * begin, end - begin, &beneath, &above);
-    for (int64_t k = begin; known && b->clustered && k < end; k++)
-        span(normal, b->corners + 9 * (int64_t)b->items[k].first, b->items[k].count, &beneath, &above);
+    for (int64_t corner = 3 * begin; known && corner < 3 * end; corner++) {
+        double height = dot(normal, b->corners + 3 * corner);
+        beneath = smaller(beneath, height);
+        above = larger(above, height);
+    }
     node->beneath = known ? rounded_down(beneath) : 0.0F;
     node->above = known ? rounded_up(above) : 0.0F;
 }
 
-/* A leaf; of triangles that are not clustered it is the place of each too. */
+/* A leaf, and the place of its triangles. */
 static Box fill_leaf(Building *b, Node *node, int64_t begin, int64_t end)
 {
     Box box = NOTHING;
-    if (b->clustered) {
-        node->first = b->items[begin].first;
-        node->count = b->items[begin].count;
-    } else {
-        node->first = (int32_t)begin;
-        node->count = (int32_t)(end - begin);
-        for (int64_t at = begin; at < end; at++) place(b, b->items[at].first, at);
+    node->first = (int32_t)begin;
+    node->count = (int32_t)(end - begin);
+    for (int64_t at = begin; at < end; at++) {
+        place(b, b->items[at].number, at);
+        enclose_placed(b, &box, at);
     }
-    for (int64_t at = node->first; at < node->first + node->count; at++) enclose_placed(b, &box, at);
     return box;
 }
 
@@ -234,7 +220,7 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
 {
     Box box = NOTHING;
     Node *node = b->nodes + number;
-    if (end - begin <= (b->clustered ? 1 : b->leaf)) {
+    if (end - begin <= b->leaf) {
         box = fill_leaf(b, node, begin, end);
     } else {
         int64_t half = level < DEEP ? parted(b->items + begin, end - begin) : (end - begin) / 2;
@@ -264,77 +250,24 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
     return box;
 }
 
-static void widen(Item *item, const double *corners, double rounding)
+static void take(Building *b, int64_t number)
 {
+    const double *corners = b->given + 9 * number;
+    double rounding = b->given_rounding[number];
+    Item *item = b->items + number;
+    item->number = (int32_t)number;
     for (int d = 0; d < 3; d++) {
-        double low = smaller(smaller(corners[d], corners[3 + d]), corners[6 + d]);
-        double high = larger(larger(corners[d], corners[3 + d]), corners[6 + d]);
-        item->low[d] = smaller_float(item->low[d], (float)(low - rounding));
-        item->high[d] = larger_float(item->high[d], (float)(high + rounding));
+        item->low[d] = (float)(smaller(smaller(corners[d], corners[3 + d]), corners[6 + d]) - rounding);
+        item->high[d] = (float)(larger(larger(corners[d], corners[3 + d]), corners[6 + d]) + rounding);
     }
-}
-
-static Item item_of(int64_t first, int64_t count)
-{
-    Item item = {{HUGE_VALF, HUGE_VALF, HUGE_VALF}, {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}, (int32_t)first, (int32_t)count};
-    return item;
-}
-
-/* The triangles themselves as items; returns their number, none where there is too little memory. */
-static int64_t take_triangles(Building *b)
-{
-    b->items = malloc((size_t)b->triangles * sizeof(Item));
-    for (int64_t k = 0; b->items && k < b->triangles; k++) {
-        b->items[k] = item_of(k, 1);
-        widen(b->items + k, b->given + 9 * k, b->given_rounding[k]);
-    }
-    return b->items ? b->triangles : 0;
-}
-
-/* Put the triangles into their places along the curve, and take clusters of them as items. */
-static void take_clusters(Building *b, const Clusters *c)
-{
-    for (int64_t k = 0; k < c->count; k++) {
-        int64_t begin = c->begins[k], end = k + 1 < c->count ? c->begins[k + 1] : b->triangles;
-        b->items[k] = item_of(begin, end - begin);
-        for (int64_t at = begin; at < end; at++) {
-            /* Neighbours on the curve may lie all over the memory, which is asked for them long before. */
-            if (at + AHEAD < b->triangles) {
-                int64_t later = c->coded[at + AHEAD].number;
-                __builtin_prefetch(b->given + 9 * later);
-                __builtin_prefetch(b->given + 9 * later + 8);
-                __builtin_prefetch(b->given_rounding + later);
-            }
-            place(b, c->coded[at].number, at);
-            widen(b->items + k, b->corners + 9 * at, b->rounding[at]);
-        }
-    }
-}
-
-/* As ``take_triangles``. */
-static int64_t cluster_triangles(Building *b)
-{
-    size_t count = (size_t)b->triangles;
-    Clusters c = {b->given, b->leaf, malloc(count * sizeof(Coded)), malloc(count * sizeof(Coded)),
-                  malloc(count * sizeof(int32_t)), 0};
-    if (c.coded && c.spare && c.begins) {
-        for (int64_t k = 0; k < b->triangles; k++) c.coded[k].number = (uint32_t)k;
-        order_along_curve(&c, 0, b->triangles, 0);
-        b->items = malloc((size_t)c.count * sizeof(Item));
-        if (b->items) take_clusters(b, &c);
-    }
-    free(c.coded);
-    free(c.spare);
-    free(c.begins);
-    return b->items ? c.count : 0;
 }
 
 PUBLIC void build_surfaces(Building *b)
 {
-    b->items = NULL;
-    b->clustered = b->triangles > MANY;
-    int64_t items = b->clustered ? cluster_triangles(b) : take_triangles(b);
-    b->count = items > 0;
-    if (items > 0) build_node(b, 0, 0, items, 0);
+    b->items = malloc((size_t)b->triangles * sizeof(Item));
+    b->count = b->items != NULL;
+    if (!b->items) return;
+    for (int64_t k = 0; k < b->triangles; k++) take(b, k);
+    build_node(b, 0, 0, b->triangles, 0);
     free(b->items);
 }
