@@ -356,7 +356,7 @@ def compare_command(
     dask: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the journal, tables and pictures.")] = Path("runs/comparison"),
+    out: Annotated[Path, typer.Option(help="Folder of the journal, tables and page.")] = Path("runs/comparison"),
     time_limit: Annotated[
         float | None,
         typer.Option(min=0.001, help="CPU time for every planner, in s.", show_default="the problem's"),
@@ -364,7 +364,7 @@ def compare_command(
     write_problems: Annotated[
         bool, typer.Option("--write-problems", help="Write every problem as a file, in problems/ of that folder.")
     ] = False,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the page with its charts out.")] = False,
 ) -> int:
     """Run planners on the same problems and compare what they find; continue where an earlier run stopped."""
     from ccm_opt.cli.comparing import CompareOptions, compare_methods  # noqa: PLC0415 - loads numpy
@@ -380,7 +380,7 @@ def compare_command(
         dask=dask,
         out=out,
         time_limit=time_limit,
-        pictures=not no_pictures,
+        page=not no_pictures,
         write_problems=write_problems,
     )
     return compare_methods(options)

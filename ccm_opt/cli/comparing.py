@@ -7,12 +7,11 @@ import itertools
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -25,7 +24,6 @@ from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.compare.comparison_files import (
     FOLDER,
     JOURNAL,
-    PAGE,
     TABLE,
     comparison_json,
     medians,
@@ -266,7 +264,7 @@ class CompareOptions:
         dask: address of a Dask scheduler, or None.
         out: folder for the journal, tables and pictures.
         time_limit: CPU time of every planner [s], or None.
-        pictures: whether to draw.
+        page: whether to write the page.
         write_problems: whether to write the problems as files, too.
     """
 
@@ -280,7 +278,7 @@ class CompareOptions:
     dask: str | None
     out: Path
     time_limit: float | None
-    pictures: bool
+    page: bool
     write_problems: bool = False
 
 
@@ -313,8 +311,7 @@ def _compare(options: CompareOptions) -> int:
             runs = "1 run" if count == 1 else f"{count} runs"
             warn(f"{runs} of {method} in {options.out / JOURNAL} had other code; they are made anew")
         comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
-    drawn = {PAGE: comparison_page(comparison).encode(), **_pictures(comparison)} if options.pictures else {}
-    write_comparison(comparison, options.out, drawn)
+    write_comparison(comparison, options.out, comparison_page(comparison) if options.page else "")
     crashed = any(run.outcome == "crashed" for run in comparison.failures)
     return print_result(
         lambda: print_comparison(comparison, options.out),
@@ -358,26 +355,3 @@ def _display(count: int) -> Iterator[Callable[[Run], None]]:
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("runs", total=count)
         yield lambda run: progress.update(task, advance=1, description=escape(f"{run.problem}, {run.method}"))
-
-
-def _pictures(comparison: Comparison) -> Mapping[str, bytes]:
-    from ccm_opt.viz.comparison_page import MethodRuns, PairedPanel, paired_png, success_png  # noqa: PLC0415 - loads matplotlib
-
-    def drawn(name: str) -> MethodRuns:
-        runs = comparison.runs_of(name)
-        _, interval = comparison.solved(name)
-        figures = {item.key: np.array([run.figure(item.key) for run in runs]) for item in QUANTITIES}
-        solved = np.array([run.solved for run in runs], dtype=bool)
-        return MethodRuns(name, solved, figures["cpu_s"], (interval.low, interval.high), figures)
-
-    methods = {name: drawn(name) for name in comparison.methods}
-    panels = [
-        PairedPanel(item.key, f"{item.title} [{item.unit}]", item.key != "least_wall_clearance_m")
-        for item in QUANTITIES
-        if item.key != "cpu_s"
-    ]
-    pictures = {"success.png": success_png(list(methods.values()))}
-    for number, pair in enumerate(comparison.pairs, start=1):
-        name = "paired.png" if len(comparison.pairs) == 1 else f"paired-{number}.png"
-        pictures[name] = paired_png(methods[pair.first], methods[pair.second], panels)
-    return pictures

@@ -288,25 +288,14 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     record, picture = TOLERANCE_FILES
     put_file_or_refuse(folder / record, tolerance_json(problem.name, errors).encode())
     if pictures:
-        put_file_or_refuse(folder / picture, _picture(problem, motion, errors[0]))
+        from ccm_opt.viz.simulated_motion import tolerance_png  # noqa: PLC0415 - loads matplotlib
+
+        put_file_or_refuse(folder / picture, tolerance_png(problem, motion.trajectory, errors[0]))
     return print_result(
         lambda: report_console().print(tolerance_table(problem, errors)),
         SOLVED,
         lambda: {"name": problem.name, "status": "certified", "tolerance": tolerance_data(errors)},
     )
-
-
-def _picture(problem: Problem, motion: SavedMotion, joints: SurvivedError) -> bytes:
-    if problem.dimension == 3:
-        from ccm_opt.viz.simulated_motion import space_tolerance_png  # noqa: PLC0415 - likewise
-
-        return space_tolerance_png(problem, motion.trajectory, joints)
-    from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
-    from ccm_opt.verification.tolerance.survived_errors import tube_of  # noqa: PLC0415 - with it
-    from ccm_opt.viz.simulated_motion import tolerance_png  # noqa: PLC0415 - loads matplotlib
-
-    tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)
-    return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)
 
 
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:

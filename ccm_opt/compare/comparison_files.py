@@ -6,7 +6,7 @@ import json
 import math
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 
@@ -30,21 +30,21 @@ RECORD = "comparison.json"
 PAGE = "comparison.html"
 
 
-def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str, bytes] | None = None) -> None:
+def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
     """Write the files of a comparison into a folder, each whole or not at all.
 
     Args:
         comparison: what came of it.
         folder: exists already, with the journal in it.
-        pictures: content of pictures by file name.
+        page: content of the page; none is written where it is empty.
 
     Raises:
         ProblemError: when a file cannot be written.
     """
-    files = {TABLE: runs_csv(comparison).encode(), RECORD: comparison_json(comparison).encode(), **(pictures or {})}
+    files = {TABLE: runs_csv(comparison), RECORD: comparison_json(comparison)} | ({PAGE: page} if page else {})
     for name, content in files.items():
         try:
-            put_file(folder / name, content)
+            put_file(folder / name, content.encode())
         except OSError as error:
             raise ProblemError(f"cannot write {folder / name}: {error.strerror or error}") from error
 

@@ -18,11 +18,12 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import seen_triangles
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.settings import SpacePictureSettings
 
 _SECTION_SHARE = 0.12
 """Of the arm's length, as far as the section looks for surfaces."""
 
+_PLACES = 100
+"""Along the arm, at which the section measures. Taste."""
 _ROUND_SIDES = 48
 """Of balls and bars, whose polygons then stand back behind them by a fifth of a percent of their radius."""
 
@@ -144,7 +145,6 @@ def draw_section(
     axes: Axes,
     problem: Problem,
     pose: FloatArray,
-    settings: SpacePictureSettings,
     title: str = "section along the arm at its goal",
 ) -> None:
     """What is above, below and beside the straightened arm, and how far away the nearest surface is on any side.
@@ -153,12 +153,11 @@ def draw_section(
         axes: to draw in.
         problem: arm and scene.
         pose: joints and tip, shape (links + 1, 3) [m].
-        settings: how closely and how far is looked.
         title: above the section and its legend.
     """
     arm = problem.arm
     reach = max(_SECTION_SHARE * arm.length, 4.0 * arm.radius)
-    section = section_along(problem, pose, settings.places, reach)
+    section = section_along(problem, pose, _PLACES, reach)
     along = section.place / METRES[problem.length_unit]
     unit = METRES[problem.length_unit]
     up, left, down, right = section.free.T / unit

@@ -34,6 +34,8 @@ _FINEST_OF_SCALE = 1e-3
 """The same share of other quantities, of the greatest there is."""
 
 
+NUMBER_STEP = 1e-4
+"""Of the numbers in a page, as a share of the range of their chart."""
 _ROUNDING = 1e-5
 """What is below this share of the last decimal is rounding of what was reckoned with, and told as 0."""
 
@@ -259,7 +261,7 @@ def coded(values: FloatArray, step: float) -> CodedArray:
     return {"step": step, "d": np.diff(whole, prepend=0).tolist()}
 
 
-def step_for(values: FloatArray, share: float) -> float:
+def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
     """A round step, at most a share of the range of some values; of values that do not vary a small one."""
     extent = float(np.max(np.abs(values), initial=0.0))
     if extent == 0.0:

@@ -23,7 +23,6 @@ from ccm_opt.viz.document import (
 )
 from ccm_opt.viz.problem_section import problem_section, timings_table
 from ccm_opt.viz.scene_data import goals_data, scene_data, space_scene_data
-from ccm_opt.viz.settings import REPORT, ReportSettings
 from ccm_opt.viz.stage_section import stage_section
 
 Mark = dict[str, object]
@@ -201,7 +200,6 @@ def failure_html(
     status: str,
     diagnosis: Diagnosis,
     timings: Mapping[str, float] | None = None,
-    settings: ReportSettings = REPORT,
 ) -> str:
     """The report of a problem without a plan.
 
@@ -210,14 +208,13 @@ def failure_html(
         status: how the search ended, as in ``solution.json``.
         diagnosis: why there is no plan.
         timings: of the stages that ran [s].
-        settings: how exact the scene is.
 
     Returns:
         A whole HTML page that loads nothing.
     """
     units = PageUnits.of_page(problem)
     in_space = problem.dimension == 3
-    data = failure_data(problem, diagnosis, units, settings)
+    data = failure_data(problem, diagnosis, units)
     facts = (
         reason_section(diagnosis),
         help_section(diagnosis),
@@ -232,26 +229,24 @@ def failure_html(
     return html_document(f"{problem.name}: {status}", body, data, _IN_SPACE if in_space else SCRIPTS)
 
 
-def failure_data(
-    problem: Problem, diagnosis: Diagnosis, units: PageUnits, settings: ReportSettings = REPORT
-) -> dict[str, object]:
+def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> dict[str, object]:
     """Everything that the scripts of a failure's page read."""
     blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
     common = {"unit": units.data(), "blocking": blocking}
     if problem.dimension == 3:
-        return common | _space_failure_data(problem, diagnosis, settings)
+        return common | _space_failure_data(problem, diagnosis)
     start = pose_points(problem, problem.start)
     poses = [_end_pose(problem, goal) for goal in (*(stop.goal for stop in problem.stops), problem.goal)]
     return {
         **common,
-        "scene": scene_data(problem, first_look(problem, diagnosis), settings),
+        "scene": scene_data(problem, first_look(problem, diagnosis)),
         "start": None if start is None else start.round(6).tolist(),
         "goals": goals_data(problem, poses),
         "marks": drawn_findings(problem, diagnosis, units),
     }
 
 
-def _space_failure_data(problem: Problem, diagnosis: Diagnosis, settings: ReportSettings) -> dict[str, object]:
+def _space_failure_data(problem: Problem, diagnosis: Diagnosis) -> dict[str, object]:
     arm = problem.arm
     goals = [
         goal.position if isinstance(goal, TipGoal) else np.asarray(arm.joint_positions_at(goal.configuration(arm))[-1])
@@ -262,7 +257,7 @@ def _space_failure_data(problem: Problem, diagnosis: Diagnosis, settings: Report
     start = arm.joint_positions_at(problem.start.configuration(arm))
     seen = np.concatenate((start, goals, np.reshape(places, (-1, 3)), *(() if attempt is None else (attempt,))))
     return {
-        "scene": space_scene_data(problem, seen, np.array(goals), settings),
+        "scene": space_scene_data(problem, seen, np.array(goals)),
         "findings": findings_in_space(diagnosis),
         "attempt": None if attempt is None else attempt.round(6).tolist(),
     }

@@ -29,7 +29,6 @@ from ccm_opt.viz.document import (
 )
 from ccm_opt.viz.problem_section import PlanPages, files_section, making_section, plans_section, problem_section
 from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
-from ccm_opt.viz.settings import REPORT, ReportSettings
 from ccm_opt.viz.stage_section import goal_times, player_bar, stage_section
 from ccm_opt.viz.time_series import phase_data, series_data
 
@@ -366,7 +365,6 @@ SPACE_SCRIPTS = (*COMMON_IN_SPACE, *_TIMED, "player", "timed_page", "space_page"
 
 def report_html(
     solution: Solution,
-    settings: ReportSettings = REPORT,
     *,
     pictures: Sequence[str] = ("plan.png", "motion.gif"),
     plans: PlanPages | None = None,
@@ -375,7 +373,6 @@ def report_html(
 
     Args:
         solution: the plan.
-        settings: how large, how exact.
         pictures: names of the files beside the page that show the motion, the still one first.
         plans: of which this is one, where a problem has several.
 
@@ -385,7 +382,7 @@ def report_html(
     problem = solution.problem
     in_space = solution.problem.dimension == 3
     units = PageUnits.of_page(problem)
-    data = plan_data(solution, units, settings)
+    data = plan_data(solution, units)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
         plans_section(plans, units),
@@ -408,27 +405,24 @@ def report_html(
     return html_document(title, body, data, SPACE_SCRIPTS if in_space else SCRIPTS)
 
 
-def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = REPORT) -> dict[str, object]:
+def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
     """Everything that the scripts of a plan's page read.
 
     Args:
         solution: the plan.
         units: of the page.
-        settings: how large, how exact.
     """
     points = solution.joint_positions
     ends = points[[*solution.trajectory.stops, len(points) - 1]]
     if solution.problem.dimension == 3:
         from ccm_opt.viz.scene_data import space_scene_data  # noqa: PLC0415 - likewise
 
-        scene: dict[str, object] = {
-            "scene": space_scene_data(solution.problem, points.reshape(-1, 3), ends[:, -1], settings)
-        }
+        scene: dict[str, object] = {"scene": space_scene_data(solution.problem, points.reshape(-1, 3), ends[:, -1])}
     else:
         from ccm_opt.viz.scene_data import goals_data, route_layers, scene_data  # noqa: PLC0415 - likewise
 
         scene = {
-            "scene": scene_data(solution.problem, points.reshape(-1, 2), settings),
+            "scene": scene_data(solution.problem, points.reshape(-1, 2)),
             "goals": goals_data(solution.problem, list(ends)),
             "routes": route_layers(solution.problem, points[-1]),
             "nearest": nearest_mark(solution, units),
@@ -437,7 +431,7 @@ def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = R
         "unit": units.data(),
         **scene,
         "marks": goal_times(solution),
-        "groups": series_data(solution, settings),
-        "gaps": None if solution.room is None else gap_data(solution.room, settings),
-        "phase": phase_data(solution, settings),
+        "groups": series_data(solution),
+        "gaps": None if solution.room is None else gap_data(solution.room),
+        "phase": phase_data(solution),
     }

@@ -28,18 +28,13 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SLANTED, DrawnPlan, draw_body, draw_obstacle, draw_tip_path, draw_workspace
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
 from ccm_opt.viz.plan import action_window, draw_goal, draw_goals, even_steps
-from ccm_opt.viz.settings import (
-    PAPER_FIGURES,
-    PARETO_PICTURE,
-    PICTURES,
-    PaperFigureSettings,
-    ParetoPictureSettings,
-    PictureSettings,
-)
+from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, draw_arm, seen_window, window_of
 
 _CURVES_SIDE = 3.6
 """Width and height of the drawing of curves and of that of curvatures [inch]."""
+_STEPS = 4
+"""Into which a motion without stops is divided. Taste."""
 _POSES_A_STEP = 4
 """Between the ends of a step."""
 _ALL_POSES = 22
@@ -50,6 +45,8 @@ _LINK_POSES = 16
 """Between the ends of the mapped motion."""
 _LINKS_SIDE = 6.0
 """Longest side of that drawing [inch]."""
+_SPACE_POSES = 5
+"""Of the simulated arm in each of three pictures. Taste."""
 _SPACE_SIDE = 3.6
 """Width of each of them [inch]."""
 
@@ -80,21 +77,18 @@ class SchemaPanel:
     unit: LengthUnit = "m"
 
 
-def schemas_png(
-    panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14, settings: PictureSettings = PICTURES
-) -> bytes:
+def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14) -> bytes:
     """The picture of some schemas.
 
     Args:
         panels: its parts, row by row.
         columns: parts in a row.
         shown: configurations drawn in each part at most, evenly chosen; the first and the last always.
-        settings: resolution.
 
     Returns:
         The content of a PNG file.
     """
-    return figure_png(lambda: schemas_figure(panels, columns, shown, settings=settings))
+    return figure_png(lambda: schemas_figure(panels, columns, shown))
 
 
 def schemas_figure(
@@ -102,11 +96,10 @@ def schemas_figure(
     columns: int = 1,
     shown: int = 14,
     side: float = _SIDE,
-    settings: PictureSettings = PICTURES,
 ) -> Figure:
     """The same picture as a matplotlib figure; ``side`` is the width and height of one drawing [inch]."""
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(2.0 * side * columns, side * rows), dpi=settings.dots_per_inch, layout="constrained")
+    figure = Figure(figsize=(2.0 * side * columns, side * rows), dpi=PICTURES.dots_per_inch, layout="constrained")
     grid = figure.subplots(rows, 2 * columns, squeeze=False)
     for k, panel in enumerate(panels):
         row, column = divmod(k, columns)
@@ -169,13 +162,12 @@ def _colours(count: int) -> FloatArray:
     return colours
 
 
-def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     """The curves behind the keyframes beside their curvatures, early to late.
 
     Args:
         plan: the plan.
         kind: format of the file.
-        settings: sizes.
 
     Raises:
         ProblemError: the plan was made without curves.
@@ -185,22 +177,21 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperF
     goal = plan.planar_problem.goal if isinstance(plan.planar_problem.goal, TipGoal) else None
     title = f"{plan.planar_problem.name}: {len(plan.curves)} keyframes"
     panel = SchemaPanel(title, plan.curves, goal, plan.planar_problem.workspace, unit=plan.planar_problem.length_unit)
-    return figure_file(lambda: schemas_figure([panel], shown=settings.curves, side=_CURVES_SIDE), kind)
+    return figure_file(lambda: schemas_figure([panel], side=_CURVES_SIDE), kind)
 
 
-def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     """The motion in numbered steps: start and goals, one stretch after the other, and all movements.
 
     Args:
         plan: the plan.
         kind: format of the file.
-        settings: sizes.
     """
-    return figure_file(lambda: _steps_figure(plan, settings), kind)
+    return figure_file(lambda: _steps_figure(plan), kind)
 
 
-def _steps_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
-    ends = _ends_of_steps(plan, settings.steps)
+def _steps_figure(plan: DrawnPlan) -> Figure:
+    ends = _ends_of_steps(plan, _STEPS)
     columns = min(3, len(ends) + 1)
     rows = -(-(len(ends) + 1) // columns)
     window = action_window(plan.planar_problem, plan.points)
@@ -279,18 +270,17 @@ def _links_figure(plan: DrawnPlan) -> Figure:
     return figure
 
 
-def space_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperFigureSettings = PAPER_FIGURES) -> bytes:
+def space_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     """The simulated arm in space, a third of the time in each of three pictures; as planned where it was not simulated.
 
     Args:
         plan: the plan.
         kind: format of the file.
-        settings: sizes.
     """
-    return figure_file(lambda: _space_figure(plan, settings), kind)
+    return figure_file(lambda: _space_figure(plan), kind)
 
 
-def _space_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
+def _space_figure(plan: DrawnPlan) -> Figure:
     points = plan.simulated
     if points is None:
         flat = plan.points
@@ -301,7 +291,7 @@ def _space_figure(plan: DrawnPlan, settings: PaperFigureSettings) -> Figure:
     for k in range(3):
         axes: Any = figure.add_axes((k / 3.0, 0.0, 1.0 / 3.0, 0.92), projection="3d")
         begin, end = (time[-1] * share for share in (k / 3.0, (k + 1) / 3.0))
-        shown = np.searchsorted(time, np.linspace(begin, end, settings.space_poses))
+        shown = np.searchsorted(time, np.linspace(begin, end, _SPACE_POSES))
         _draw_poses_in_space(axes, plan, points[np.minimum(shown, len(time) - 1)])
         axes.set_title(f"({k + 1}) {begin:.2f} to {end:.2f} s", fontsize=9, y=1.0)
     words = "simulated" if plan.simulated is not None else "as planned"
@@ -337,32 +327,35 @@ def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
     axes.locator_params(nbins=5)
 
 
+_PARETO_WIDTH = 9.6
+"""Of the picture of several plans [inch]."""
+_PARETO_MARGINS = 1.55
+"""Above, between and below its two parts [inch]."""
 _CHART_HEIGHT = 2.6
 """Of the chart of time against room [inch]."""
 _MOST_THUMBNAIL = 2.6
 """Height of the picture of one plan, at most [inch]."""
 
 
-def pareto_png(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICTURE) -> bytes:
+def pareto_png(found: ParetoPlans) -> bytes:
     """The picture of a trade-off.
 
     Args:
         found: the plans.
-        settings: sizes.
 
     Returns:
         The content of a PNG file.
     """
-    return figure_png(lambda: pareto_figure(found, settings))
+    return figure_png(lambda: pareto_figure(found))
 
 
-def pareto_figure(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICTURE) -> Figure:
+def pareto_figure(found: ParetoPlans) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
     draw_motion, tall = _thumbnails(found)
     count = len(found.plans)
-    thumbnail = min(settings.width / count * tall, _MOST_THUMBNAIL)
+    thumbnail = min(_PARETO_WIDTH / count * tall, _MOST_THUMBNAIL)
     rows = (_CHART_HEIGHT, thumbnail)
-    figure = Figure(figsize=(settings.width, sum(rows) + settings.margins), dpi=settings.dots_per_inch)
+    figure = Figure(figsize=(_PARETO_WIDTH, sum(rows) + _PARETO_MARGINS), dpi=PICTURES.dots_per_inch)
     grid = figure.add_gridspec(
         2, count, height_ratios=rows, left=0.07, right=0.985, top=1.0 - 0.42 / figure.get_figheight(),
         bottom=0.12 / figure.get_figheight(), hspace=1.7 / sum(rows), wspace=0.06,

@@ -17,7 +17,7 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path, draw_workspace
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes
-from ccm_opt.viz.settings import PICTURES, PictureSettings
+from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, legend_below_views, sheet_of_sides, window_of
 
 _LEAST_WIDTH = 2.6
@@ -36,6 +36,8 @@ _LABEL_SIZE = 7.5
 """Of labels in the drawing [points]."""
 _POSES_ON_THE_WAY = 7
 """Poses drawn between start and goal."""
+_POSES_IN_SPACE = 6
+"""The same in each view of space."""
 _LEAST_DISC = 0.012
 """Tolerances of a goal's place are drawn when wider than this share of the picture."""
 _LEAST_SEEN = 0.1
@@ -47,13 +49,12 @@ Box = tuple[float, float, float, float]
 """(xmin, ymin, xmax, ymax) [m]."""
 
 
-def action_window(problem: Problem, points: FloatArray, settings: PictureSettings = PICTURES) -> Box:
+def action_window(problem: Problem, points: FloatArray) -> Box:
     """Bounds of a picture.
 
     Args:
         problem: its room bounds the picture, its goals are in it.
         points: of the arm in all poses, shape (..., 2) [m].
-        settings: how much is left round them.
 
     Returns:
         The whole room where the action takes up most of it.
@@ -73,7 +74,7 @@ def action_window(problem: Problem, points: FloatArray, settings: PictureSetting
     high = high + margin
     # A long and narrow strip would show nothing of what is beside it.
     lack = np.maximum(_LEAST_ASPECT * (high - low).max() - (high - low), 0.0)
-    margin_of_room = settings.beside_room * float((room[2:] - room[:2]).max())
+    margin_of_room = PICTURES.beside_room * float((room[2:] - room[:2]).max())
     low = np.maximum(low - 0.5 * lack, room[:2] - margin_of_room)
     high = np.minimum(high + 0.5 * lack, room[2:] + margin_of_room)
     if np.all(high - low > _MOST_OF_ROOM * (room[2:] - room[:2])):
@@ -209,15 +210,15 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
     """
     if plan.problem.dimension == 3:
         return _figure_in_space(plan, plan.problem, scene or SeenScene(plan.problem))
-    problem, points, settings = plan.problem, plan.points, PICTURES
-    window = action_window(problem, points, settings)
-    layout = layout_of(window, settings)
-    figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
+    problem, points = plan.problem, plan.points
+    window = action_window(problem, points)
+    layout = layout_of(window)
+    figure = Figure(figsize=layout.size, dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace, settings, window)
+    draw_workspace(axes, problem.workspace, window=window)
     _draw_motion(axes, points, problem.arm.radius, _POSES_ON_THE_WAY)
     draw_goals(axes, plan)
-    _mark_least_gap(axes, plan, problem, settings)
+    _mark_least_gap(axes, plan, problem)
     dress(figure, axes, f"{problem.name}: {plan.trajectory.duration:.2f} s", problem)
     return figure
 
@@ -226,16 +227,16 @@ def _figure_in_space(plan: DrawnPlan, problem: Problem, scene: SeenScene) -> Fig
     """Three views, and the section along the arm at its goal."""
     points = plan.points
     window = window_of(problem, points)
-    sheet = sheet_of_sides(window, scene.settings)
+    sheet = sheet_of_sides(window)
     for side, axes in zip(SIDES, sheet.views, strict=True):
         scene.begin_view(axes, side, window)
         draw_arm(axes, side(points[0]), problem.arm.radius, style.START_EDGE, 0.45, "start")
-        draw_poses(axes, side(points[even_steps(points, scene.settings.poses)]))
+        draw_poses(axes, side(points[even_steps(points, _POSES_IN_SPACE)]))
         draw_arm(axes, side(points[-1]), problem.arm.radius, style.GOAL_ARM, 0.85, "end")
         draw_tip_path(axes, side(points[:, -1]))
         draw_goals(axes, plan, side, poses=False)
         dress_view(axes, side, problem)
-    draw_section(sheet.section, problem, points[-1], scene.settings)
+    draw_section(sheet.section, problem, points[-1])
     figure = sheet.figure
     with words_in(problem.length_unit):
         gap = "" if plan.nearest is None else f", least gap {short_length(plan.nearest.gap)}"
@@ -273,7 +274,7 @@ def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool =
             number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
 
 
-def _mark_least_gap(axes: Axes, plan: DrawnPlan, problem: Problem, settings: PictureSettings) -> None:
+def _mark_least_gap(axes: Axes, plan: DrawnPlan, problem: Problem) -> None:
     """A ring where the arm is nearest to something, with the gap."""
     place = plan.nearest_point
     if place is None or plan.nearest is None:
@@ -290,9 +291,9 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, problem: Problem, settings: Pic
     bodies = [shapely.LineString(pose).buffer(radius) for pose in shown]
     places.keep_free(shapely.union_all([*bodies, shapely.LineString(plan.points[:, -1]).buffer(0.5 * radius)]))
     places.keep_names_free()
-    seen = shapely.box(*action_window(problem, plan.points, settings))
+    seen = shapely.box(*action_window(problem, plan.points))
     outlines = [obstacle.outline() for obstacle in problem.workspace.near(seen, 0.0).obstacles]
-    for outline in outlines[: settings.most_named_obstacles]:
+    for outline in outlines[: PICTURES.most_named_obstacles]:
         places.keep_off(outline)
     with words_in(problem.length_unit):
         gap = short_length(plan.nearest.gap)
@@ -309,15 +310,16 @@ class PictureLayout:
     place: tuple[float, float, float, float]
 
 
-def layout_of(bounds: tuple[float, float, float, float], settings: PictureSettings) -> PictureLayout:
+def layout_of(bounds: tuple[float, float, float, float]) -> PictureLayout:
     """A figure as large as the room at its scale, with margins for labels, title and legend."""
+    sizes = PICTURES
     xmin, ymin, xmax, ymax = bounds
-    scale = settings.longest_side / max(xmax - xmin, ymax - ymin)
+    scale = sizes.longest_side / max(xmax - xmin, ymax - ymin)
     width = max(_LEAST_WIDTH, scale * (xmax - xmin))
-    height = max(settings.least_height, scale * (ymax - ymin))
-    across = settings.left + width + settings.right
-    up = settings.bottom + height + settings.top
-    return PictureLayout((across, up), (settings.left / across, settings.bottom / up, width / across, height / up))
+    height = max(sizes.least_height, scale * (ymax - ymin))
+    across = sizes.left + width + sizes.right
+    up = sizes.bottom + height + sizes.top
+    return PictureLayout((across, up), (sizes.left / across, sizes.bottom / up, width / across, height / up))
 
 
 def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int) -> None:

@@ -18,7 +18,7 @@ from ccm_opt.viz.arm_drawing import SIDES, SLANTED, Side, draw_body, draw_worksp
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal, dress, layout_of
-from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings, SpacePictureSettings
+from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, legend_below_views, sheet_of_sides, window_of
 
 _SCALE_ROOM = 0.9
@@ -31,17 +31,21 @@ _BAR_SHARE = 0.02
 
 def pose_png(found: StaticPose) -> bytes:
     """The picture of a pose: the content of a PNG file."""
-    return figure_png(lambda: space_pose_figure(found) if found.problem.dimension == 3 else pose_figure(found))
+    return figure_png(lambda: pose_figure(found))
 
 
-def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figure:
-    """The picture as a matplotlib figure, made without pyplot."""
+def pose_figure(found: StaticPose) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    return _pose_in_space(found) if found.problem.dimension == 3 else _pose_in_plane(found)
+
+
+def _pose_in_plane(found: StaticPose) -> Figure:
     problem = found.problem
     points = found.joint_positions
-    layout = layout_of(problem.workspace.boundary.bounds, settings)
-    figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
+    layout = layout_of(problem.workspace.boundary.bounds)
+    figure = Figure(figsize=layout.size, dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace, settings)
+    draw_workspace(axes, problem.workspace)
     draw_body(axes, points, problem.arm.radius, style.REGION_TINT, style.GOAL_ARM, label="arm", zorder=3)
     curve = found.curve
     _draw_curve(
@@ -52,10 +56,14 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     _draw_binding(axes, found)
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
     draw_goal(axes, problem.goal, problem.tolerances, points[-1], "goal")
-    with words_in(problem.length_unit):
-        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
-    dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}", problem)
+    dress(figure, axes, _pose_title(found), problem)
     return figure
+
+
+def _pose_title(found: StaticPose) -> str:
+    with words_in(found.problem.length_unit):
+        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
+    return f"{found.problem.name}: best pose at the goal, gap {gap}"
 
 
 def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
@@ -90,20 +98,24 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
 
 def reach_png(found: ReachMap) -> bytes:
     """The picture of a map: the content of a PNG file."""
-    return figure_png(lambda: space_reach_figure(found) if found.problem.dimension == 3 else reach_figure(found))
+    return figure_png(lambda: reach_figure(found))
 
 
-def reach_figure(found: ReachMap, settings: PictureSettings = PICTURES) -> Figure:
-    """The picture as a matplotlib figure, made without pyplot."""
+def reach_figure(found: ReachMap) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    return _reach_in_space(found) if found.problem.dimension == 3 else _reach_in_plane(found)
+
+
+def _reach_in_plane(found: ReachMap) -> Figure:
     workspace = found.problem.workspace
-    layout = layout_of(workspace.boundary.bounds, settings)
+    layout = layout_of(workspace.boundary.bounds)
     across, up = layout.size
     # Room for the scale of colours at the right.
     wider = across + _SCALE_ROOM
     left, bottom, width, height = layout.place
-    figure = Figure(figsize=(wider, up), dpi=settings.dots_per_inch)
+    figure = Figure(figsize=(wider, up), dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes((left * across / wider, bottom, width * across / wider, height))
-    draw_workspace(axes, workspace, settings)
+    draw_workspace(axes, workspace)
     _draw_cells(axes, found)
     base = found.problem.arm.base
     axes.plot(*base, marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
@@ -153,13 +165,12 @@ def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
     axes.set_ylabel("headings that the tip can take [°]")
 
 
-def space_pose_figure(found: StaticPose, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
-    """The picture as a matplotlib figure, made without pyplot."""
+def _pose_in_space(found: StaticPose) -> Figure:
     problem = found.problem
     points = found.joint_positions
     window = window_of(problem, points[None])
-    sheet = sheet_of_sides(window, settings)
-    scene = SeenScene(problem, settings)
+    sheet = sheet_of_sides(window)
+    scene = SeenScene(problem)
     curve = found.curve
     line = curve.positions_at(np.linspace(0.0, curve.length, 8 * problem.arm.links))
     ends = curve.positions_at(curve.boundaries[1:-1])
@@ -171,28 +182,24 @@ def space_pose_figure(found: StaticPose, settings: SpacePictureSettings = SPACE_
             axes, problem.goal, problem.tolerances, points[-1], "goal", side, ARROW_IN_LINKS * problem.arm.link_length
         )
         dress_view(axes, side, problem)
-    draw_section(sheet.section, problem, points, settings)
-    with words_in(problem.length_unit):
-        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
-    figure = sheet.figure
-    figure.suptitle(f"{problem.name}: best pose at the goal, gap {gap}", x=0.02, ha="left", fontsize=10)
-    legend_below_views(figure)
-    return figure
+    draw_section(sheet.section, problem, points)
+    sheet.figure.suptitle(_pose_title(found), x=0.02, ha="left", fontsize=10)
+    legend_below_views(sheet.figure)
+    return sheet.figure
 
 
 _ACROSS = (2, 1, 0)
 """Which axis each of the three sides looks along."""
 
 
-def space_reach_figure(found: ReachMap, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
-    """The picture as a matplotlib figure, made without pyplot."""
+def _reach_in_space(found: ReachMap) -> Figure:
     problem = found.problem
     axes_of_cells = found.axes
     half = 0.5 * found.step
     window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
     place = _sliced_at(found)
-    sheet = sheet_of_sides(window, settings)
-    scene = SeenScene(problem, settings)
+    sheet = sheet_of_sides(window)
+    scene = SeenScene(problem)
     colours = _colours(found)
     for side, across, axes in zip(SIDES, _ACROSS, sheet.views, strict=True):
         low, high = side(window)

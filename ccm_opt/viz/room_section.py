@@ -11,7 +11,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.solution import PossibleGap, RoomRecord, ShortStretch, Solution, SurvivedError
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
-from ccm_opt.viz.settings import REPORT, ReportSettings
 
 _WANTED_GAPS_SHOWN = 4.0
 """Gaps up to so many times the wanted one are drawn."""
@@ -190,15 +189,14 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
     )
 
 
-def gap_data(room: RoomRecord, settings: ReportSettings = REPORT) -> dict[str, object]:
+def gap_data(room: RoomRecord) -> dict[str, object]:
     """The record of a motion's room as the page's script reads it; lengths [m], times [s].
 
     Args:
         room: the record.
-        settings: how exact, and how high the chart is.
     """
     gaps = np.concatenate((room.wall_gaps, room.self_gaps))
-    step = step_for(gaps, settings.number_step)
+    step = step_for(gaps)
     near = room.nearest
     return {
         "time": coded(room.time, 1e-5),

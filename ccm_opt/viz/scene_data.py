@@ -16,7 +16,6 @@ from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.surfaces import seen_triangles, sharp_edges, within
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.viz.settings import REPORT, ReportSettings
 
 _PLACE_STEP = 2e-5
 """Of places in the page, as a share of the room's extent."""
@@ -25,16 +24,26 @@ _MOST_NAMED = 16
 _MOST_OBSTACLES = 80
 """With more of them, routes and regions are left out, whose search would take too long."""
 
+_MOST_VERTICES = 60_000
+"""Of walls that are drawn with every corner; of more, small corners are left out. Taste."""
+_MOST_TRIANGLES = 60_000
+"""Of all bodies of a scene in space; of more, small ones are left out. Taste."""
+_CELL = 2e-3
+"""Width of the cells in which corners are joined first, as a share of the scene's extent. Taste."""
+_SHARP = 0.6
+"""Angle between two faces from which on their edge is drawn [rad]. Taste."""
+_ROUND_SIDES = 24
+"""Of balls and bars in space. Taste."""
+
 SceneData = dict[str, object]
 
 
-def scene_data(problem: Problem, shown: FloatArray, settings: ReportSettings = REPORT) -> SceneData:
+def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
     """Room, obstacles and arm of a problem.
 
     Args:
         problem: whose scene it is.
         shown: points that the first look at the scene has to hold, shape (m, 2) [m].
-        settings: how exact, how many corners.
     """
     arm = problem.arm
     bounds = problem.workspace.boundary.bounds
@@ -47,7 +56,7 @@ def scene_data(problem: Problem, shown: FloatArray, settings: ReportSettings = R
         "bounds": [float(value) for value in bounds],
         "look": [float(f"{value:.6g}") for value in look],
         "named": len(problem.workspace.obstacles) <= _MOST_NAMED,
-        **_walls(problem.workspace, settings),
+        **_walls(problem.workspace),
         "arm": {
             "links": arm.links,
             "link": arm.link_length,
@@ -60,13 +69,13 @@ def scene_data(problem: Problem, shown: FloatArray, settings: ReportSettings = R
     }
 
 
-def _walls(workspace: Workspace, settings: ReportSettings) -> SceneData:
+def _walls(workspace: Workspace) -> SceneData:
     """Boundary and obstacles as paths of SVG in whole steps from the corner of the room, with the size of a step."""
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
     step = _PLACE_STEP * max(xmax - xmin, ymax - ymin)
     outlines = [obstacle.outline() for obstacle in workspace.obstacles]
     count = sum(shapely.get_num_coordinates(outline) for outline in outlines)
-    if count > settings.most_vertices:
+    if count > _MOST_VERTICES:
         outlines = [shapely.simplify(outline, 10.0 * step) for outline in outlines]
     origin = np.array([xmin, ymin])
     return {
@@ -177,20 +186,17 @@ _CORNER_STEPS = 65535
 """Corners of bodies are told apart to this part of the extent of their body."""
 
 
-def space_scene_data(
-    problem: Problem, points: FloatArray, ends: FloatArray, settings: ReportSettings = REPORT
-) -> SceneData:
+def space_scene_data(problem: Problem, points: FloatArray, ends: FloatArray) -> SceneData:
     """Everything that the script of the view reads.
 
     Args:
         problem: bodies, room, arm and goals.
         points: what is to be seen at first, shape (n, 3) [m].
         ends: where the tip is at each goal, for goals of the whole arm, shape (goals, 3) [m].
-        settings: how exact.
     """
     arm = problem.arm
     workspace = problem.workspace
-    share = settings.most_triangles // max(len(workspace.obstacles), 1)
+    share = _MOST_TRIANGLES // max(len(workspace.obstacles), 1)
     margin = 2.0 * max(arm.radius, 0.5 * arm.link_length)
     extent = workspace.extent if len(workspace.soup) else np.stack((points.min(axis=0), points.max(axis=0)))
     return {
@@ -203,7 +209,7 @@ def space_scene_data(
             "up": arm.up.tolist(),
         },
         "start": arm.joint_positions_at(problem.start.configuration(arm)).round(7).tolist(),
-        "bodies": [_body_data(each.name, each.body, share, extent, settings) for each in workspace.obstacles],
+        "bodies": [_body_data(each.name, each.body, share, extent) for each in workspace.obstacles],
         "room": None if workspace.bounds is None else workspace.bounds.tolist(),
         "goals": _goals_in_space(problem, ends),
         "look": [(points.min(axis=0) - margin).tolist(), (points.max(axis=0) + margin).tolist()],
@@ -211,10 +217,10 @@ def space_scene_data(
     }
 
 
-def _body_data(name: str, body: Body, share: int, extent: FloatArray, settings: ReportSettings) -> dict[str, object]:
+def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[str, object]:
     """A body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
-    surface = seen_triangles(body, settings.round_sides)
-    vertices, faces = within(*surface, max(share, 500), settings.cell * float(np.max(np.ptp(extent, axis=0))))
+    surface = seen_triangles(body, _ROUND_SIDES)
+    vertices, faces = within(*surface, max(share, 500), _CELL * float(np.max(np.ptp(extent, axis=0))))
     # Corners that several triangles have at one place are written once.
     places, number = np.unique(vertices, axis=0, return_inverse=True)
     joined = number.reshape(-1)[faces]
@@ -227,7 +233,7 @@ def _body_data(name: str, body: Body, share: int, extent: FloatArray, settings: 
         "span": span.tolist(),
         "corners": _text(whole),
         "faces": _text(joined.astype("<u4")),
-        "edges": _text(sharp_edges(places, joined, settings.sharp).astype("<u4")),
+        "edges": _text(sharp_edges(places, joined, _SHARP).astype("<u4")),
     }
 
 

@@ -14,14 +14,25 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
+from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.levers import moved_by_joint_errors
+from ccm_opt.verification.tolerance.survived_errors import tube_of
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, Side, draw_body, draw_workspace, polygon_patch
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.plan import dress, layout_of
-from ccm_opt.viz.settings import PICTURES, SPACE_PICTURES, PictureSettings, SpacePictureSettings
-from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, points_a_metre, sheet_of_sides, window_of
+from ccm_opt.viz.settings import PICTURES
+from ccm_opt.viz.views import (
+    SPACE_DOTS_PER_INCH,
+    VIEW_SIDE,
+    SeenScene,
+    draw_arm,
+    dress_view,
+    points_a_metre,
+    sheet_of_sides,
+    window_of,
+)
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
 """Shares of the duration at which the simulated arm is drawn on its way."""
@@ -138,11 +149,11 @@ def _simulation_figure_in_space(
 
 def _sheet_with_errors(spans: FloatArray) -> tuple[Figure, GridSpec]:
     """A figure with room for two views of a box of some extent, shape (3,) [m], and for the errors beside them."""
-    scale = SPACE_PICTURES.side / float(np.max(spans))
+    scale = VIEW_SIDE / float(np.max(spans))
     width = max(scale * spans[0], 2.6)
     heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
     size = (width + 5.2, sum(heights) + 1.8)
-    figure = Figure(figsize=size, dpi=SPACE_PICTURES.dots_per_inch, layout="constrained")
+    figure = Figure(figsize=size, dpi=SPACE_DOTS_PER_INCH, layout="constrained")
     return figure, figure.add_gridspec(2, 2, width_ratios=(width, 4.4), height_ratios=heights)
 
 
@@ -157,47 +168,38 @@ def _draw_simulated_poses(
     draw_arm(axes, side(end), radius, style.GOAL_ARM, 0.85, "simulated end")
 
 
-def space_tolerance_png(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    error: SurvivedError,
-    settings: SpacePictureSettings = SPACE_PICTURES,
-) -> bytes:
-    """The picture of what errors of the joints may do.
+def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
+    """The picture of what errors of the joints may do: the content of a PNG file.
 
     Args:
-        problem: arm and scene.
+        problem: arm and room.
         trajectory: the plan.
         error: of the joints, that it survives.
-        settings: sizes.
-
-    Returns:
-        The content of a PNG file.
     """
+    draw = _tolerance_in_space if problem.dimension == 3 else _tolerance_in_plane
+    return figure_png(lambda: draw(problem, trajectory, error))
+
+
+def _tolerance_in_space(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> Figure:
     number = len(trajectory.time) - 1 if error.time is None else int(np.argmin(np.abs(trajectory.time - error.time)))
     points = problem.arm.joint_positions_at(trajectory.positions[number])
     moved = moved_by_joint_errors(problem.arm, points, error.size)
-
-    def draw() -> Figure:
-        window = window_of(problem, points[None])
-        sheet = sheet_of_sides(window, settings)
-        scene = SeenScene(problem, settings)
-        for side, axes in zip(SIDES, sheet.views, strict=True):
-            scene.begin_view(axes, side, window)
-            _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
-            draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
-            _mark_limiting_place(axes, side, error)
-            dress_view(axes, side, problem)
-        when = trajectory.time[number]
-        _draw_section_with_errors(sheet.section, problem, points, moved, settings)
-        figure = sheet.figure
-        title = f"{problem.name} at {when:.2f} s: survives joint errors of {np.rad2deg(error.size):.3g}°"
-        figure.suptitle(title, x=0.02, ha="left", fontsize=10)
-        handles, labels = sheet.views[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
-        return figure
-
-    return figure_png(draw)
+    window = window_of(problem, points[None])
+    sheet = sheet_of_sides(window)
+    scene = SeenScene(problem)
+    for side, axes in zip(SIDES, sheet.views, strict=True):
+        scene.begin_view(axes, side, window)
+        _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
+        draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
+        _mark_limiting_place(axes, side, error)
+        dress_view(axes, side, problem)
+    _draw_section_with_errors(sheet.section, problem, points, moved)
+    survived = f"survives joint errors of {np.rad2deg(error.size):.3g}°"
+    title = f"{problem.name} at {trajectory.time[number]:.2f} s: {survived}"
+    sheet.figure.suptitle(title, x=0.02, ha="left", fontsize=10)
+    handles, labels = sheet.views[0].get_legend_handles_labels()
+    sheet.figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    return sheet.figure
 
 
 def _draw_reach_of_errors(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
@@ -227,11 +229,9 @@ def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
         )  # fmt: skip
 
 
-def _draw_section_with_errors(
-    axes: Axes, problem: Problem, points: FloatArray, moved: FloatArray, settings: SpacePictureSettings
-) -> None:
+def _draw_section_with_errors(axes: Axes, problem: Problem, points: FloatArray, moved: FloatArray) -> None:
     """The section along the arm, with how far errors take it."""
-    draw_section(axes, problem, points, settings, "section along the arm, and how far errors take it")
+    draw_section(axes, problem, points, "section along the arm, and how far errors take it")
     arm = problem.arm
     unit = METRES[problem.length_unit]
     along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
@@ -239,41 +239,14 @@ def _draw_section_with_errors(
         axes.plot(along, sign * (arm.radius + moved) / unit, color=style.START_EDGE, linewidth=1.0, zorder=4)
 
 
-def tolerance_png(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    joints: SurvivedError,
-    tube: shapely.Geometry,
-    planned: shapely.Geometry,
-    settings: PictureSettings = PICTURES,
-) -> bytes:
-    """The content of the PNG file.
-
-    Args:
-        problem: the room and the arm.
-        trajectory: the plan.
-        joints: the error of the joints that it survives.
-        tube: what the arm may sweep with it.
-        planned: what it sweeps without.
-        settings: sizes.
-    """
-    return figure_png(lambda: _tolerance_figure(problem, trajectory, joints, tube, planned, settings))
-
-
-def _tolerance_figure(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    joints: SurvivedError,
-    tube: shapely.Geometry,
-    planned: shapely.Geometry,
-    settings: PictureSettings,
-) -> Figure:
-    layout = layout_of(problem.workspace.boundary.bounds, settings)
-    figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
+def _tolerance_in_plane(problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> Figure:
+    tube = tube_of(problem.arm, trajectory, joint_errors(problem.arm), joints.size)
+    layout = layout_of(problem.workspace.boundary.bounds)
+    figure = Figure(figsize=layout.size, dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace, settings)
-    _draw_region(axes, tube, style.TUBE, "may be swept", 2.2)
-    _draw_region(axes, planned, style.REGION_TINT, "swept as planned", 2.4)
+    draw_workspace(axes, problem.workspace)
+    _draw_region(axes, tube.region, style.TUBE, "may be swept", 2.2)
+    _draw_region(axes, tube.planned, style.REGION_TINT, "swept as planned", 2.4)
     if joints.time is not None:
         _draw_limiting_pose(axes, problem, trajectory, joints)
     least = "" if joints.limited else "at least "

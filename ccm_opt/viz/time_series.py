@@ -15,9 +15,16 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.solution import Solution
-from ccm_opt.viz.document import PageUnits, coded, step_for
-from ccm_opt.viz.settings import REPORT, ReportSettings
+from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
 
+_MOST_NUMBERS = 70_000
+"""Of one chart with all its curves; with more curves each has fewer samples. Taste."""
+_MOST_SAMPLES = 2000
+"""Of one chart. Taste."""
+_LEAST_SAMPLES = 120
+"""Of one chart, even where that takes more numbers. Taste."""
+_MOVING = 0.02
+"""Least share of a joint's velocity limit at which a sample says what limits the speed. Taste."""
 _CURVE_ERROR = 2e-3
 """Distance that a sample may have from its curve, as a share of the chart's range."""
 _POSE_ERROR = 1e-4
@@ -98,16 +105,15 @@ class SeriesGroup:
     least: float = 0.0
 
 
-def series_data(solution: Solution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
+def series_data(solution: Solution) -> list[dict[str, object]]:
     """All groups of a plan, thinned and coded, as the page's script reads them.
 
     Args:
         solution: the plan.
-        settings: how many numbers, how exact.
     """
     trajectory = solution.trajectory
     always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
-    return [_coded_group(group, trajectory.time, always, settings) for group in series_groups(solution)]
+    return [_coded_group(group, trajectory.time, always) for group in series_groups(solution)]
 
 
 def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
@@ -199,14 +205,14 @@ def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[S
     )
 
 
-def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray, settings: ReportSettings) -> dict[str, object]:
+def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict[str, object]:
     values = np.nan_to_num(group.values)
     extent = max(float(np.ptp(values)) if values.size else 0.0, 1e-300)
     error = _CURVE_ERROR * extent if group.error is None else group.error
-    fewest = settings.most_numbers // max(values.shape[1], 1)
-    most = int(np.clip(fewest, settings.least_samples, settings.most_samples))
+    fewest = _MOST_NUMBERS // max(values.shape[1], 1)
+    most = int(np.clip(fewest, _LEAST_SAMPLES, _MOST_SAMPLES))
     kept = kept_samples(time, values, error, most, always)
-    step = step_for(values, settings.number_step if group.error is None else 0.1 * group.error / extent)
+    step = step_for(values, NUMBER_STEP if group.error is None else 0.1 * group.error / extent)
     return {
         "key": group.key,
         "title": group.title,
@@ -272,26 +278,25 @@ def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str,
     return LimitShare(name, shares[np.arange(len(shares)), drive], drive, drives)
 
 
-def phase_data(solution: Solution, settings: ReportSettings = REPORT) -> dict[str, object]:
+def phase_data(solution: Solution) -> dict[str, object]:
     """The phase plane and the shares of the limits, as the page's script reads them.
 
     Args:
         solution: the plan.
-        settings: how many samples, how exact.
     """
     trajectory = solution.trajectory
     shares = limit_shares(solution)
     place, speed = path_and_speed(solution)
-    possible = speed_at_velocity_limits(speed, shares, settings.moving)
+    possible = speed_at_velocity_limits(speed, shares, _MOVING)
     columns = np.column_stack([each.share for each in shares])
     scaled = np.column_stack((columns, place / max(float(place[-1]), 1e-300), speed / max(float(speed.max()), 1e-300)))
     always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
-    most = int(np.clip(settings.most_numbers // scaled.shape[1], settings.least_samples, settings.most_samples))
+    most = int(np.clip(_MOST_NUMBERS // scaled.shape[1], _LEAST_SAMPLES, _MOST_SAMPLES))
     kept = kept_samples(trajectory.time, scaled, _CURVE_ERROR, most, always)
     return {
         "time": coded(trajectory.time[kept], 1e-5),
-        "place": coded(np.rad2deg(place[kept]), step_for(np.rad2deg(place), settings.number_step)),
-        "speed": coded(speed[kept], step_for(speed, settings.number_step)),
+        "place": coded(np.rad2deg(place[kept]), step_for(np.rad2deg(place))),
+        "speed": coded(speed[kept], step_for(speed)),
         "possible": [float(f"{value:.4g}") if np.isfinite(value) else None for value in possible[kept]],
         "kinds": [each.name for each in shares],
         "shares": [coded(each.share[kept], 1e-4) for each in shares],

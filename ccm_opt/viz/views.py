@@ -16,8 +16,22 @@ from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import Side
 from ccm_opt.viz.figure_files import label_axis
-from ccm_opt.viz.settings import SPACE_PICTURES, SpacePictureSettings
 
+_MOST_TRIANGLES = 6000
+"""Of all bodies together; of more, small ones are left out. Taste."""
+_CELL = 0.008
+"""By how much surfaces may be off in a picture, before their corners are joined in cells of this width, as a share of
+the scene's extent. Taste."""
+_ROUND_SIDES = 24
+"""Of balls and bars. Taste."""
+_GLASS = 0.22
+"""Opacity of one body. Taste."""
+_SHARP = 0.6
+"""Angle between two faces from which on their edge is drawn [rad]. Taste."""
+VIEW_SIDE = 4.6
+"""Longest side of one view [inch]. Taste."""
+SPACE_DOTS_PER_INCH = 110
+"""Of PNG files. Taste."""
 _LEAST_TRIANGLES = 200
 """Of one body, however many there are."""
 _FEWEST_SIDES = 12
@@ -32,29 +46,25 @@ class SeenScene:
 
     Attributes:
         problem: what is shown.
-        settings: how many.
     """
 
     problem: Problem
-    settings: SpacePictureSettings = SPACE_PICTURES
 
     @cached_property
     def bodies(self) -> list[tuple[FloatArray, IntArray]]:
         """Corners, shape (v, 3) [m], and faces, shape (m, 3), of every body; the sides of the room are none."""
         obstacles = self.problem.workspace.obstacles
         extent = float(np.max(np.ptp(self.problem.workspace.extent, axis=0), initial=self.problem.arm.length))
-        settings = self.settings
         # A ball of n sides has about n² triangles.
-        fine = settings.most_triangles >= len(obstacles) * settings.round_sides**2
-        sides = settings.round_sides if fine else _FEWEST_SIDES
+        fine = len(obstacles) * _ROUND_SIDES**2 <= _MOST_TRIANGLES
+        sides = _ROUND_SIDES if fine else _FEWEST_SIDES
         surfaces = [seen_triangles(obstacle.body, sides) for obstacle in obstacles]
-        return all_within(surfaces, settings.most_triangles, _LEAST_TRIANGLES, settings.cell * extent)
+        return all_within(surfaces, _MOST_TRIANGLES, _LEAST_TRIANGLES, _CELL * extent)
 
     @cached_property
     def edges(self) -> list[FloatArray]:
         """Ends of the sharp edges of every body, shape (k, 2, 3) [m]."""
-        sharp = self.settings.sharp
-        return [vertices[sharp_edges(vertices, faces, sharp)] for vertices, faces in self.bodies]
+        return [vertices[sharp_edges(vertices, faces, _SHARP)] for vertices, faces in self.bodies]
 
     def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
         """Draw room and bodies from a side, within a box, whose corners have the shape (2, 3) [m]."""
@@ -75,7 +85,7 @@ class SeenScene:
             _lay_sheet(sheets, scale * (side(vertices) - low), faces)
         picture = np.empty((*sheets.shape, 4), dtype=np.float32)
         picture[..., :3] = to_rgb(style.WALL_EDGE)
-        picture[..., 3] = (1.0 - (1.0 - self.settings.glass) ** np.arange(len(self.bodies) + 1))[sheets]
+        picture[..., 3] = (1.0 - (1.0 - _GLASS) ** np.arange(len(self.bodies) + 1))[sheets]
         extent = (low[0], high[0], low[1], high[1])
         axes.imshow(picture, extent=extent, origin="lower", interpolation="bilinear", zorder=1, aspect="auto")
         self._draw_edges(axes, side)
@@ -184,14 +194,14 @@ class SheetOfSides:
     section: Axes
 
 
-def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PICTURES) -> SheetOfSides:
+def sheet_of_sides(window: FloatArray) -> SheetOfSides:
     """An empty sheet for what lies in a box, whose corners have the shape (2, 3) [m]."""
     spans = np.ptp(window, axis=0)
-    scale = settings.side / float(np.max(spans))
+    scale = VIEW_SIDE / float(np.max(spans))
     # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
     widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
     heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
-    figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=settings.dots_per_inch)
+    figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=SPACE_DOTS_PER_INCH)
     grid = figure.add_gridspec(
         2,
         2,
