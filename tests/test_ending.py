@@ -17,8 +17,8 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
-from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem
 from tests.scenes import clutter, make_arm, mixed_walls, motion_task, sweep_gaps, swept

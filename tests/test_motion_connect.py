@@ -16,8 +16,7 @@ from ccm_opt.planning.draws import HeadingTree
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
-from ccm_opt.planning.search import find_motion
-from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, Turn
+from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, Turn, find_motion
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
@@ -26,7 +25,7 @@ from .few_link_scenes import few_link_problem, few_link_scene
 from .scenes import Scene, clutter, mixed_walls, motion_task, open_scene, self_gap, wall_gaps
 
 if TYPE_CHECKING:
-    from ccm_opt.planning.failures import Failure
+    from ccm_opt.planning.search import Failure
 
 CONNECT_ALONE = (ConnectStrategy(Turn.EARLY),)
 SEEDS = st.integers(0, 10_000)

@@ -8,8 +8,8 @@ import pytest
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
-from ccm_opt.planning.failures import Failure, StrategyInVain, evidence, nothing_found
-from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.search import Failure, StrategyInVain, evidence, nothing_found
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.failure_page import drawn_findings
 from tests.scenes import clutter, motion_task

@@ -17,7 +17,7 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_row
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
 from ccm_opt.planning.optimisation.optimise import motion_program, optimise, thinned, travel
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
-from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import JointPose, OptimiserName
 from tests.oracles.interior_point import interior_point

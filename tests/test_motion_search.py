@@ -15,16 +15,16 @@ from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.failures import Failure
+from ccm_opt.planning.lifting import lift
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise, travel
 from ccm_opt.planning.passage_widths import fitting_margins
-from ccm_opt.planning.search import find_motion, lift
+from ccm_opt.planning.search import Failure
 from ccm_opt.planning.settings import GoalSettings
 from ccm_opt.planning.step import GoalPose
-from ccm_opt.planning.strategies import PortfolioStrategy
+from ccm_opt.planning.strategies import PortfolioStrategy, find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate

@@ -12,13 +12,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Stalled
-from ccm_opt.planning.failures import TREES
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.pose_tree import PoseTree
-from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.search import TREES
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import DEFAULT_TREES, GoalSettings
-from ccm_opt.planning.strategies import TreeStrategy
+from ccm_opt.planning.strategies import TreeStrategy, find_motion
 from ccm_opt.planning.tree_search import TreeSearch, TreeTask, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate

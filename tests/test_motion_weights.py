@@ -18,7 +18,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness, WallNearness
 from ccm_opt.planning.optimisation.optimise import optimise, thinned
-from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import TipGoal, Weights
 from ccm_opt.scene.free_space import FreeSpace

@@ -8,8 +8,8 @@ import pytest
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned, travel
-from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.shortcuts import MANY_INTERVALS, straightened
+from ccm_opt.planning.strategies import find_motion
 from tests.scenes import clutter, motion_task, sweep_gaps, swept
 
 

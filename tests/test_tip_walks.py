@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.planning.failures import Failure
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import SearchSettings, TipWalkSettings
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy, TipWays

@@ -33,10 +33,10 @@ from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bad_pose import room_advice

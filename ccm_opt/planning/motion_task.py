@@ -11,13 +11,13 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.failures import Sought
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.optimisation.objective import JointSlowness
+from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_paths import TipPath

@@ -1,242 +1,233 @@
-"""The search for a motion, on more and more links.
+"""The search for a motion: one attempt after the other, and why there is none.
 
-Arms of many links are planned with few links in the same coordinates and lifted; when that fails, or the arm has few
-links, they are planned on their own links.
+What every candidate ended at is kept, and said in words with what stood in the way of the best.
 """
 
-from dataclasses import replace
-from itertools import chain
-from math import ceil
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Generic, TypeVar
 
-import numpy as np
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.length_words import short_length
+from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
+from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
 
-from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.ending import optimised_to_end_pose
-from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
-from ccm_opt.planning.link_space import LinkSpace, mean_heading_matrix
-from ccm_opt.planning.motion import Motion
-from ccm_opt.planning.motion_task import MotionTask, coarsened
-from ccm_opt.planning.optimisation.optimise import optimise
-from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
-from ccm_opt.planning.pose import Term
-from ccm_opt.planning.search_run import SearchRun
-from ccm_opt.planning.shortcuts import straightened
-from ccm_opt.planning.step import Stepper, polish
-from ccm_opt.planning.strategies import STRATEGIES, SearchStrategy
+MotionT = TypeVar("MotionT")
 
-_REACH = 0.02
-"""Contacts nearer than this make rows of a repair, as a share of the arm's length. Taste."""
-_COORDINATE_WEIGHT = 1e-4
-"""Of the coordinates themselves against link headings, which ties down what no link heading shows. Taste."""
-
-_REPAIRS = 6
-"""Rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; what six do not mend is
-planned on the task's own links."""
-_DESIGN_LINKS = 24
-"""Arms with more links are planned with this many, or as many as narrow passages ask for, and lifted. Measured: of 38
-motions found in clutter with this many, 34 held on finer arms as they were."""
-_MANY_LINKS = 1.5
-"""Times that number of links from which lifting pays. Taste."""
-LIFT_MARGIN = 3e-3
-"""Gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length. Taste: about what an arm
-of 24 links leaves the curve by."""
-_REPAIR_MARGIN = 1.5e-3
-"""Planning margin of the repair of a lifted motion, as a share of the arm's length. Taste."""
+TREES = "trees"
+"""Name of what trees find, among the names of candidates."""
 
 
-def lift(motion: Motion, task: MotionTask) -> Motion | None:
-    """The motion on the task's own links, certified; None when repair does not mend it.
+@dataclass(frozen=True)
+class Failure:
+    """Why one candidate failed.
 
-    The coordinates v stay; A and the offset are built anew, so that the task's start is met exactly; the last
-    keyframe is polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
+    Attributes:
+        candidate: its name.
+        message: how far it came.
+        remaining: distance of the tip, or with a goal for the whole arm of the farthest joint, from the goal [m].
+        tightest: link, counted from 1, name of what it nearly touches, and the gap [m]; None when nothing is near.
+        pose: where it ended, shape (c,) [rad, and what carries the base].
+        bends: of the joints there, shape (links,) or (links, 2) [rad].
+        limit: what of the user's constraints is in the way, in words, or empty.
     """
-    space = _lifted_space(motion, task)
-    coordinates = motion.unknowns.copy()
-    # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
-    if task.goal_headings is None:
-        goal = task.limited_goal
-        coordinates[-1] = polish(space, goal, coordinates[-1])
-        if not goal.on_goal(space.pose(coordinates[-1])):
-            return None
 
-    certificate = task.certificate
-    stepper = _repair_stepper(space, task)
-    failing = certificate.failures(space.configurations(coordinates))
-    if _lies_across(stepper, coordinates, failing):
-        return None
-    for _ in range(_REPAIRS):
-        if len(failing) == 0:
-            break
-        # An interval has no position of its own: both its keyframes are moved.
-        at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
-        coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
-        failing = certificate.failures(space.configurations(coordinates))
+    candidate: str
+    message: str
+    remaining: float
+    tightest: tuple[int, str, float] | None
+    pose: FloatArray
+    bends: FloatArray
+    limit: str = ""
 
-    # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
-    headings = space.configurations(coordinates)
-    if len(failing) or not task.within_joint_limits(headings):
-        return None
-    return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
+    @property
+    def obstacle(self) -> str:
+        """The tightest contact, in words."""
+        if self.tightest is None:
+            return "nothing near"
+        link, other, gap = self.tightest
+        return f"link {link} and {other}, gap {short_length(gap)}"
 
 
-def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
-    """Columns (m, k) over the links of one arm, over those of another; shape (links, k)."""
-    resampled = [_resampled(column, links) for column in columns.T]
-    return np.column_stack(resampled) if resampled else np.zeros((links, 0))
+@dataclass(frozen=True)
+class StrategyInVain:
+    """How far a strategy was tried that found nothing.
 
-
-def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
-    """Link space of the task's arm in which the motion's first coordinates give the task's start.
-
-    A motion with a blended end has one coordinate more, w: 1 at the end that is given for the whole arm (the goal, or
-    for a motion planned backwards the start) and 0 at the other.
+    Attributes:
+        name: of the strategy.
+        attempts: that it made, each of which failed.
+        exhausted: whether all was tried that it has; else the time passed first.
     """
-    matrix = mean_heading_matrix(task.arm.links, task.arm.length)
-    p = matrix.shape[1]
-    first = motion.unknowns[0]
-    last = motion.unknowns[-1]
-    at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
 
-    if task.goal_headings is not None:
-        # A motion that was bent to its own end for more room has still more coordinates: their columns are taken over.
-        extra = _resampled_columns(motion.curve.matrix[:, p + 1 :], task.arm.links)
-        before = at_start - extra @ first[p + 1 :]
-        behind = task.goal_headings - matrix @ last[:p] - extra @ last[p + 1 :]
-        planned_backwards = first[p] > last[p]
-        offset = behind if planned_backwards else before
-        blended = before if planned_backwards else behind
-        return LinkSpace(task.arm, np.column_stack((matrix, blended - offset, extra)), offset)
-
-    if len(first) > p and first[-1] == 0.0:
-        # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
-        extra = _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)
-        return LinkSpace(task.arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
-
-    if len(first) > p:
-        offset = _resampled(motion.curve.offset, task.arm.links)
-        return LinkSpace(task.arm, np.column_stack((matrix, at_start - offset)), offset)
-
-    return LinkSpace(task.arm, matrix, at_start)
+    name: str
+    attempts: int
+    exhausted: bool
 
 
-def _resampled(offset: FloatArray, links: int) -> FloatArray:
-    """An offset of link headings at another number of links, shape (links,) [rad]."""
-    # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
-    middles = (np.arange(len(offset)) + 0.5) / len(offset)
-    wanted = (np.arange(links) + 0.5) / links
-    return np.interp(wanted, middles, offset)
+@dataclass(frozen=True)
+class Sought:
+    """What a search in vain looked for, as far as the reason says it.
+
+    Attributes:
+        radius: of the arm [m].
+        clearance: that walls are kept beyond it [m].
+        bend_limits: of the joints, as many as there are bends [rad].
+        deadline: when it had to stop.
+        constraints: names of the user's hard constraints.
+        ends_with: what has to come to the goal, in words.
+        advice: what may help where nothing better is known.
+    """
+
+    radius: float
+    clearance: float
+    bend_limits: FloatArray
+    deadline: Deadline
+    constraints: Sequence[str]
+    ends_with: str
+    advice: tuple[str, ...]
 
 
-def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
-    """The stepper of repairs, which keeps a smaller margin than the search does."""
-    length = task.arm.length
-    finder = task.finder(_REPAIR_MARGIN * length, _REACH * length)
-    return Stepper(space, finder, task.limits(finder), task.settings)
+@dataclass(frozen=True)
+class Attempt(Generic[MotionT]):
+    """One way to look for a motion.
+
+    Attributes:
+        name: for the record of a search in vain.
+        find: a certified motion; None, and what was tried added to the failures, where it finds none.
+        costly: whether it may take so long that a proof that there is no motion is worth some tenths of a second first.
+    """
+
+    name: str
+    find: Callable[[], MotionT | None]
+    costly: bool = False
 
 
-def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:
-    """Whether the arm lies across a wall, or itself, at the beginning of an interval: it would be pushed on through."""
-    poses = (stepper.pose(coordinates[k]) for k in failing)
-    return any(stepper.finder.crosses(pose.points) for pose in poses)
-
-
-def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
-    """Coordinates with some inner keyframes moved by a step that asks for nothing but the planning margin."""
-    space = stepper.space
-    last = len(coordinates) - 1
-    mended = coordinates.copy()
-    for k in keyframes:
-        if k in {0, last}:
-            continue  # the ends are given
-        pose = stepper.pose(coordinates[k])
-        stay = [
-            Term(space.matrix, np.zeros(space.arm.links), space.nominal_per_link),
-            Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), _COORDINATE_WEIGHT),
-        ]
-        mended[k] = stepper.step(pose, stay).v
-    return mended
-
-
-def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRATEGIES) -> Motion:
-    """Find a certified motion from the start to the goal.
+def first_found(
+    attempts: Iterable[Attempt[MotionT]], sought: Sought, failures: list[Failure], refuse: Callable[[], None]
+) -> MotionT:
+    """The motion of the first attempt that finds one.
 
     Args:
-        task: arm, room, ends and limits.
-        strategies: tried in turn, those that apply.
+        attempts: the cheap ones first; each is asked for when those before have failed.
+        sought: what is looked for.
+        failures: to which attempts add what they tried.
+        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
 
     Raises:
-        MotionNotFound: every candidate failed; the diagnosis lists why.
+        MotionNotFound: all failed; the diagnosis lists why.
         TimeLimitReached: the deadline passed first.
         UnreachableGoal: it is proved that there is none.
     """
-    ends = [task.start] if task.goal_headings is None else [task.start, task.goal_headings]
-    if any(task.bends_all_it_may(end) for end in ends):
-        task = task.at_full_limits()
-    failures: list[Failure] = []
     in_vain: list[StrategyInVain] = []
-    task = replace(task, nominal_links=nominal_links_asked(task))
-    coarse = _coarse_task(task)
     asked = False
-    for strategy in strategies:
-        if not strategy.applies(task):
-            continue
-        if strategy.costly and not asked:
-            task.refuse()
+    for attempt in attempts:
+        if attempt.costly and not asked:
+            refuse()
             asked = True
         before = len(failures)
-        if coarse is not None:
-            # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
-            found = strategy.find(coarse, failures)
-            motion = _taken_over(found, coarse, task, failures) if found is not None else None
-            if motion is not None:
-                return motion
-        if coarse is None or not strategy.leads_others:
-            motion = strategy.find(task, failures)
-            if motion is not None:
-                return optimised_to_end_pose(straightened(motion, task), task)
-        in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
-    raise nothing_found(task.sought, failures, in_vain)
+        motion = attempt.find()
+        if motion is not None:
+            return motion
+        in_vain.append(StrategyInVain(attempt.name, len(failures) - before, not sought.deadline.passed()))
+    raise nothing_found(sought, failures, in_vain)
 
 
-def _coarse_task(task: MotionTask) -> MotionTask | None:
-    """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
-    # Narrow passages need short links.
-    links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
-    resamples = all(limit.resamples for limit in task.user_limits)
-    if task.arm.links <= _MANY_LINKS * links or not resamples or task.clamped:
-        return None
-    # What lies in the middle of a gate with few links lies beside it with many.
-    if task.gates is not None:
-        return None
-    return coarsened(task, links)
+def nothing_found(
+    sought: Sought, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
+) -> MotionNotFound | TimeLimitReached:
+    """The error that says why no motion was found.
 
-
-def _taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The coarse motion on the task's links, optimised: lifted, or else found again; None where neither can be."""
-    lifted = _lifted(found, coarse, task)
-    if lifted is not None:
-        return lifted
-    again = _found_again(found, task, failures)
-    return optimised_to_end_pose(straightened(again, task), task) if again is not None else None
-
-
-def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
-    """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
-    # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
-    # still cannot be lifted, the motion as it was found has more room.
-    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, LIFT_MARGIN)
-    lifted = lift(optimised, task)
-    if lifted is not None or optimised is found:
-        return lifted
-    lifted = lift(found, task)
-    return optimise(lifted, task) if lifted is not None else None
-
-
-def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The motion of the candidate that arrived with few links, tried with the task's own; None where it does not.
-
-    In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
-    back through a wall; but what leads the one mostly leads the other.
+    Args:
+        sought: what was looked for.
+        failures: of every attempt.
+        strategies: that were tried, in turn.
     """
-    run = SearchRun.from_task(task, fitting_margins(task)[0])
-    return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)
+    tried = sorted(failures, key=lambda f: f.remaining)
+    trees = [f.message for f in failures if f.candidate == TREES]
+    held: tuple[str, ...] = ()
+    if tried:
+        best = tried[0]
+        reason = (
+            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with "
+            f"{sought.ends_with} {short_length(best.remaining)} from the goal: {best.message}; tightest there: "
+            f"{best.obstacle}"
+        ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
+        joints, held = joints_at_limits(best.bends, sought.bend_limits)
+        reason += f"; {joints}" if joints else ""
+    else:
+        reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"
+    reason += _limits_in_the_way(sought.constraints, tried)
+    reason += _how_far(strategies)
+    figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}
+    relaxed = ("relax the constraints, or make them soft",) if sought.constraints else ()
+    what_held = (*relaxed, *held, *_way_made(tried), *room_advice(sought.radius, sought.clearance))
+    if any(not each.exhausted for each in strategies):
+        reason = f"{sought.deadline.what_passed()}: {reason}"
+        advice = (*what_held, "raise planner.time_limit")
+        return TimeLimitReached(Diagnosis(reason, "motion", advice, figures))
+    advice = (*what_held, *sought.advice, *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
+    return MotionNotFound(Diagnosis(reason, "motion", advice, figures))
+
+
+def _way_made(tried: Sequence[Failure]) -> tuple[str, ...]:
+    """Return what is advised about the wall that the best attempt nearly touched where it ended."""
+    if not tried or tried[0].tightest is None:
+        return ()
+    link, name, gap = tried[0].tightest
+    if name.startswith("link "):
+        return ()
+    return (f"make room at {name}: link {link} was {short_length(gap)} from it where the best attempt ended",)
+
+
+def _how_far(strategies: Sequence[StrategyInVain]) -> str:
+    """Which strategies were exhausted, and which the time cut short, in words."""
+    # What had nothing to try says nothing of the problem.
+    exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted and each.attempts]
+    cut_short = [f"{each.name} ({_attempts(each)})" for each in strategies if not each.exhausted]
+    words = f"; exhausted: {', '.join(exhausted)}" if exhausted else ""
+    return f"{words}; cut short: {', '.join(cut_short)}" if cut_short else words
+
+
+def _attempts(strategy: StrategyInVain) -> str:
+    return {0: "nothing tried", 1: "1 attempt"}.get(strategy.attempts, f"{strategy.attempts} attempts")
+
+
+def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
+    """The figures behind a reason, all JSON-serialisable; failures come sorted, the best first.
+
+    Returns:
+        ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often what was the tightest
+        contact; ``nearest_pose``: the configuration where the best ended.
+    """
+    named = Counter(f.tightest[1] for f in tried if f.tightest is not None)
+    return {
+        "tried": [f"{f.candidate}: {f.message} ({f.obstacle})" for f in tried],
+        "candidates": [_table(f) for f in tried],
+        "in_the_way": dict(named.most_common()),
+        "nearest_pose": tried[0].pose.tolist() if tried else [],
+    }
+
+
+def _table(failure: Failure) -> dict[str, object]:
+    table: dict[str, object] = {
+        "name": failure.candidate,
+        "ended": failure.message,
+        "remaining": failure.remaining,
+        "constraint": failure.limit,
+    }
+    if failure.tightest is None:
+        return table
+    link, other, gap = failure.tightest
+    return table | {"link": link, "near": other, "gap": gap}
+
+
+def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
+    """The constraint in the way of the candidate that came nearest, or all of them."""
+    if not names:
+        return ""
+    met = [failure.limit for failure in tried if failure.limit]
+    if met:
+        return f"; {met[0]} where candidates ended ({len(met)} of {len(tried)} at a constraint)"
+    return "; under " + ", ".join(f"constraint '{name}'" for name in names)

@@ -112,7 +112,7 @@ class SpacePlanner:
     stages: Stages = field(default_factory=Stages)
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     terms: UserTerms | None = None
-    refuse: Callable[[Problem], None] | None = None
+    refuse: Callable[[Problem], None] = field(default=lambda _: None)
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion to the problem's goal.
@@ -127,8 +127,7 @@ class SpacePlanner:
             problem = with_clamped_base(problem, tree)
             task = space_task(problem, tree, deadline, self.settings, self.terms)
             refuse_ends(problem, task)
-            if self.refuse is not None:
-                task = replace(task, refuse=partial(self.refuse, problem))
+            task = replace(task, refuse=partial(self.refuse, problem))
         try:
             planned = self._lifted(problem, task) or self._planned(problem, task)
         except NoPlanFound as none:
@@ -154,7 +153,7 @@ class SpacePlanner:
         if few is None:
             return None
         try:
-            planned = self._planned(coarse_problem(problem, few), replace(few, refuse=None))
+            planned = self._planned(coarse_problem(problem, few), replace(few, refuse=lambda: None))
         except NoPlanFound:
             return None
         with self.stages("lifting"):

@@ -11,10 +11,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
-from ccm_opt.planning.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.search import Attempt, Failure, first_found
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceGuide, SpaceStalled, SpaceTipPose, follow, settle
@@ -49,6 +49,9 @@ _GOALS = 8
 _FOLLOW = 0.1
 """Weight on the links' directions along the track of the tip."""
 
+_FIRST_WAYS = "first ways of the tip"
+_WITHDRAWAL = "withdrawal"
+
 
 def find_motion(task: SpaceTask, stage: "_Stage | None" = None) -> SpaceMotion:
     """A certified motion from the start to the goal: the first that a tactic finds.
@@ -63,17 +66,7 @@ def find_motion(task: SpaceTask, stage: "_Stage | None" = None) -> SpaceMotion:
         TimeLimitReached: the deadline passed first.
     """
     search = _Search(task, stage)
-    cut_short: list[StrategyInVain] = []
-    for tactic in search.tactics():
-        motion = tactic()
-        if motion is not None:
-            return motion
-        if task.deadline.passed():
-            cut_short.append(StrategyInVain("tactics", len(search.failures), exhausted=False))
-            break
-        if tactic == search.by_withdrawing and task.refuse is not None:
-            task.refuse()
-    raise nothing_found(task.sought, search.failures, cut_short)
+    return first_found(search.attempts(), task.sought, search.failures, task.refuse)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,19 +100,28 @@ class _Search:
     _goal_poses: list[Pose] = field(default_factory=list)  # those to which no straight way leads
     _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
 
-    def tactics(self) -> list[Callable[[], SpaceMotion | None]]:
-        """What is tried, in this order."""
-        first = [self._by_first_ways, self.by_withdrawing]
-        others = [self._by_other_ways]
+    def attempts(self) -> Iterator[Attempt[SpaceMotion]]:
+        """What is tried, in this order, as long as there is time."""
+        for name, tactic in self._tactics():
+            if self._tried and self.task.deadline.passed():
+                yield Attempt(name, lambda: None)
+            else:
+                yield Attempt(name, tactic, costly=name not in {_FIRST_WAYS, _WITHDRAWAL})
+
+    def _tactics(self) -> list[tuple[str, Callable[[], SpaceMotion | None]]]:
+        """Names and what they stand for, the cheap ones first."""
+        first = [(_FIRST_WAYS, self._by_first_ways), (_WITHDRAWAL, self._by_withdrawing)]
+        others = [("other ways of the tip", self._by_other_ways)]
+        finest = ("ways of the tip through the finest grid", self._by_finest_ways)
         if self.task.via:
             # What is not led by the tip passes no place on its way.
-            return [*first, *others, self._by_finest_ways, self._by_stages]
-        to_poses = [self._to_poses, self._by_swinging]
-        rounds = [partial(self._by_connecting, k) for k in range(_ROUNDS)]
+            return [*first, *others, finest, ("from place to place", self._by_stages)]
+        to_poses = [("poses at the goal", self._to_poses), ("swinging", self._by_swinging)]
+        rounds = [("RRT-Connect", partial(self._by_connecting, k)) for k in range(_ROUNDS)]
         half = len(rounds) // 2
         # A pose of the whole arm is known, and need not be drawn; other ways of the tip mostly lead to other poses.
         middle = [*to_poses, *others] if self.task.goal_pose is not None else [*others, *to_poses]
-        return [*first, *middle, *rounds[:half], self._by_finest_ways, *rounds[half:]]
+        return [*first, *middle, *rounds[:half], finest, *rounds[half:]]
 
     # ------------------------------------------------------------ led by the tip
     def _by_first_ways(self) -> SpaceMotion | None:
@@ -139,7 +141,7 @@ class _Search:
         ways = self._other_ways or self._ways(curve, start, end)
         return self._by_ways(ways.finest(), curve, start, end)
 
-    def by_withdrawing(self) -> SpaceMotion | None:
+    def _by_withdrawing(self) -> SpaceMotion | None:
         """Back along the arm's own shape into its guide tube, and in anew."""
         task = self.task
         curve, start, end = self._spaces()
@@ -364,7 +366,7 @@ class _Search:
         places = (SpaceTipPose(place, tolerance=0.5 * task.via_reach) for place in task.via)
         parts: list[SpaceMotion] = []
         for goal in (*places, task.goal):
-            asked = replace(task, via=(), goal=goal, refuse=None)
+            asked = replace(task, via=(), goal=goal, refuse=lambda: None)
             try:
                 parts.append(find_motion(asked, _Stage(curve, now)))
             except MotionNotFound:

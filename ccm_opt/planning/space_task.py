@@ -10,8 +10,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.failures import Sought
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_continuation import SpaceTipPose
@@ -70,7 +70,7 @@ class SpaceTask:
     slowness: FloatArray
     deadline: Deadline
     seed: int = 0
-    refuse: Callable[[], None] | None = None
+    refuse: Callable[[], None] = field(default=lambda: None)
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     user: UserLimit | None = None
     optimiser: OptimiserName = "sequential-convex"

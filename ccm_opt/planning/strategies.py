@@ -1,4 +1,4 @@
-"""The strategies of a search, in their order.
+"""The search in the plane: its strategies, in their order.
 
 Where no pose with less bent joints reaches a goal, those that do are known but for what the limits leave. A curve of
 bounded curvature that reaches as far as such a curve can is made of arcs that are bent all they may be (Dubins, 1957),
@@ -8,6 +8,7 @@ so the arm's are looked for among arcs of at most three parts.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -16,14 +17,17 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import heading_of, wrap
 from ccm_opt.planning.backward import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.continuation import Stalled
-from ccm_opt.planning.failures import TREES, Failure
+from ccm_opt.planning.ending import optimised_to_end_pose
+from ccm_opt.planning.lifting import coarse_task, taken_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.passage_widths import fitting_margins
+from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
 from ccm_opt.planning.rrt_connect import CONNECT, Connecting
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
+from ccm_opt.planning.search import TREES, Attempt, Failure, first_found
 from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
 from ccm_opt.planning.tree_search import search_by_trees
@@ -485,3 +489,46 @@ STRATEGIES: tuple[SearchStrategy, ...] = (
     ConnectStrategy(Turn.LAST, name=f"{CONNECT} again"),
 )
 """What is tried in turn."""
+
+
+def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRATEGIES) -> Motion:
+    """Find a certified motion from the start to the goal.
+
+    Arms of many links are planned with few links and lifted; when that fails, or the arm has few links, they are
+    planned on their own links.
+
+    Args:
+        task: arm, room, ends and limits.
+        strategies: tried in turn, those that apply.
+
+    Raises:
+        MotionNotFound: every candidate failed; the diagnosis lists why.
+        TimeLimitReached: the deadline passed first.
+        UnreachableGoal: it is proved that there is none.
+    """
+    ends = [task.start] if task.goal_headings is None else [task.start, task.goal_headings]
+    if any(task.bends_all_it_may(end) for end in ends):
+        task = task.at_full_limits()
+    task = replace(task, nominal_links=nominal_links_asked(task))
+    coarse = coarse_task(task)
+    failures: list[Failure] = []
+    attempts = (
+        Attempt(strategy.name, partial(_found_by, strategy, task, coarse, failures), strategy.costly)
+        for strategy in strategies
+        if strategy.applies(task)
+    )
+    return first_found(attempts, task.sought, failures, task.refuse)
+
+
+def _found_by(
+    strategy: SearchStrategy, task: MotionTask, coarse: MotionTask | None, failures: list[Failure]
+) -> Motion | None:
+    """The optimised motion of a strategy, looked for with few links first where that pays; None in vain."""
+    if coarse is not None:
+        # The cost of a step grows with the number of links, while a curve of 22 coordinates does not.
+        found = strategy.find(coarse, failures)
+        motion = None if found is None else taken_over(found, coarse, task, failures)
+        if motion is not None or strategy.leads_others:
+            return motion
+    motion = strategy.find(task, failures)
+    return None if motion is None else optimised_to_end_pose(straightened(motion, task), task)

@@ -20,13 +20,13 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import path_length, unit_vector
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.continuation import GuideCandidate, GuideIntoSet, Stalled, follow, settle
-from ccm_opt.planning.failures import Failure
 from ccm_opt.planning.hairpin import led_along, pulled_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import PoseTree
+from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun, pose_headings
 from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.planning.step import GoalPose

@@ -32,7 +32,7 @@ from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import GoalPoseSearch
-from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from tests.benchmarks.random_goal_poses import RandomPoses

@@ -24,7 +24,7 @@ from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise
-from ccm_opt.planning.search import find_motion
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import OptimiserName, Problem
 from ccm_opt.retiming import retime
 from ccm_opt.robot.frames import revolute_angles

@@ -32,8 +32,8 @@ from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, pose
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.search import find_motion
 from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bad_pose import room_advice
