@@ -168,10 +168,19 @@ def controller_points(
 
 
 def points_at(
-    slower: JointTrajectory, joints: JointStates, samples: IntArray, factor: float, *, smooth: bool
+    slower: JointTrajectory,
+    joints: JointStates,
+    samples: IntArray,
+    factor: float,
+    *,
+    smooth: bool,
+    time: FloatArray | None = None,
 ) -> ControllerPoints:
-    """Make points of some samples of a plan that takes longer by a factor."""
-    time = np.round(slower.time[samples], 9)
+    """Make points of some samples of a plan that takes longer by a factor.
+
+    ``time`` is when they are [s], shape (P,); at the nearest whole nanoseconds unless it is given.
+    """
+    time = np.round(slower.time[samples], 9) if time is None else time
     # Where the arm is at the whole nanosecond, so that short steps have no false accelerations.
     late = (time - slower.time[samples])[:, None]
     motion = JointTrajectory(
