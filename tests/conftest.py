@@ -31,9 +31,9 @@ test may fail because a machine is slow. A failure prints a line that repeats it
 
 LONGEST = """
     docs_blocks space_diagnosis real_jobs comparison_executors comparison_supervision surroundings space_suites
-    user_terms_in_space hill_climbing_planner pareto faults comparison followable_ways space_search how_to_cluster
+    user_terms_in_space hill_climbing_planner pareto comparison followable_ways space_search how_to_cluster
     tolerance own_units space_reach pipeline diagnosis space_retargeting determinism feed_planning space_pose
-    hill_climbing_examples interrupts corruption motion_certificate
+    hill_climbing_examples interrupts motion_certificate
 """.split()  # noqa: SIM905 - legible
 """Files that take longest, in this order; they are begun first, so that no process is left with one in the end."""
 

@@ -2,7 +2,7 @@
 
 ``python -m pytest -m "not planning"`` leaves these out. Code is read and not run: a test plans when it or a function of
 these tests that it names holds a name of ``PLANNERS`` or a command of ``COMMANDS``. A test that plans where this is not
-seen is marked by hand.
+seen is marked by hand, and so is one that takes a second without planning.
 """
 
 from collections.abc import Iterator

@@ -147,6 +147,7 @@ def test_what_cannot_be_spanned_is_refused() -> None:
     assert select_azimuth_type(np.zeros(3), np.eye(3), behind, np.array([1.0, 0.0, 0.0])).name == "two arcs"
 
 
+@pytest.mark.planning
 @given(SEEDS)
 @settings(max_examples=10, deadline=None)
 def test_operators_change_what_they_name_and_are_undone(seed: int) -> None:

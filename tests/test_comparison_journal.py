@@ -24,6 +24,7 @@ def run(key: str = "a", **changes: object) -> Run:
     return Run(key, "problem", "method", **{**values, **changes})  # type: ignore[arg-type]
 
 
+@pytest.mark.planning
 @given(
     st.text(),
     st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False), max_size=4),

@@ -24,6 +24,7 @@ def script() -> Iterator[ModuleType]:
         yield importlib.import_module("draw_pictures")
 
 
+@pytest.mark.planning
 def test_every_picture_is_drawn(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The script writes the pictures that the pages show, each a PNG file."""
     monkeypatch.setattr("sys.argv", ["draw_pictures.py", str(tmp_path)])

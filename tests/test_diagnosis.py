@@ -475,6 +475,7 @@ def test_defects_of_the_input_are_not_explained() -> None:
     assert not Trials(unusable, later(900.0)).succeeds(problem, "another goal")
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("family", FAMILIES)
 def test_problems_of_the_families_are_impossible_and_possible_beyond_their_threshold(family: str) -> None:
     """The closed form of every family agrees with the checks: they fail as given, and hold beyond the threshold."""

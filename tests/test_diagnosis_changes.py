@@ -39,6 +39,7 @@ def with_post(seed: int) -> Problem:
     return Scene(arm, workspace, np.full(24, np.pi), np.zeros(24)).problem(TipGoal(place, heading=heading))
 
 
+@pytest.mark.planning
 @settings(deadline=None, max_examples=30)
 @given(seed=seeds)
 def test_a_moved_goal_is_free_and_no_nearer_one_is(seed: int) -> None:

@@ -82,6 +82,7 @@ def read_problem(block: Block, code: str, shell: Shell) -> None:
     assert load_problem(file).name
 
 
+@pytest.mark.planning
 def test_blocks_that_are_not_run_are_few_and_say_why() -> None:
     """As many blocks as are known are left out, each with its reason."""
     left_out = [block for page in PAGES for block in runnable_blocks(page) if block.mark == "not run"]

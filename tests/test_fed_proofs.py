@@ -18,6 +18,7 @@ from .benchmarks.feed_families import FAMILIES
 from .feed_scenes import RADIUS, fed_arm, make_problem, make_room
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 @settings(deadline=None, max_examples=2)
 @given(seed=st.integers(0, 10**6))
@@ -51,6 +52,7 @@ def test_a_slit_is_proved_closed_if_and_only_if_it_is_narrower(share: float) -> 
         assert finding.bounds["arm.radius"] == pytest.approx(share * RADIUS, rel=5e-3)
 
 
+@pytest.mark.planning
 @settings(deadline=None, max_examples=20)
 @given(share=st.floats(0.7, 0.95))
 def test_the_feed_that_is_asked_for_reaches_round_a_screen(share: float) -> None:

@@ -101,6 +101,7 @@ def test_feeding_round_a_plate() -> None:
     assert solution.metrics["tip_error_m"] < 1e-6
 
 
+@pytest.mark.planning
 @settings(max_examples=20, deadline=None)
 @given(turn=st.floats(0.3, 1.4), left=st.booleans(), gap=st.floats(0.004, 0.03))
 def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: float) -> None:

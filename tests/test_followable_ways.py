@@ -261,6 +261,7 @@ def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
     assert np.max(np.abs(apart / link - 1.0)) < tolerance
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("seed", [41, 42, 43])
 def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
     """From the depth of a branch until it is all in its guide tube, or stands where it can begin anew."""

@@ -42,6 +42,7 @@ def test_free_set_loses_little(room: Workspace) -> None:
     assert shapely.difference(inner, free).area < 1e-9
 
 
+@pytest.mark.planning
 @settings(max_examples=15, deadline=None)
 @given(seeds, st.sampled_from([5, 20, 60]))
 def test_triangles_and_cells_tile_the_free_set(seed: int, count: int) -> None:

@@ -70,6 +70,7 @@ def test_the_base_may_lie_in_the_goal(width: float, seed: int) -> None:
     assert max(missed(wide, found(wide))) <= 0.0
 
 
+@pytest.mark.planning
 @settings(deadline=None, max_examples=40)
 @given(seed=seeds, width=st.floats(0.0, 0.4), turn=st.floats(0.0, np.pi), heading=st.booleans())
 def test_nothing_is_proved_against_a_set_with_a_free_pose(
@@ -91,6 +92,7 @@ def test_nothing_is_proved_against_a_set_with_a_free_pose(
     assert not any(finding.proved for finding in failed(wide)), failed(wide)
 
 
+@pytest.mark.planning
 @settings(deadline=None, max_examples=30)
 @given(seed=seeds, degrees=st.floats(0.5, 10.0))
 def test_nothing_is_proved_against_a_pose_that_is_free_within_tolerance(seed: int, degrees: float) -> None:
@@ -122,6 +124,7 @@ def test_what_no_tolerance_mends_is_proved() -> None:
     refuse_closed(replace(far, tolerances=Tolerances(0.3)))
 
 
+@pytest.mark.planning
 @settings(deadline=None, max_examples=25)
 @given(seed=seeds)
 def test_the_shortest_way_is_that_of_the_visibility_graph(seed: int) -> None:

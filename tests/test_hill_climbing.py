@@ -96,6 +96,7 @@ def test_threshold_implies_the_precision() -> None:
     assert np.sqrt(distance.threshold / distance.weights.heading) <= 1e-2
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_a_climb_reaches_a_goal_nearby(strategy: Strategy) -> None:
     """Both strategies bring the tip of an arc to that of another arc, and the distance falls at every move."""

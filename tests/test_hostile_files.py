@@ -33,6 +33,7 @@ def test_mutated_problem_files_are_read_or_refused(seed: int) -> None:
     assert not defects
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("suffix", [".svg", ".dxf", ".wkt", ".geojson"])
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**32))

@@ -41,6 +41,7 @@ def test_a_hundred_defects_are_listed_and_the_rest_counted() -> None:
     assert [issue.key for issue in caught.value.issues] == [f"arm.key{k}" for k in range(100)]
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -65,6 +66,7 @@ def test_what_is_too_large_is_refused_with_the_bound(text: str, message: str) ->
     assert time.process_time() - began < 20.0  # an order above what is measured
 
 
+@pytest.mark.planning
 def test_a_hundred_thousand_unknown_keys_take_no_longer_than_their_number() -> None:
     """Ten times as many unknown keys take far less than a hundred times as long."""
     spent = []
@@ -156,6 +158,7 @@ def test_unexpected_members_are_refused_unread(folder: Path, small_solution: Sol
         load_motion(folder, small_solution.problem.arm)
 
 
+@pytest.mark.planning
 def test_archives_that_would_fill_the_memory_are_refused_unread(folder: Path, small_solution: Solution) -> None:
     """Two gigabytes of zeros in two megabytes: refused by their size, unpacked never."""
     with zipfile.ZipFile(folder / "solution.npz") as archive:

@@ -150,6 +150,7 @@ def asked(body: MeshBody, rng: np.random.Generator) -> FloatArray:
     return places[[distance_from_triangles(place, body.triangles) > 1e-5 for place in places]]
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("made", [crossing_bodies, touching_bodies, a_box_in_the_corner_of_another])
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32))
@@ -172,6 +173,7 @@ def test_bodies_of_one_file_are_solid_however_they_are_turned(
         assert by_verifier.tolist() == expected.tolist()
 
 
+@pytest.mark.planning
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_a_cavity_is_free_and_what_stands_in_it_is_not(seed: int) -> None:

@@ -75,6 +75,7 @@ def checks_of(problem: Problem, trajectory: JointTrajectory) -> dict[str, Check]
     return {check.name: check for check in verify(problem, trajectory, states_of(problem, trajectory))}
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("fed", [False, True])
 def test_a_limit_may_be_passed_by_its_tolerance(fed: bool) -> None:
     """With a limit nine tenths of the tolerance below what a plan takes it passes, with eleven it is refused."""
@@ -168,6 +169,7 @@ MISSED: dict[str, tuple[Missed, float]] = {
 """By the name of the check, with what it forgives."""
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("name", sorted(MISSED))
 def test_goals_and_ends_may_be_missed_by_rounding(name: str) -> None:
     """What is missed by nine tenths of rounding passes, what is missed by eleven is refused, at whichever joint."""

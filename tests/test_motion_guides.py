@@ -93,6 +93,7 @@ def followed(stepper: Stepper, start: Pose, candidate: GuideCandidate) -> tuple[
     return poses, arrived
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("turn", [1.5, 2.3, -2.0])
 @pytest.mark.parametrize("heading", [0.0, 1.0])
 def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float) -> None:
@@ -112,6 +113,7 @@ def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float
         assert len(Certificate(scene.arm, room).failures(headings_of(poses))) == 0
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("seed", range(3))
 def test_wherever_a_candidate_leads_it_leads_safely(seed: int) -> None:
     """In clutter the way to where a candidate arrives or stalls touches nothing in a sweep between its poses."""

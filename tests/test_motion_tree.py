@@ -92,6 +92,7 @@ def test_a_single_tree_settles_on_the_goal() -> None:
     assert is_certified(scene, np.array([pose.q for pose in poses]))
 
 
+@pytest.mark.planning
 def test_the_seed_decides() -> None:
     """The same seed gives the same trees, another seed others."""
     task = motion_task(clutter(5, 40).problem(), guessing=True)

@@ -148,6 +148,7 @@ def _segment_of(name: str) -> int:
     return int(prefix.removeprefix("segment ")) if found and prefix.startswith("segment ") else -1
 
 
+@pytest.mark.planning
 def test_impossible_bend_names_the_row_in_the_way() -> None:
     """When no attempt succeeds the diagnosis names a row of the NLP, the solver's status and every attempt."""
     task = replace(s_bend_task(1.02, 1.5), curvature_limit=0.5)

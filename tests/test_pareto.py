@@ -41,6 +41,7 @@ def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
     return ParetoPlan(gap, replace(solution, trajectory=trajectory, room=room))
 
 
+@pytest.mark.planning
 @given(figures=FIGURES)
 def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[float, float]]) -> None:
     """The fastest is never dominated but by an equally fast one, and the recommended plan is the roomiest in time."""
@@ -169,11 +170,9 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.fixture(scope="module", params=["fork", "post"])
-def file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The fork, or an arm beside a post in space."""
-    if request.param == "fork":
-        return PROBLEMS / "fork.toml"
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An arm beside a post in space."""
     made = tmp_path_factory.mktemp("problems") / "post.toml"
     made.write_text(SMALL_IN_SPACE.format(aside=0.12, height=0.1))
     return made

@@ -51,6 +51,7 @@ def folder(measured: Solution, tmp_path: Path) -> Path:
     return write_solution(measured, tmp_path / "runs")
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
 def test_the_picture_has_every_format_and_is_always_the_same(plan: DrawnPlan, kind: str) -> None:
     """Files begin as their format does, and drawing again gives the same bytes."""
@@ -183,6 +184,7 @@ def test_a_folder_has_all_that_pictures_show(measured: Solution, folder: Path) -
     np.testing.assert_allclose(recorded_simulation(folder, problem), expected, atol=1e-12)
 
 
+@pytest.mark.planning
 def test_draw_makes_all_figures_of_a_folder(folder: Path, plan: DrawnPlan, tmp_path: Path) -> None:
     """Every still figure is written, that of the motion the same as from the solution; --out gathers them by plan."""
     result = CliRunner().invoke(app, ["draw", str(folder)])

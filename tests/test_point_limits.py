@@ -100,6 +100,7 @@ def test_a_point_moves_as_its_derivatives_say(seed: int, links: int, share: floa
     )
 
 
+@pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.3), st.floats(0.2, 2.0), st.sampled_from([None, 0.23]))
 @settings(max_examples=12, deadline=None)
 def test_limits_on_a_point_hold_and_are_used(seed: int, speed: float, growth: float, at: float | None) -> None:
@@ -177,6 +178,7 @@ def test_limits_on_points_hold_beside_all_others(seed: int, beside: str) -> None
     assert all(check.passed for check in checks)
 
 
+@pytest.mark.planning
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
 def test_transitions_keep_limits_on_points(seed: int) -> None:
@@ -204,6 +206,7 @@ def test_limits_hold_over_legs_and_pauses() -> None:
     assert all(check.passed for check in checks)
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("share", [0.2, 0.6])
 def test_braking_keeps_limits_on_points(share: float) -> None:
     """The way to rest along the path keeps the tip's acceleration, which binds, and takes longer than without it."""

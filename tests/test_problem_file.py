@@ -412,6 +412,7 @@ y = 'z'
     assert lines["many", 1, "child", "y"] == 18
 
 
+@pytest.mark.planning
 @settings(max_examples=60, deadline=None)
 @given(
     links=st.integers(2, 60).map(lambda half: 2 * half),

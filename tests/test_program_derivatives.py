@@ -45,6 +45,7 @@ def written_out(built: SpacePoseProgram) -> tuple[ca.Function, ca.Function, ca.F
     )
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize(("links", "segments", "loaded"), [(2, 1, False), (7, 2, True), (13, 3, False)])
 def test_derivatives_of_templates_are_those_of_the_program(links: int, segments: int, loaded: bool) -> None:
     """At random values, to rounding, and with no more places than are needed."""

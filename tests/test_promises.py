@@ -106,6 +106,7 @@ def test_a_motion_in_space_that_keeps_everything_passes(number: int) -> None:
     assert not SPACE_UNHARMED[number]().failed()
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("name", SPACE_MUTATIONS)
 def test_a_broken_promise_in_space_is_caught_by_its_check_alone(name: str) -> None:
     """The check fails, and no other does: without it the motion would pass."""
@@ -143,6 +144,7 @@ def test_a_motion_that_keeps_everything_passes(number: int) -> None:
     assert not UNHARMED[number]().failing
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_a_broken_promise_of_the_motion_is_caught_by_its_check_alone(name: str) -> None:
     """The check fails, and no other does: without it the motion would pass."""

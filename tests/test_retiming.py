@@ -66,6 +66,7 @@ def legs_with_stops(corners: FloatArray) -> FloatArray:
     return np.concatenate(([corners[0]] * 3, *legs))
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize(
     "control",
     [legs_with_stops(CORNERS), legs_with_stops(CORNERS)[2:-2], random_control(84, 1), random_control(79, 2)],
@@ -186,6 +187,7 @@ def test_torque_limits_hold_with_friction(seed: int) -> None:
     assert np.abs(torques).max() >= 0.8 * limits.torque[0]
 
 
+@pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(pendulums, 0.0), (sticky_pendulums, FRICTION)]))
 @settings(max_examples=5, deadline=None)  # the oracle is dear, and 500 paths were tried
 @example(262143, (pendulums, 0.0))

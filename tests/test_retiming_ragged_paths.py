@@ -43,6 +43,7 @@ def unseen_share(trajectory: JointTrajectory) -> float:
     return max(shares)
 
 
+@pytest.mark.planning
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(max_examples=25, deadline=None)
 def test_samples_show_what_accelerations_do(seed: int, links: int) -> None:

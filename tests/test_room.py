@@ -57,6 +57,7 @@ def room_of_motion(problem: Problem, time: FloatArray, bends: FloatArray, wanted
     return room_over_time(problem, JointTrajectory(time, bends, still, still), wanted)
 
 
+@pytest.mark.planning
 @settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 10**6),

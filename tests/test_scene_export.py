@@ -111,6 +111,7 @@ BENDS = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(np.array)
 ARM = arm_in_the_room()
 
 
+@pytest.mark.planning
 @settings(max_examples=60, deadline=None)
 @given(bends=BENDS)
 def test_mujoco_feels_contact_where_our_geometry_does(bends: FloatArray) -> None:

@@ -157,6 +157,7 @@ def test_a_flattened_spline_stays_within_the_distance(control: list[tuple[float,
     assert furthest(curve, shapely.LineString(flat)) <= 1e-2 * (1 + 1e-9)
 
 
+@pytest.mark.planning
 @settings(max_examples=25, deadline=None)
 @given(
     axes=st.tuples(st.floats(0.2, 3.0), st.floats(0.2, 3.0)),
@@ -473,6 +474,7 @@ def test_lines_drawn_twice_whole_or_in_parts_count_once(data: st.DataObject, cor
     assert shapely.Polygon(ring.points).area == pytest.approx(shapely.Polygon(points[:-1]).area)
 
 
+@pytest.mark.planning
 @settings(max_examples=30, deadline=None)
 @given(
     nested=st.lists(st.integers(0, 1), min_size=1, max_size=5),

@@ -119,6 +119,7 @@ def test_interpolation_stops_at_a_contact(schema: type) -> None:
         run(schema(World(nothing_allowed), arc(0.3), arc(1.0)))
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("length", [0.8, 1.2])
 def test_scm_3_holds_the_tip_while_the_length_changes(length: float) -> None:
     """Tip position and orientation stay while the segment gets longer or shorter; its end curvature is left alone."""
@@ -217,6 +218,7 @@ def test_scm_8_preserves_the_direction_to_the_tip(first: float, last: float, hea
     np.testing.assert_allclose(end.segments[0].curvature, last, atol=1e-9)
 
 
+@pytest.mark.planning
 def test_length_is_passed_on_with_the_subgoal_held() -> None:
     """SCM-3 with SCM-5: the arm keeps its length, the tip segment its curve, the boundary its pose."""
     start = fold()
@@ -234,6 +236,7 @@ def test_length_is_passed_on_with_the_subgoal_held() -> None:
     assert end.configuration.segments[0].length == pytest.approx(max(0.5, 1.0 - curve.length))
 
 
+@pytest.mark.planning
 def test_the_boundary_slides_along_the_tip_segment() -> None:
     """The boundary moves ahead on the curve; the tip stays where it is and the arm keeps its length."""
     start = fold()

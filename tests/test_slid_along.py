@@ -49,6 +49,7 @@ def off_track(track: SpaceTipTrack, points: FloatArray) -> FloatArray:
     return np.array([float(np.min(np.linalg.norm(fine - point, axis=1))) for point in points])
 
 
+@pytest.mark.planning
 @settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from([6, 8, 12, 24, 40]),

@@ -84,6 +84,7 @@ def test_segments_are_as_near_as_their_nearest_samples(seed: int) -> None:
     assert apart == pytest.approx(distance[:, None] * normal, abs=1e-9)
 
 
+@pytest.mark.planning
 @given(seeds, st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_what_is_certified_touches_nothing(seed: int, folded: bool) -> None:

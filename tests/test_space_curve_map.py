@@ -38,6 +38,7 @@ def test_the_start_is_held_exactly(seed: int, links: int, carried: bool) -> None
     assert blended.configuration(np.append(v, 0.0)) == pytest.approx(q, abs=1e-9)
 
 
+@pytest.mark.planning
 @given(seeds, st.integers(4, 30), st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_slopes_and_chains_are_derivatives(seed: int, links: int, carried: bool) -> None:

@@ -229,6 +229,7 @@ def test_a_closed_window_is_opened_by_taking_its_shutter_away() -> None:
     assert failed(replace(problem, workspace=problem.workspace.without("shutter"))) == ()
 
 
+@pytest.mark.planning
 def test_what_is_tight_in_space_is_told() -> None:
     """A window hardly wider than the arm is likely to stand in the way, and is no proof; a wide one is not told."""
     arm = space_arm(12, radius=0.05)
@@ -317,6 +318,7 @@ def test_a_goal_deep_in_a_body_is_moved_out_of_it() -> None:
     assert tuple(moved_goals(problem, findings, later(0.0))) == ()
 
 
+@pytest.mark.planning
 @settings(max_examples=4, deadline=None)
 @given(seed=seeds)
 def test_a_goal_moved_in_space_is_free(seed: int) -> None:

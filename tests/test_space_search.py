@@ -206,6 +206,7 @@ def test_a_smooth_path_bends_no_joint_beyond_its_limit() -> None:
     assert np.max(np.abs(q[:, :40]) / limit) > 0.9
 
 
+@pytest.mark.planning
 def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:
     """Where cutting a corner would take the path to a ball, it is cut less; nobody who wants no room loses time so."""
     arm = snake(12)
@@ -268,6 +269,7 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
     judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))
 
 
+@pytest.mark.planning
 def test_ways_through_the_grid_are_cheapest() -> None:
     """As cheap as by Dijkstra; where corners are cut the way stays clear."""
     soup = boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])])

@@ -1,6 +1,7 @@
 """What is seen of a simulated arm in space: its least gaps, and where it first touches something."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +12,7 @@ from ccm_opt.solution import JointTrajectory, SimulatedMotion
 from tests.snakes_in_space import least_gaps
 
 
+@pytest.mark.planning
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None)
 def test_least_gaps_and_the_first_contact_are_those_of_all_samples(seed: int) -> None:

@@ -217,6 +217,7 @@ def _every(plan: SpacePlan, step: int) -> SpacePlan:
     )
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("lie", LIES)
 def test_an_untrue_plan_is_refused(lie: str) -> None:
     """What is changed is seen by the check that is meant to see it."""

@@ -30,6 +30,7 @@ def trees(scene: SurfaceSoup, leaf: int = 4) -> list[SurfaceTree]:
     return [SurfaceTree(scene.owner[boxes.order], search) for boxes, search in searches]
 
 
+@pytest.mark.planning
 @settings(max_examples=60)
 @given(seed=seeds, count=st.integers(1, 12), reach=reaches)
 def test_distances_are_those_of_a_slow_oracle(seed: int, count: int, reach: float) -> None:
@@ -96,6 +97,7 @@ def test_slack_lowers_distances_by_no_more(seed: int, count: int, reach: float, 
         assert np.all(lowered >= exact - slack - 1e-12)
 
 
+@pytest.mark.planning
 @settings(max_examples=60)
 @given(seed=seeds, count=st.integers(1, 60), reach=reaches)
 def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> None:
@@ -201,6 +203,7 @@ def test_fewer_planes_are_the_first_of_more(seed: int, count: int, most: int) ->
         np.testing.assert_array_equal(few.normal, many.normal[first])
 
 
+@pytest.mark.planning
 @settings(max_examples=40)
 @given(seed=seeds, count=st.integers(1, 100), reach=reaches)
 def test_a_grid_is_of_its_points(seed: int, count: int, reach: float) -> None:

@@ -296,6 +296,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_drawings_are_refused_soon(tmp_path: Path, case: str) -> None:
     """Whatever a small file expands to, and however long its parts are, it is refused in one sentence, and soon."""

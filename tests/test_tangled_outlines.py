@@ -11,6 +11,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.rings import repaired
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("count", [200, 400, 20_000])
 def test_random_outlines_are_refused_at_once(count: int) -> None:
     """A repair of four hundred random corners took a minute."""
@@ -20,6 +21,7 @@ def test_random_outlines_are_refused_at_once(count: int) -> None:
     assert time.process_time() - begun < 5.0
 
 
+@pytest.mark.planning
 def test_so_are_holes_upon_each_other() -> None:
     """Of which each edge meets all the others."""
     holes = [[(1, 1), (2, 1), (2, 2)]] * 2000

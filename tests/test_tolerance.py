@@ -146,6 +146,7 @@ def test_the_shortest_line_to_a_target_is_found_at_any_size(seed: int, size: flo
     np.testing.assert_allclose(shapely.distance(shapely.points(there), lines), 0.0, atol=1e-9 * size)
 
 
+@pytest.mark.planning
 @settings(max_examples=12, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10, 20)))
 def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links: int) -> None:
@@ -163,6 +164,7 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
         assert perturbed_gap(arm, workspace, poses, np.tile(shift, (len(poses), 1))) >= -1e-9
 
 
+@pytest.mark.planning
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([4, 6]))
 def test_some_of_very_many_cases_bring_the_upper_end_down_to_the_same(seed: int, links: int) -> None:
@@ -176,6 +178,7 @@ def test_some_of_very_many_cases_bring_the_upper_end_down_to_the_same(seed: int,
     assert sampled.size == pytest.approx(usual.size, rel=3.0 * DEFAULT_TOLERANCE.precision)
 
 
+@pytest.mark.planning
 @settings(max_examples=6, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10)))
 def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int) -> None:
@@ -193,6 +196,7 @@ def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int
         assert perturbed_gap(arm, workspace, poses, np.tile(extreme, (len(poses), 1))) >= -1e-9
 
 
+@pytest.mark.planning
 @settings(max_examples=12, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10)))
 def test_what_gives_way_is_told_of_the_worst_case(seed: int, links: int) -> None:
@@ -220,6 +224,7 @@ def test_what_gives_way_is_told_of_the_worst_case(seed: int, links: int) -> None
         assert giving_way.limiting.case.linear_errors().tolist() == [worst]
 
 
+@pytest.mark.planning
 @settings(max_examples=5, deadline=None)  # certifies seven errors
 @given(SEEDS, st.sampled_from((4, 12)))
 def test_other_certified_errors_touch_nothing(seed: int, links: int) -> None:
@@ -256,6 +261,7 @@ def test_a_straight_arm_beside_a_wall_has_the_error_of_its_levers() -> None:
     assert "'wall'" in found.where
 
 
+@pytest.mark.planning
 @settings(max_examples=10, deadline=None)
 @given(SEEDS, st.sampled_from((6, 16)))
 def test_half_as_much_again_along_the_worst_errors_touches(seed: int, links: int) -> None:
@@ -271,6 +277,7 @@ def test_half_as_much_again_along_the_worst_errors_touches(seed: int, links: int
     assert perturbed_gap(arm, workspace, worst, np.zeros_like(worst)) <= 1e-6
 
 
+@pytest.mark.planning
 @settings(max_examples=15, deadline=None)
 @given(SEEDS, st.sampled_from((4, 12)))
 def test_the_certified_gap_is_the_least_gap(seed: int, links: int) -> None:

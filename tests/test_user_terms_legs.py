@@ -62,6 +62,6 @@ def test_a_constraint_on_the_feed_is_planned_for() -> None:
     solution = solve(problem, constraints=[feed_below(0.31)])
     assert solution.trajectory.base_positions[-1, 0] > 0.1
     assert solution.metrics["residual_short_feed"] == 0.0
-    in_short = replace(problem, planner=replace(problem.planner, time_limit=3.0))
+    in_short = replace(problem, planner=replace(problem.planner, time_limit=1.0))
     with pytest.raises(NoPlanFound, match="short feed"):
         solve(in_short, constraints=[feed_below(0.05)], explain=False)

@@ -190,6 +190,7 @@ def wall_outcome(seed: int, radius: float) -> tuple[bool, str]:
     return judge(passed=passed, gap=gap, limit=workspace.clearance, step=sweep.step, bodiless=radius == 0.0)
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize(("radius", "count"), [(0.02, 200), (0.0, 120)])
 def test_walls_are_sound_and_not_shy(radius: float, count: int) -> None:
     """Of many random motions none that hits in a dense sweep passes, none clear in it is refused; both are frequent."""
@@ -209,6 +210,7 @@ def self_outcome(seed: int, radius: float) -> tuple[bool, str]:
     return judge(passed=check.passed, gap=sweep.own, limit=0.0, step=2.0 * sweep.step, bodiless=radius == 0.0)
 
 
+@pytest.mark.planning
 @pytest.mark.parametrize("radius", [0.02, 0.0])
 def test_self_collision_is_sound_and_not_shy(radius: float) -> None:
     """Likewise for links against links."""
