@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ik.compiled_terms import compile_terms
-from ccm_opt.ik.lifted_curve import LiftedCurve, mapping_rows
-from ccm_opt.ik.pose_program import holding_torques
+from ccm_opt.ik.curve_frames import PlanarFrames
+from ccm_opt.ik.holding import HoldingLoads
+from ccm_opt.ik.lifted_curve import LiftedCurve
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.ends import resolve_ends
@@ -62,16 +63,16 @@ def lifted_values(configuration: Configuration) -> np.ndarray:
 def curve_rows() -> ca.Function:
     """Spline equations, gap closing and knot spacing of a curve."""
     curve = LiftedCurve(SEGMENTS)
-    return ca.Function("rows", [curve.variables], [block.expression for block in curve.rows(0.08)])
+    return ca.Function("rows", [curve.variables], [block.expression for block in curve.rows()])
 
 
 @cache
 def rows_of_mapping(links: int) -> ca.Function:
     """The mapping's ties, and what keeps joints among their pieces."""
-    curve = LiftedCurve(SEGMENTS)
-    headings = ca.SX.sym("heading", links)
-    ties, kept = mapping_rows(curve, headings, window=2)
-    return ca.Function("rows", [curve.variables, headings], [ties.expression, kept.expression])
+    frames = PlanarFrames(SEGMENTS, links)
+    _, ties = frames.link_rows()
+    kept = frames.joints.kept_among()
+    return ca.Function("rows", [frames.parts[0].variables, frames.lies], [ties.expression, kept.expression])
 
 
 @given(curvature_values, piece_widths)
@@ -110,7 +111,9 @@ def test_holding_torques_are_those_of_the_inverse_dynamics_at_rest(payload: floa
     wanted = InverseDynamics(arm, gravity)(angles, 0.0 * angles, 0.0 * angles)[0, 1::3]
     points = ca.DM(arm.joint_positions(arm.headings(bends)).T)
     weights = ca.DM(gravity[[0, 2]]) @ ca.DM(arm.masses).T
-    torques = ca.evalf(holding_torques(ca.SX(points), ca.SX(weights), ca.SX(payload * ca.DM(gravity[[0, 2]]))))
+    forces = (ca.SX(weights), ca.SX(payload * ca.DM(gravity[[0, 2]])), ca.SX.ones(1, arm.links))
+    _, shares = HoldingLoads(ca.SX(points), (ca.SX.ones(1, arm.links),), *forces).values()
+    torques = ca.evalf(shares)
     # A drive bears minus what gravity does; the ball's second revolute turns against the bend.
     assert np.asarray(torques).ravel() == pytest.approx(wanted, abs=1e-9)
 
@@ -175,7 +178,8 @@ def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
     rng = np.random.default_rng(5)
     moved = points[:, None] + settings.reach * rng.uniform(-1.0, 1.0, (arm.links + 1, 4000, 2)) / np.sqrt(2.0)
     for link in range(arm.links):
-        inside = np.all(moved[link] @ regions.normals[link].T <= regions.offsets[link], axis=1)
+        own = regions.joint == link
+        inside = np.all(moved[link] @ regions.normals[own].T >= regions.offsets[own], axis=1)
         if link * arm.link_length > arm.mount_length:
             places = shapely.points(moved[link][inside])
             gaps = [shapely.distance(places, wall.core) - wall.rounding for wall in scene.workspace.walls]

@@ -1,6 +1,5 @@
 """Derivatives of programs of named rows: those of templates are those of the whole program, written out."""
 
-from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
@@ -12,19 +11,10 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.built_solver import ProgramDerivatives
 from ccm_opt.ik.curve_program import equal_to_zero
-from ccm_opt.ik.pose_program import PoseSize
-from ccm_opt.ik.pose_settings import SpacePoseSettings
-from ccm_opt.ik.row_program import Repeated, RepeatedRows, RowProgram, repeated_rows
-from ccm_opt.ik.space_pose_program import SpacePoseProgram, space_pose_program
+from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
+from ccm_opt.ik.row_program import Repeated, RepeatedRows, RowProgram, Symbols, repeated_rows
 
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-def program(links: int, segments: int, *, loaded: bool) -> SpacePoseProgram:
-    """Of an arm with three sides a link."""
-    return space_pose_program(
-        PoseSize.from_settings(links, 3, loaded=loaded, settings=SpacePoseSettings(segments=segments))
-    )
 
 
 def numbers(matrix: ca.DM) -> FloatArray:
@@ -32,7 +22,7 @@ def numbers(matrix: ca.DM) -> FloatArray:
     return np.asarray(ca.densify(matrix))
 
 
-def written_out(built: SpacePoseProgram) -> tuple[ca.Function, ca.Function, ca.Function]:
+def written_out(built: PoseProgram) -> tuple[ca.Function, ca.Function, ca.Function]:
     """Gradient, Jacobian and Hessian as CasADi takes them of the program as a whole."""
     symbols = [built.variables, built.parameters.column]
     weight = ca.SX.sym("weight")
@@ -46,10 +36,13 @@ def written_out(built: SpacePoseProgram) -> tuple[ca.Function, ca.Function, ca.F
 
 
 @pytest.mark.planning
+@pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize(("links", "segments", "loaded"), [(2, 1, False), (7, 2, True), (13, 3, False)])
-def test_derivatives_of_templates_are_those_of_the_program(links: int, segments: int, loaded: bool) -> None:
+def test_derivatives_of_templates_are_those_of_the_program(
+    dimension: int, links: int, segments: int, loaded: bool
+) -> None:
     """At random values, to rounding, and with no more places than are needed."""
-    built = program(links, segments, loaded=loaded)
+    built = pose_program(PoseSize(dimension, links, 3, segments, loaded))
     functions = ProgramDerivatives(built).functions
     assert any(isinstance(block, RepeatedRows) for block in built.rows)
     expected = written_out(built)
@@ -58,7 +51,7 @@ def test_derivatives_of_templates_are_those_of_the_program(links: int, segments:
     for _ in range(5):
         x = random.normal(size=built.variables.numel())
         # Knots lie in their order.
-        x[built.places["arcs"]] = np.sort(random.uniform(size=built.curve.parts[0].count + 1))
+        x[built.unknowns.places["arcs"]] = np.sort(random.uniform(size=built.frames.parts[0].count + 1))
         p = random.normal(size=built.parameters.column.numel())
         multipliers = random.normal(size=built.constraints.numel())
         for one, other in zip(found, expected, strict=True):
@@ -67,30 +60,6 @@ def test_derivatives_of_templates_are_those_of_the_program(links: int, segments:
                 scale = float(ca.norm_inf(ca.vec(ca.densify(wanted))))
                 np.testing.assert_allclose(numbers(value), numbers(wanted), atol=1e-12 * scale)
                 assert value.nnz() <= wanted.nnz()
-
-
-@dataclass(frozen=True)
-class Column:
-    """Parameters in one column."""
-
-    column: ca.SX
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SmallProgram(RowProgram):
-    """A program of a few variables."""
-
-    symbols: ca.SX
-
-    @property
-    def pose(self) -> tuple[ca.SX, ca.SX]:
-        """Its symbols, and no feed."""
-        return self.symbols, ca.SX(0)
-
-    @property
-    def variables(self) -> ca.SX:
-        """Its symbols."""
-        return self.symbols
 
 
 def _squares(twice: float, one: ca.SX, other: ca.SX, shares: ca.SX) -> ca.SX:
@@ -115,8 +84,12 @@ def test_sums_of_repeated_values_of_variables_that_meet(seed: int, count: int, r
     block = repeated_rows(equal_to_zero, names, repeated, sums, linear)
     other_row = equal_to_zero(("other",), variables[0] * variables[3])
     cost = ca.sumsqr(variables) * variables[1]
-    stub = SmallProgram(
-        parameters=Column(parameters), rows=(block, other_row), parts={"cost": cost}, objective=cost, symbols=variables
+    stub = RowProgram(
+        unknowns=Symbols({"x": variables}),
+        parameters=Symbols({"p": parameters}),
+        rows=(block, other_row),
+        parts={"cost": cost},
+        objective=cost,
     )
     functions = ProgramDerivatives(stub).functions
     x, p, multipliers = random.normal(size=4), random.normal(size=2), random.normal(size=rows + 1)

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.ik.bishop_shooting import axis, product, quaternions_of, turned_by
-from ccm_opt.ik.pose_settings import SpacePoseSettings
-from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, link_sides
-from ccm_opt.ik.space_pose_solver import SpaceArmPose, link_quaternions
+from ccm_opt.ik.bishop_shooting import axis, link_quaternions, product, quaternions_of, turned_by
+from ccm_opt.ik.pose_settings import SPACE_POSES
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, regions_among_surfaces
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
@@ -27,7 +27,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @pytest.fixture(scope="module", params=[0, 2])
-def solved(request: pytest.FixtureRequest) -> tuple[Clutter, SpaceArmPose]:
+def solved(request: pytest.FixtureRequest) -> tuple[Clutter, ArmPose]:
     """A scene in which a pose has little room, and what the NLP makes of it."""
     scene = clutter(request.param, 16)
     found = goal_pose(scene.problem, scene.seed, scene.tree)
@@ -56,7 +56,7 @@ def least_gap(scene: Clutter, q: FloatArray) -> float:
     return float(min(gaps)) - scene.problem.arm.radius - scene.problem.workspace.clearance
 
 
-def test_a_found_pose_is_at_its_goal_within_limits_and_has_more_room(solved: tuple[Clutter, SpaceArmPose]) -> None:
+def test_a_found_pose_is_at_its_goal_within_limits_and_has_more_room(solved: tuple[Clutter, ArmPose]) -> None:
     """Tip and direction to rounding, every bend within its limit, and a gap that samples confirm."""
     scene, found = solved
     arm = scene.problem.arm
@@ -73,7 +73,7 @@ def test_a_found_pose_is_at_its_goal_within_limits_and_has_more_room(solved: tup
     assert found.answer.cost == pytest.approx(sum(found.answer.costs.values()))
 
 
-def test_links_point_as_the_curve_does_over_their_length(solved: tuple[Clutter, SpaceArmPose]) -> None:
+def test_links_point_as_the_curve_does_over_their_length(solved: tuple[Clutter, ArmPose]) -> None:
     """The curve of the answer, integrated by itself, has the links' directions in the mean, to the order of mapping."""
     scene, found = solved
     arm = scene.problem.arm
@@ -158,7 +158,7 @@ def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
         if before > 0.0005:
             break
     assert 0.0 < before < 0.006
-    sides = link_sides(arm, poses.tree, 0.0, poses.wanted_gap, arm.joint_positions_at(q), poses.settings)
+    sides = regions_among_surfaces(arm, poses.tree, 0.0, poses.wanted_gap, arm.joint_positions_at(q), poses.settings)
     assert sides.most > 0
     found = poses.best(q)
     assert found is not None
@@ -211,7 +211,7 @@ def test_a_goal_that_is_a_pose_leaves_nothing_to_find() -> None:
 
 def test_settings_widen_the_regions() -> None:
     """The second attempt looks farther and at more."""
-    first, second = SpacePoseSettings().widening
+    first, second = SPACE_POSES.widening
     assert second.reach > first.reach
     assert second.most_sides > first.most_sides
 

@@ -42,7 +42,7 @@ def ipopt_answer(
         except RuntimeError as error:
             unknown = np.full(np.size(arguments["lbg"]), np.nan)
             words = str(error).strip().splitlines() or [type(error).__name__]
-            answer = {"x": start, "f": np.nan, "g": unknown, "lam_g": np.zeros_like(unknown)}
+            answer = {"x": start, "f": np.nan, "g": unknown, "lam_g": np.zeros_like(unknown), "lam_x": 0.0 * start}
             statistics = {"return_status": f"raised an error: {words[0]}", "iter_count": 0}
     if statistics["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this

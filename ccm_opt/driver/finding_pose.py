@@ -18,9 +18,9 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.pose_solver import ArmPose, JointRegions
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.ik.pose_task import JointRegions
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.ik.space_pose_solver import SpaceArmPose
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.goal_members import pose_record
 from ccm_opt.planning.goal_pose import GoalPoseSearch
@@ -73,10 +73,10 @@ def _normal(
     """The side's outward normal, shape (2,), in the regions by which the place has just the gap to it; None in none."""
     allowed = _LEANING * search.problem.arm.length
     for regions in drawn:
-        if side < regions.sides:
-            normal: FloatArray = regions.normals[joint, side]
-            if abs(float(regions.offsets[joint, side] - normal @ place) - gap) <= allowed:
-                return normal
+        for each in np.flatnonzero((regions.joint == joint) & (regions.number == side)):
+            inwards = regions.normals[each]
+            if abs(float(inwards @ place - regions.offsets[each]) - gap) <= allowed:
+                return np.asarray(-inwards)
     return None
 
 
@@ -224,7 +224,7 @@ class _SpaceTry:
     """
 
     beginning: PoseBeginning
-    pose: SpaceArmPose
+    pose: ArmPose
     feasible: bool
 
     @property
@@ -314,7 +314,7 @@ def _space_row_words(name: str, by: float) -> str:
     return f"constraint '{rest}' by {by:.4g}" if what == "user" else f"{name} ({by:.2g})"
 
 
-def _nearest_in_space(problem: Problem, pose: SpaceArmPose) -> str:
+def _nearest_in_space(problem: Problem, pose: ArmPose) -> str:
     """What is nearest to what in a pose, in words; empty where nothing is near."""
     gaps = GapsAtSamples.of(problem, problem.arm.joint_positions_at(pose.q)[None])
     clearance = problem.workspace.clearance

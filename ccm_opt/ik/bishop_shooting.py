@@ -11,7 +11,6 @@ to the fourth order in h; where the curve is plane it is exact. Frames are unit 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +18,12 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.curve_frames import Bounds, CurveFrames, CurveNumbers, held_at
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero
-from ccm_opt.ik.lifted_curve import JointsAmongPieces, LiftedCurve
 from ccm_opt.ik.row_program import Repeated, repeated_rows
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import exponential
+from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 
 def product(first: ca.SX, second: ca.SX) -> Any:
@@ -74,96 +76,173 @@ def quaternions_of(vectors: FloatArray) -> FloatArray:
     return np.concatenate((np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors), axis=1)
 
 
-DIRECTIONS = ("left", "up")
-"""What the two curvatures bend the curve to."""
+class BishopFrames(CurveFrames):
+    """Links in space: quaternions, tied to frames of the curve that are shot from joint to joint.
 
-
-@dataclass(frozen=True, eq=False)
-class BishopShooting:
-    """Symbols of a curve in space and the rows that make them one.
-
-    Attributes:
-        segments: number of curvature segments K.
-        links: number of links n, over which the frame is shot.
+    Every link points as the curve does in the mean over the link, but for a share of the offset that the links of the
+    start have from the curve near it. So the start keeps every row. The pose may lose the offsets, but need not: so it
+    is with the coordinates of motions, whose offset from the curve stays all the way.
     """
 
-    segments: int
-    links: int
+    directions = ("left", "up")
+    start_keeps_rows = True
 
     @cached_property
-    def parts(self) -> tuple[LiftedCurve, LiftedCurve]:
-        """Both curvatures with their turns and integrals, on the same knots."""
-        first = LiftedCurve(self.segments)
-        return first, LiftedCurve(self.segments, first.arcs)
-
-    @cached_property
-    def base_turn(self) -> ca.SX:
-        """Turn of the curve at its base, to the left and upwards, shape (2, 1) [rad]."""
-        return ca.SX.sym("base_turn", 2)
-
-    @cached_property
-    def turns(self) -> ca.SX:
-        """Ω of every link, shape (2, n) [rad]."""
-        return ca.SX.sym("turn", 2, self.links)
-
-    @cached_property
-    def means(self) -> ca.SX:
-        """ψ of every link, shape (2, n) [rad]."""
-        return ca.SX.sym("mean", 2, self.links)
-
-    @cached_property
-    def frames(self) -> ca.SX:
-        """Frames of the curve at the beginning of every link, shape (4, n)."""
-        return ca.SX.sym("frame", 4, self.links)
+    def lies(self) -> ca.SX:
+        """Quaternions of the links, shape (4, n)."""
+        return ca.SX.sym("link", 4, self.links)
 
     @property
-    def variables(self) -> ca.SX:
-        """All symbols in one column: knots; each curvature's values, turns, integrals and bows; then the frames'."""
-        first, second = self.parts
-        each = [ca.vertcat(part.curvatures, part.headings, part.integrals, part.bows) for part in (first, second)]
-        flat = [ca.vec(symbols) for symbols in (self.turns, self.means, self.frames)]
-        return ca.vertcat(first.arcs, *each, self.base_turn, *flat)
+    def shape(self) -> ca.SX:
+        """Bends in the order of the coordinates."""
+        return ca.vec(self.bends)
 
-    def rows(self, least_piece: float, window: int) -> tuple[RowBlock, ...]:
-        """Spline equations, turns and integrals from knot to knot, links' turns, and frames from joint to joint.
+    @cached_property
+    def further_symbols(self) -> dict[str, ca.SX]:
+        """The curve's turn at its base, Ω and ψ of every link, its frames at their beginnings, and the tip's parts.
 
-        Args:
-            least_piece: least share of its segment that a piece keeps.
-            window: pieces about a joint that are looked at, see ``mapping_rows`` of the plane.
+        The tip's parts are what the last link has of the two axes across the goal's direction, and what strays is the
+        share of the start's offsets that the pose keeps.
         """
-        blocks: list[RowBlock] = []
-        for index, (name, part) in enumerate(zip(DIRECTIONS, self.parts, strict=True)):
-            splines, gaps, spacing = part.rows(least_piece)
-            joints = JointsAmongPieces.of(part, self.links, window)
-            blocks += [_named(name, block) for block in (splines, gaps, self._link_turns(index, joints))]
-            if index == 0:  # the knots are shared
-                blocks += [spacing, joints.kept_among()]
-        return (*blocks, *self._frame_gaps())
+        return {
+            "base turn": ca.SX.sym("base_turn", 2),
+            "turns": ca.SX.sym("turn", 2, self.links),
+            "means": ca.SX.sym("mean", 2, self.links),
+            "frames": ca.SX.sym("frame", 4, self.links),
+            "tip parts": ca.SX.sym("tip_part", 2),
+            "stray": ca.SX.sym("stray"),
+        }
 
-    def _link_turns(self, index: int, joints: JointsAmongPieces) -> RowBlock:
+    @cached_property
+    def parameters(self) -> dict[str, ca.SX]:
+        """Unit vectors across the goal's direction, (3, 2), and what links of the start have across a curve, (2, n)."""
+        return {"across": ca.SX.sym("across", 3, 2), "strays": ca.SX.sym("offset_from_curve", 2, self.links)}
+
+    @property
+    def costs(self) -> dict[str, ca.SX]:
+        """The squared angles by which links point elsewhere than the curve."""
+        return {"stray": self.further_symbols["stray"] ** 2 * ca.sumsqr(self.parameters["strays"])}
+
+    def link_rows(self) -> tuple[RowBlock, ...]:
+        """Turns of the links from the curvatures' integrals, frames and links from joint to joint, and the tip's."""
+        link_turns = (self._link_turns(index) for index in range(len(self.directions)))
+        return (*link_turns, *self._frame_gaps(), *self._turning(), self._mapping(), self._tip_parts())
+
+    def _link_turns(self, index: int) -> RowBlock:
         """Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
         part = self.parts[index]
-        turn, integral = joints.sums_over_pieces()
+        turn, integral = self.joints.sums_over_pieces()
         whole = turn[1:, :] - turn[:-1, :]
         mean = self.links * (integral[1:, :] - integral[:-1, :]) - turn[:-1, :]
-        turned = part.headings[joints.first.tolist()]
-        integrals = part.integrals[joints.first.tolist()]
+        first = self.joints.first.tolist()
+        turned = part.headings[first]
+        integrals = part.integrals[first]
         linear = ca.vertcat(
-            turned[1:] - turned[:-1] - self.turns[index, :].T,
-            self.links * (integrals[1:] - integrals[:-1]) - turned[:-1] - self.means[index, :].T,
+            turned[1:] - turned[:-1] - self.further_symbols["turns"][index, :].T,
+            self.links * (integrals[1:] - integrals[:-1]) - turned[:-1] - self.further_symbols["means"][index, :].T,
         )
         kinds = ("turn of link {}", "mean turn of link {}")
-        names = tuple(f"mapping: {kind.format(link + 1)}" for kind in kinds for link in range(self.links))
-        return repeated_rows(equal_to_zero, names, joints.turns_and_integrals(), ca.vertcat(whole, mean), linear)
+        direction = self.directions[index]
+        names = tuple(f"mapping: {kind.format(j + 1)}, {direction}" for kind in kinds for j in range(self.links))
+        return repeated_rows(
+            equal_to_zero, names, self.joints.turns_and_integrals(part), ca.vertcat(whole, mean), linear
+        )
 
     def _frame_gaps(self) -> tuple[RowBlock, RowBlock]:
         """The frame at a joint is that at the joint before, carried over the link between."""
-        first = turned_by(ca.vertcat(0, -self.base_turn[1], self.base_turn[0]))
+        left, up = ca.vertsplit(self.further_symbols["base turn"])
+        frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
         names = tuple(f"link {link + 1}: gap in {part} of its frame" for link in range(self.links) for part in "wxyz")
-        columns = (self.frames[:, :-1], self.turns[:, :-1], self.means[:, :-1], self.frames[:, 1:])
+        columns = (frames[:, :-1], turns[:, :-1], means[:, :-1], frames[:, 1:])
         return (
-            equal_to_zero(names[:4], self.frames[:, 0] - first),
+            equal_to_zero(names[:4], frames[:, 0] - turned_by(ca.vertcat(0, -up, left))),
             repeated_rows(equal_to_zero, names[4:], Repeated(_frame_gap, columns)),
+        )
+
+    def _turning(self) -> tuple[RowBlock, RowBlock]:
+        """R_j = R_(j−1) Rz(a_j) Ry(b_j): the links turn by the bends of their joints; the first, and the others."""
+        names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
+        columns = (self.bends[:, 1:], self.lies[:, :-1], self.lies[:, 1:])
+        return (
+            equal_to_zero(names[:4], self.lies[:, 0] - _turns(self.bends[:, 0])),
+            repeated_rows(equal_to_zero, names[4:], Repeated(_turning, columns)),
+        )
+
+    def _mapping(self) -> RowBlock:
+        """Every link points as the curve does in the mean over the link, but for a share of its offset."""
+        names = tuple(f"mapping of link {link + 1}, {side}" for link in range(self.links) for side in self.directions)
+        means, frames, stray = (self.further_symbols[name] for name in ("means", "frames", "stray"))
+        columns = (means, frames, self.lies, ca.repmat(stray, 1, self.links))
+        return repeated_rows(equal_to_zero, names, Repeated(_off_curve, columns, (self.parameters["strays"],)))
+
+    def _tip_parts(self) -> RowBlock:
+        """What the last link has of the two axes across the goal's direction; bounds keep it within the tolerance."""
+        names = ("tip: gap in its direction", "tip: gap in its direction, across")
+        parts = self.parameters["across"].T @ axis(self.lies[:, self.links - 1], 0)
+        return equal_to_zero(names, parts - self.further_symbols["tip parts"])
+
+    def direction(self, lies: ca.SX) -> ca.SX:
+        """Their x axes."""
+        return axis(lies, 0)
+
+    def joint_axes(self) -> tuple[ca.SX, ...]:
+        """The z axis of the link before, and y of its own."""
+        return ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(self.lies[:, :-1], 2)), axis(self.lies, 1)
+
+    def turns_of(self, bends: FloatArray) -> FloatArray:
+        """A turn upwards, from x to z, is one about −y."""
+        return np.asarray(bends * np.array([1.0, -1.0]))
+
+    def lies_at(self, bends: FloatArray) -> FloatArray:
+        """Quaternions of links turned by bends, shape (n, 4)."""
+        return link_quaternions(bends)
+
+    def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
+        """Turns and frames of the curve; the start keeps all of its offsets from it."""
+        turns, means = self.link_turns(curve)
+        frames = _curve_frames(curve.base_turn, turns, means)
+        across = _across(direction)
+        return {
+            "base turn": curve.base_turn,
+            "turns": turns,
+            "means": means,
+            "frames": frames,
+            "tip parts": across @ _axes(lies[-1:])[0][0],
+            "stray": np.ones(1),
+            "across": across,
+            "strays": _offsets(frames, means, lies),
+        }
+
+    def link_turns(self, curve: CurveNumbers) -> tuple[FloatArray, FloatArray]:
+        """Ω and ψ of every link, each of shape (n, 2) [rad]."""
+        joints = np.linspace(0.0, 1.0, self.links + 1)
+        flat = [curve.turned(index) for index in range(len(self.directions))]
+        at_joints = np.stack([each.heading_at(joints) for each in flat], axis=1)
+        integrals = np.stack([each.heading_integral_at(joints) for each in flat], axis=1)
+        return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * self.links - at_joints[:-1]
+
+    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
+        """Turns begin at 0, and the tip's parts lie in the square inside the section of the cone that is allowed.
+
+        Its corners are within the tolerance too.
+        """
+        del lies
+        turns = np.append(0.0, np.full(self.parts[0].count, np.inf))
+        most = np.full(2, np.inf if direction is None else np.sin(turned) / np.sqrt(2.0))
+        held = {f"turned {name}": held_at(turns) for name in self.directions}
+        return {**held, "tip parts": (-most, most), "stray": (np.zeros(1), np.ones(1))}
+
+    def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> SpaceConfiguration:
+        """The curve in space."""
+        lengths, values, shares = numbers.parts()
+        left, up = numbers.base_turn
+        rotation, _ = exponential(np.array([0.0, -up, left, 0.0, 0.0, 0.0]))
+        return SpaceConfiguration.chain(
+            arm.base + feed * arm.direction,
+            arm.base_rotation @ rotation,
+            [arm.length * length for length in lengths],
+            [value / arm.length for value in values],
+            shares,
         )
 
 
@@ -173,8 +252,63 @@ def mean_direction(means: ca.SX) -> ca.SX:
     Args:
         means: ψ, shape (2, n) [rad].
     """
-    angle = _lengths(means)
+    # A smooth least length far below what matters, so that sin(x)/x has a derivative at 0.
+    angle = ca.sqrt(ca.sum1(means**2) + 1e-16)
     return ca.vertcat(ca.cos(angle), ca.repmat(ca.sin(angle) / angle, 2, 1) * means)
+
+
+def link_quaternions(bends: FloatArray) -> FloatArray:
+    """Quaternions of links turned by bends, shape (n, 2) to (n, 4)."""
+    zero = np.zeros(len(bends))
+    about_z = quaternions_of(np.column_stack((zero, zero, bends[:, 0])))
+    about_y = quaternions_of(np.column_stack((zero, bends[:, 1], zero)))
+    return chained_quaternions(np.stack((about_z, about_y), axis=1).reshape(-1, 4))[1::2]
+
+
+def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -> FloatArray:
+    """Frames at the beginnings of the links, shape (n, 4)."""
+    roll = means[:, 0] * turns[:, 1] - means[:, 1] * turns[:, 0]
+    steps = np.column_stack((roll, -turns[:, 1], turns[:, 0]))[:-1]
+    first = np.array([[0.0, -base_turn[1], base_turn[0]]])
+    return chained_quaternions(quaternions_of(np.concatenate((first, steps))))
+
+
+def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatArray:
+    """What links have of the mean directions of a curve across themselves, shape (n, 2)."""
+    size = np.linalg.norm(means, axis=1)
+    local = np.concatenate((np.cos(size)[:, None], np.sinc(size / np.pi)[:, None] * means), axis=1)
+    mean = sum(local[:, [k]] * along for k, along in enumerate(_axes(frames)))
+    return np.stack([np.sum(along * mean, axis=1) for along in _axes(lies)[1:]], axis=1)
+
+
+def _axes(quaternions: FloatArray) -> list[FloatArray]:
+    """The x, y and z axes after each turn, shape (n, 4) to (n, 3) each, as numbers."""
+    columns = ca.SX(ca.DM(quaternions.T))
+    return [np.asarray(ca.evalf(axis(columns, k))).T for k in range(3)]
+
+
+def _across(direction: FloatArray | None) -> FloatArray:
+    """Two unit vectors across a direction, that of the straight arm where there is none, shape (2, 3)."""
+    along = np.array([1.0, 0.0, 0.0]) if direction is None else direction
+    return np.asarray(np.linalg.svd(along[None])[2][1:])
+
+
+def _turns(bends: ca.SX) -> ca.SX:
+    """Turns by the bends of joints, shape (2, n) to (4, n)."""
+    half_a = bends[0, :] / 2
+    half_b = bends[1, :] / 2
+    return ca.vertcat(
+        ca.cos(half_a) * ca.cos(half_b),
+        -ca.sin(half_a) * ca.sin(half_b),
+        ca.cos(half_a) * ca.sin(half_b),
+        ca.sin(half_a) * ca.cos(half_b),
+    )
+
+
+def _turning(bends: ca.SX, before: ca.SX, link: ca.SX) -> ca.SX:
+    """What links lack of those before, turned by their joints, shape (4, n)."""
+    turned: ca.SX = product(before, _turns(bends))
+    return link - turned
 
 
 def _frame_gap(before: ca.SX, turns: ca.SX, means: ca.SX, frame: ca.SX) -> ca.SX:
@@ -185,10 +319,9 @@ def _frame_gap(before: ca.SX, turns: ca.SX, means: ca.SX, frame: ca.SX) -> ca.SX
     return frame - carried
 
 
-def _named(direction: str, block: RowBlock) -> RowBlock:
-    return replace(block, names=tuple(f"{name}, {direction}" for name in block.names))
-
-
-def _lengths(vectors: ca.SX) -> ca.SX:
-    """Lengths of columns, with a smooth least value far below what matters, so that sin(x)/x has a derivative at 0."""
-    return ca.sqrt(ca.sum1(vectors**2) + 1e-16)
+def _off_curve(means: ca.SX, frame: ca.SX, link: ca.SX, stray: ca.SX, offsets: ca.SX) -> ca.SX:
+    """What the y and z axes of links have of the curve's mean direction beyond their offsets, shape (2, n)."""
+    directions = mean_direction(means)
+    along = sum((ca.repmat(directions[k, :], 3, 1) * axis(frame, k) for k in range(3)), ca.SX(0))
+    across = ca.vertcat(*(ca.sum1(axis(link, k) * along) for k in (1, 2)))
+    return across - ca.repmat(stray, 2, 1) * offsets

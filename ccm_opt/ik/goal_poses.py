@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import lru_cache
-from typing import Generic, Protocol, TypeVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,25 +13,29 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.curve_program import RowBlock
 from ccm_opt.ik.functions import CompiledConstraint
-from ccm_opt.ik.pose_settings import PoseSettings
-from ccm_opt.ik.row_program import RowAnswer, RowProgram
+from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
+from ccm_opt.ik.pose_settings import TORQUE_SHARE, PoseSettings
+from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
+from ccm_opt.ik.pose_task import PoseTask
 from ccm_opt.problem import Problem
 
 _GOAL = 1.0
 """Path parameter of the goal."""
-ProgramT = TypeVar("ProgramT", bound=RowProgram)
+_REGION_SIZES = (8, 16, 24, 32, 48, 64, 96, 128)
+"""Numbers of sides of a joint that programs are built for, so that poses share solvers (measured: of 42 scenes of
+clutter in the plane all need eight or fewer)."""
 
 
 @lru_cache(maxsize=4)  # the regions are drawn anew several times for one question; its solver is built once
-def with_user_terms(program: ProgramT, terms: UserTerms) -> ProgramT:
+def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
     """The program with the user's hard constraints as rows, and soft ones and costs in its objective.
 
     Args:
         program: without them.
         terms: compiled for the same arm; those that do not cover the goal are left out.
     """
-    pose, feed = program.pose
-    feed = terms.quantities.arm.length * feed
+    pose = terms.quantities.of_shape(program.frames.shape)
+    feed = terms.quantities.arm.length * program.unknowns["feed"]
     rows = tuple(_rows_of(item, pose, feed) for item in terms.hard_at_goal)
     parts = dict(program.parts)
     objective = program.objective
@@ -51,53 +55,63 @@ def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
     return RowBlock(names, item.function(pose, feed, _GOAL), item.lower, item.upper)
 
 
-class FoundPose(Protocol):
-    """What the goal-pose NLP found."""
-
-    @property
-    def at(self) -> FloatArray:
-        """The pose, as planning in the plane or in space has it."""
-
-    @property
-    def gap(self) -> float:
-        """Least room of any link in its region beyond radius and clearance, at most the wanted gap [m]."""
-
-    @property
-    def answer(self) -> RowAnswer:
-        """How the program was answered."""
-
-
-FoundT = TypeVar("FoundT", bound=FoundPose)
-SettingsT = TypeVar("SettingsT", bound=PoseSettings)
-
-
-def bounded(pose: FoundPose) -> bool:
+def bounded(pose: ArmPose) -> bool:
     """Whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
     return any("of its region" in name for name in pose.answer.multipliers)
 
 
-class GoalPoses(ABC, Generic[FoundT, SettingsT]):
+class GoalPoses(ABC):
     """Improves poses at the goal of one problem.
 
     Attributes:
         problem: with a goal for the tip.
+        terms: the user's constraints and costs, or None.
         settings: of the NLP.
     """
 
     problem: Problem
-    settings: SettingsT
+    terms: UserTerms | None
+    settings: PoseSettings
 
     @abstractmethod
     def gap(self, at: FloatArray) -> float:
         """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
 
     @abstractmethod
-    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: SettingsT) -> FoundT:
-        """One solution from a start, its regions drawn about it; the first start of all is the seed."""
+    def strays(self, pose: ArmPose) -> bool:
+        """Whether a link has strayed beyond what its region was drawn for, and met something there."""
 
     @abstractmethod
-    def strays(self, pose: FoundT) -> bool:
-        """Whether a link has strayed beyond what its region was drawn for, and met something there."""
+    def task(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> PoseTask:
+        """What is asked from a start, its regions drawn about it; the first start of all is the seed."""
+
+    def at(self, pose: ArmPose) -> FloatArray:
+        """A pose as it is asked about here."""
+        return pose.q
+
+    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
+        """One solution, its regions drawn with settings of their own."""
+        task = self.task(start, seed, drawn_with)
+        sides = next((size for size in _REGION_SIZES if size >= task.regions.most), task.regions.most)
+        arm = task.arm
+        loaded = task.torque_limits is not None
+        segments = self.settings.segments_for(arm.links)
+        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loaded))
+        program = plain if self.terms is None else with_user_terms(plain, self.terms)
+        weights = self.settings.weights_of(tuple(plain.parts), self.problem.planner.weights)
+        return PoseQuestion(program, task, self.settings, weights).solve()
+
+    @property
+    def forces(self) -> dict[str, Any]:
+        """Gravity in the arm's own coordinates, and what holding may take of the torque of every bend, for a task."""
+        arm = self.problem.arm
+        torque = self.problem.limits.torque
+        return {
+            "gravity": arm.embedded(np.eye(arm.dimension)) @ self.problem.simulation.gravity,
+            "torque_limits": None
+            if torque is None
+            else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])],
+        }
 
     @property
     def allowed(self) -> float:
@@ -112,7 +126,7 @@ class GoalPoses(ABC, Generic[FoundT, SettingsT]):
         """
         return self.problem.wanted_gap or self.problem.default_gap
 
-    def solved(self, start: FloatArray, seed: FloatArray | None = None) -> FoundT:
+    def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
         """One solution, feasible or not, with more and farther sides where a link has strayed beyond its region.
 
         Args:
@@ -125,7 +139,7 @@ class GoalPoses(ABC, Generic[FoundT, SettingsT]):
                 break
         return pose
 
-    def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[FoundT, ...]:
+    def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[ArmPose, ...]:
         """Solutions from a pose, each from the one before with its regions drawn anew about it.
 
         Args:
@@ -135,17 +149,17 @@ class GoalPoses(ABC, Generic[FoundT, SettingsT]):
         Returns:
             At least one; the last is the best when it is feasible. One that is not says why.
         """
-        found: list[FoundT] = []
+        found: list[ArmPose] = []
         start = seed
         for _ in range(self.settings.rounds):
             pose = self.solved(start, seed)
             found.append(pose)
             if not self.feasible(pose) or self._good_enough(found) or (deadline is not None and deadline.passed()):
                 break
-            start = pose.at
+            start = self.at(pose)
         return tuple(found)
 
-    def _good_enough(self, found: list[FoundT]) -> bool:
+    def _good_enough(self, found: list[ArmPose]) -> bool:
         """Whether the last solution brought little, with all the room that is wanted or no side that shapes it."""
         settings = self.settings
         pose = found[-1]
@@ -158,15 +172,15 @@ class GoalPoses(ABC, Generic[FoundT, SettingsT]):
         growth = pose.gap - found[-2].gap
         return gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
 
-    def feasible(self, pose: FoundT) -> bool:
+    def feasible(self, pose: ArmPose) -> bool:
         """Whether a pose keeps every row, and touches nothing by distances of its own."""
-        return pose.answer.violation <= self.settings.feasible and self.gap(pose.at) > -self.allowed
+        return pose.answer.violation <= self.settings.feasible and self.gap(self.at(pose)) > -self.allowed
 
-    def best(self, seed: FloatArray, deadline: Deadline | None = None) -> FoundT | None:
+    def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
         """The best feasible pose of ``improved``; None when there is none."""
         return self.best_of(self.improved(seed, deadline))
 
-    def best_of(self, poses: tuple[FoundT, ...]) -> FoundT | None:
+    def best_of(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
         """The feasible pose that costs least; None when there is none."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)

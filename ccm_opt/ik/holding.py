@@ -1,13 +1,14 @@
-"""What the joints of an arm in space have to bear where it stands still: torques by which gravity is held."""
+"""What the joints of an arm have to bear where it stands still: torques by which gravity is held.
+
+Points have d coordinates; moments about them one in the plane and three in space. Forces are over a unit of force, and
+lengths over the arm's.
+"""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 
 import casadi as ca
-import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
-from ccm_opt.ik.bishop_shooting import axis
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
 
 
@@ -19,101 +20,72 @@ class HoldingLoads:
     alone; written out, the program would take three times as long to build.
 
     Attributes:
-        moments: of the weights from each link on, about the base, shape (3, n), in force times the arm's length.
-        shares: torques of both bends of every joint as shares of their limits, shape (2, n).
+        points: P, shape (d, n + 1).
+        axes: what every joint turns about by each of its k bends, shapes (1, n) or (3, n).
+        weights: force on each link's centre, shape (d, n).
+        payload: force on the tip, shape (d, 1).
+        limits: of the torques, shape (k, n).
     """
 
-    moments: ca.SX
-    shares: ca.SX
+    points: ca.SX
+    axes: tuple[ca.SX, ...]
+    weights: ca.SX
+    payload: ca.SX
+    limits: ca.SX
 
-    @classmethod
-    def symbols(cls, links: int) -> "HoldingLoads":
-        """Fresh symbols for so many links; 0 where torque is not limited."""
-        return cls(ca.SX.sym("moment", 3, links), ca.SX.sym("torque_share", 2, links))
+    @cached_property
+    def symbols(self) -> dict[str, ca.SX]:
+        """Moments of the weights from each link on, about the base, and torques as shares of their limits."""
+        links = self.weights.shape[1]
+        return {
+            "moments": ca.SX.sym("moment", self.axes[0].shape[0], links),
+            "torque shares": ca.SX.sym("torque_share", len(self.axes), links),
+        }
 
-    @property
-    def variables(self) -> ca.SX:
-        """All of them in one column."""
-        return ca.vertcat(ca.vec(self.moments), ca.vec(self.shares))
+    def values(self) -> tuple[ca.SX, ca.SX]:
+        """The same as expressions of all links at once, for their numbers at a pose."""
+        moments = [_moment(self.points[:, -1], self.payload)]
+        for link in reversed(range(self.weights.shape[1])):
+            moments.append(moments[-1] + self._of_link(link))
+        found = ca.horzcat(*moments[:0:-1])
+        return found, self._torques(found) / self.limits
 
-    def rows(
-        self, links: ca.SX, points: ca.SX, weights: ca.SX, payload: ca.SX, limits: ca.SX
-    ) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """That they are the loads of a pose, and |τ| ≤ limit.
-
-        Args:
-            links: quaternions of the links, shape (4, n).
-            points: P, shape (3, n + 1).
-            weights: force on each link's centre, in the axes of the base, shape (3, n).
-            payload: force on the tip, shape (3, 1).
-            limits: of the torques over the arm's length, in the same unit of force, shape (2, n).
-        """
-        n = links.shape[1]
-        beyond = ca.horzcat(self.moments[:, 1:], ca.cross(points[:, n], payload))
-        moments = ca.horzcat(*(_moment_of(points, weights, link) for link in range(n)))
-        torques = _torques(links, points, self.moments, weights, payload)
-        joints = [f"joint {joint + 1} {bend}" for joint in range(n) for bend in "ab"]
-        of_links = tuple(f"link {link + 1}: gap in its moment about {name}" for link in range(n) for name in "xyz")
+    def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
+        """That they are the loads of a pose, and |τ| ≤ limit."""
+        moments, shares = self.symbols.values()
+        links = range(self.weights.shape[1])
+        beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
+        own = ca.horzcat(*(self._of_link(link) for link in links))
+        joints = [f"joint {link + 1}{bend}" for link in links for bend in ([""], [" a", " b"])[len(self.axes) - 1]]
+        about = "xyz"[-moments.shape[0] :]
+        of_links = tuple(f"link {link + 1}: gap in its moment about {name}" for link in links for name in about)
         of_joints = tuple(f"{joint}: gap in its torque" for joint in joints)
         sides = tuple(f"{joint}: torque {side}" for side in ("up", "down") for joint in joints)
-        shares = ca.vec(self.shares)
+        flat = ca.vec(shares)
         return (
-            equal_to_zero(of_links, ca.vec(self.moments - beyond - moments)),
-            equal_to_zero(of_joints, ca.vec(self.shares - torques / limits)),
-            not_negative(sides, ca.vertcat(1 - shares, 1 + shares)),
+            equal_to_zero(of_links, ca.vec(moments - beyond - own)),
+            equal_to_zero(of_joints, ca.vec(shares - self._torques(moments) / self.limits)),
+            not_negative(sides, ca.vertcat(1 - flat, 1 + flat)),
         )
 
+    def _of_link(self, link: int) -> ca.SX:
+        """Moment of a link's weight about the base."""
+        return _moment(0.5 * (self.points[:, link] + self.points[:, link + 1]), self.weights[:, link])
 
-def holding_loads(
-    links: FloatArray, points: FloatArray, weights: FloatArray, payload: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The loads of a pose as numbers.
-
-    Args:
-        links: quaternions of the links, shape (n, 4).
-        points: of the joints and the tip, over the arm's length, in the axes of the base, shape (n + 1, 3).
-        weights: force on each link's centre, shape (n, 3).
-        payload: force on the tip, shape (3,).
-
-    Returns:
-        Moments of the weights from each link on, shape (n, 3), and torques of both bends, shape (n, 2), in force times
-        the arm's length.
-    """
-    moments, torques = _loads_of(len(links))(links.T, points.T, weights.T, payload)
-    return np.array(moments).T, np.array(torques).T
+    def _torques(self, moments: ca.SX) -> ca.SX:
+        """Torques about the axes of every joint, shape (k, n)."""
+        # Σ_{i ≥ j} (c_i - P_j) × w_i = Σ c_i × w_i - P_j × Σ w_i
+        force = self.payload
+        about = []
+        for link in reversed(range(self.weights.shape[1])):
+            force = force + self.weights[:, link]
+            about.append(moments[:, link] - _moment(self.points[:, link], force))
+        whole = ca.horzcat(*reversed(about))
+        return ca.vertcat(*(ca.sum1(whole * axis) for axis in self.axes))
 
 
-@lru_cache(maxsize=4)
-def _loads_of(n: int) -> ca.Function:
-    """(quaternions, points, weights, payload) to moments and torques, column by column."""
-    links = ca.SX.sym("link", 4, n)
-    points = ca.SX.sym("point", 3, n + 1)
-    weights = ca.SX.sym("weight", 3, n)
-    payload = ca.SX.sym("payload", 3)
-    moments = [ca.cross(points[:, n], payload)]
-    for link in reversed(range(n)):
-        moments.append(moments[-1] + _moment_of(points, weights, link))
-    found = ca.horzcat(*moments[:0:-1])
-    torques = _torques(links, points, found, weights, payload)
-    return ca.Function("holding_loads", [links, points, weights, payload], [found, torques])
-
-
-def _moment_of(points: ca.SX, weights: ca.SX, link: int) -> ca.SX:
-    """Moment of a link's weight about the base."""
-    centre = 0.5 * (points[:, link] + points[:, link + 1])
-    return ca.cross(centre, weights[:, link])
-
-
-def _torques(links: ca.SX, points: ca.SX, moments: ca.SX, weights: ca.SX, payload: ca.SX) -> ca.SX:
-    """Torques about the axes of every joint: z of the link before, and y of its own, shape (2, n)."""
-    n = links.shape[1]
-    # Σ_{i ≥ j} (c_i - P_j) × w_i = Σ c_i × w_i - P_j × Σ w_i
-    before = ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(links[:, :-1], 2))
-    own = axis(links, 1)
-    force = payload
-    torques = []
-    for link in reversed(range(n)):
-        force = force + weights[:, link]
-        about = moments[:, link] - ca.cross(points[:, link], force)
-        torques.append(ca.vertcat(ca.dot(about, before[:, link]), ca.dot(about, own[:, link])))
-    return ca.horzcat(*reversed(torques))
+def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
+    """Moment of a force at a place; one number in the plane."""
+    if place.numel() == 3:
+        return ca.cross(place, force)
+    return place[0] * force[1] - place[1] * force[0]

@@ -1,4 +1,4 @@
-"""The curve in the goal-pose program, lifted at its knots, and the links mapped to it.
+"""The curve in the goal-pose program, lifted at its knots, and where joints lie on it.
 
 Lengths are in units of the arm's length. The curve is a chain of K curvature segments of four spline pieces each. Its
 knots lie at arc lengths σ_0 = 0 < σ_1 < ... < σ_4K = 1; at knot i the curvature is C_i, the heading θ_i, and
@@ -11,9 +11,8 @@ The states (θ, Θ) of neighbouring knots are tied by the ODE θ' = κ, Θ' = θ
 is multiple shooting with an exact integrator. Every row then depends on one piece alone, which keeps the derivatives
 small and the building of the solver short.
 
-φ_j = (1/l) ∫ θ ds over link j = (Θ(s_{j+1}) - Θ(s_j))/l. It is the mapping in which motions are planned, φ = A v. Knots
-may pass joints while the NLP is solved: Θ(s) is summed over the pieces about the joint, each with its share of s,
-which is smooth as often as the curve itself is.
+The mean of θ over link j is (Θ(s_{j+1}) - Θ(s_j))/l. Knots may pass joints while the NLP is solved: Θ(s) is summed over
+the pieces about the joint, each with its share of s, which is smooth as often as the curve itself is.
 """
 
 from collections.abc import Sequence
@@ -27,6 +26,13 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.ik.row_program import Repeated, selection
 from ccm_opt.robot.segment import PIECES
+
+_WINDOW = 1
+"""Spline pieces on either side of the one in which a joint lies at first, among which the joint may come to lie while
+knots move. A wider one costs building time, a narrower one holds the knots (measured: with 1 building takes three
+quarters of the time that 2 takes, and the poses of clutter are the same)."""
+_LEAST_PIECE = 0.08
+"""Least share of its segment that a piece between knots keeps (as the configuration NLP has it)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,13 +182,9 @@ class LiftedCurve:
         """L_k, shape (1, K)."""
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
-    def rows(self, least_piece: float) -> tuple[RowBlock, ...]:
-        """What makes the symbols a curve: spline equations, the ODE over every piece, and knots that keep apart.
-
-        Args:
-            least_piece: least share of its segment that a piece keeps.
-        """
-        return (self._spline_equations(), self._gap_closing(), self._knot_spacing(least_piece))
+    def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
+        """What makes the symbols a curve: spline equations, the ODE over every piece, and knots that keep apart."""
+        return self._spline_equations(), self._gap_closing(), self._knot_spacing()
 
     def _spline_equations(self) -> RowBlock:
         """a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}] at inner knots."""
@@ -202,31 +204,15 @@ class LiftedCurve:
         what = ("heading", "the integral of the heading")
         return equal_to_zero(self._piece_names("gap in {}", what), ca.vertcat(turns, integrals))
 
-    def _knot_spacing(self, least_piece: float) -> RowBlock:
+    def _knot_spacing(self) -> RowBlock:
         lengths = ca.vec(ca.repmat(self.segment_lengths, PIECES, 1))
-        return not_negative(self._piece_names("{} of knots", ("spacing",)), self.pieces.width - least_piece * lengths)
+        return not_negative(self._piece_names("{} of knots", ("spacing",)), self.pieces.width - _LEAST_PIECE * lengths)
 
     def _piece_names(self, text: str, kinds: Sequence[str]) -> tuple[str, ...]:
         places = [(index // PIECES, index % PIECES) for index in range(self.count)]
         return tuple(
             f"segment {segment}, piece {piece}: {text.format(kind)}" for kind in kinds for segment, piece in places
         )
-
-
-def mapping_rows(curve: LiftedCurve, link_headings: ca.SX, window: int) -> tuple[RowBlock, RowBlock]:
-    """φ_j l = Θ(s_{j+1}) - Θ(s_j) for every link, and that every joint stays among the pieces looked at for it.
-
-    Args:
-        curve: the curve.
-        link_headings: φ, shape (links, 1) [rad].
-        window: pieces looked at on either side of the one in which a joint lies while knots are even.
-    """
-    links = link_headings.numel()
-    joints = JointsAmongPieces.of(curve, links, window)
-    integrals = joints.integrals()
-    mapped = links * (integrals[1:] - integrals[:-1])
-    ties = equal_to_zero(tuple(f"mapping of link {j + 1}" for j in range(links)), mapped - link_headings)
-    return ties, joints.kept_among()
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,21 +232,11 @@ class JointsAmongPieces:
     last: IntArray
 
     @classmethod
-    def of(cls, curve: LiftedCurve, links: int, window: int) -> "JointsAmongPieces":
-        """All joints of an arm; arguments as of ``mapping_rows``."""
+    def of(cls, curve: LiftedCurve, links: int) -> "JointsAmongPieces":
+        """All joints of an arm."""
         arcs = np.arange(links + 1) / links
         middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
-        return cls(curve, arcs, np.maximum(middle - window, 0), np.minimum(middle + window, curve.count - 1))
-
-    def integrals(self) -> ca.SX:
-        """Θ at every joint, shape (links + 1, 1)."""
-        looked_at, inside = self._inside
-        return self.curve.integrals[self.first.tolist()] + self._shares @ looked_at.integral_after(inside)
-
-    def turns(self) -> ca.SX:
-        """θ at every joint, shape (links + 1, 1)."""
-        looked_at, inside = self._inside
-        return self.curve.headings[self.first.tolist()] + self._shares @ looked_at.turn_after(inside)
+        return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 
     def kept_among(self) -> RowBlock:
         """Every joint lies behind the start of its first piece and before the end of its last."""
@@ -274,17 +250,21 @@ class JointsAmongPieces:
         names += [f"joint {j}: knot {self.last[j] + 1} stays behind it" for j in before]
         return not_negative(tuple(names), rows)
 
-    def turns_and_integrals(self) -> Repeated:
-        """∫ κ and ∫∫ κ over the part before the joint of every piece that is looked at for one, shape (2, pairs)."""
+    def turns_and_integrals(self, curve: LiftedCurve) -> Repeated:
+        """∫ κ and ∫∫ κ over the part before the joint of every piece that is looked at for one, shape (2, pairs).
+
+        Args:
+            curve: on the same knots.
+        """
         joint, piece = self._pairs
         knots = np.stack((piece, piece + 1)).ravel("F").tolist()
         columns = (
-            ca.reshape(self.curve.arcs[knots], 2, -1),
-            ca.reshape(self.curve.curvatures[knots], 2, -1),
-            self.curve.bows_at_ends[:, piece.tolist()],
-            self.curve.headings[piece.tolist()].T,
+            ca.reshape(curve.arcs[knots], 2, -1),
+            ca.reshape(curve.curvatures[knots], 2, -1),
+            curve.bows_at_ends[:, piece.tolist()],
+            curve.headings[piece.tolist()].T,
         )
-        form = partial(_before_joint, self.curve.moment_scale)
+        form = partial(_before_joint, curve.moment_scale)
         return Repeated(form, columns, (ca.SX(ca.DM(self.arcs[joint])).T,))
 
     def sums_over_pieces(self) -> tuple[ca.DM, ca.DM]:
@@ -305,21 +285,6 @@ class JointsAmongPieces:
         joint = np.repeat(np.arange(len(self.first)), counts)
         piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]
         return joint, piece
-
-    @cached_property
-    def _inside(self) -> tuple[SplinePieces, ca.SX]:
-        """The pieces of these pairs, and how much of each lies before its joint: nothing or all, except in one."""
-        joint, piece = self._pairs
-        looked_at = self.curve.pieces.take(piece.tolist())
-        return looked_at, ca.fmin(ca.fmax(ca.DM(self.arcs[joint]) - looked_at.start, 0), looked_at.width)
-
-    @cached_property
-    def _shares(self) -> ca.DM:
-        """Sums what belongs to the same joint."""
-        joint, _ = self._pairs
-        return ca.DM.triplet(
-            joint.tolist(), list(range(len(joint))), ca.DM.ones(len(joint)), len(self.arcs), len(joint)
-        )
 
 
 def _before_joint(scale: float, arcs: ca.SX, curvatures: ca.SX, bows: ca.SX, heading: ca.SX, joint: ca.SX) -> ca.SX:

@@ -25,10 +25,6 @@ _TORQUE_WEIGHT = 0.1
 """Of the mean square torque, as shares of its limits (taste)."""
 _STRAY_WEIGHT = 1.0
 """Of the squared angles by which links in space point elsewhere than the curve [1/rad²] (taste)."""
-_LINKS_A_FURTHER_SEGMENT = 2.4
-"""In space arms of more links have one segment more for so many of them: with too few, most joints share a piece
-between knots, and arms of 36 links take a hundred iterations and more instead of fifteen (measured behind holes and in
-a tank with 36 and 60 links)."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +32,9 @@ class PoseSettings:
     """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
 
     Attributes:
-        segments: curvature segments of the curve; as many as the coordinates of the motion have, so that the pose that
-            the search arrived at is a starting point without a fit (derived).
+        segments: curvature segments of the curve of an arm of up to 24 links; as many as the coordinates of the motion
+            have (derived).
+        links_a_segment: arms of more links have one segment more for so many of them.
         bending_weight: of ∫κ² ds, twice the elastic energy of a unit rod (measured: with 0.02 the shared problems last
             up to 16 % longer than with a free end, with 0.01 up to 8 %).
         distance_weight: of the squared turns of all joints from the pose to stay near, where the motion would end by
@@ -51,18 +48,19 @@ class PoseSettings:
         worthwhile: a further round is worth its time when the one before brought this share of the cost or, where the
             wanted gap is not reached, of that gap (taste).
         reach: walls farther away than this from a link make no side of its region (taste).
-        far_reach: the same where a link has strayed farther than ``reach`` and met a wall there (derived: no link
+        widened: most sides, and reach, of regions that are drawn anew where a link has strayed farther than ``reach``
+            and met a wall there, or has less room than its rows say, for a side that was left out (derived: no link
             strays farther than twice the arm's length, and seldom half of it).
         feasible: largest violation of a row that counts as kept; one millionth of the arm (derived: below the
             certificate's own spare).
         binding: a multiplier above this, beside an objective of order one, marks a row that shapes the pose (taste).
         most_sides: of a link's region, the nearest (measured: in narrow passages half of the links need four, but some
             need 16 to 128, which every iteration would pay for at every link).
-        more_sides: the same where a pose has less room than its rows say, for a side that was left out (taste).
         enough: share of the wanted gap at which no further round is worth its time (taste).
     """
 
     segments: int = 5
+    links_a_segment: float = math.inf
     bending_weight: float = 0.01
     distance_weight: float = 2.0
     tolerance: float = 1e-4
@@ -70,17 +68,15 @@ class PoseSettings:
     rounds: int = 4
     worthwhile: float = 0.02
     reach: float = 0.25
-    far_reach: float = 2.0
+    widened: tuple[tuple[int, float], ...] = ((16, 0.25), (sys.maxsize, 2.0))
     feasible: float = 1e-6
     binding: float = 1e-4
     most_sides: int = 8
-    more_sides: int = 16
     enough: float = 0.999
 
     def segments_for(self, links: int) -> int:
         """Curvature segments of the curve of an arm of so many links."""
-        del links
-        return self.segments
+        return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / self.links_a_segment)
 
     def weights_of(self, parts: tuple[str, ...], given: Weights) -> FloatArray:
         """Weights of the parts of the objective by their names, times those that a problem gives."""
@@ -97,36 +93,18 @@ class PoseSettings:
 
     @property
     def widening(self) -> tuple[Self, ...]:
-        """These settings, then with more sides, then with all of them, those to walls far away too."""
-        more = replace(self, most_sides=self.more_sides)
-        everything = replace(self, most_sides=sys.maxsize, reach=self.far_reach)
-        return self, more, everything
+        """These settings, then with more sides, those to walls far away too."""
+        return self, *(replace(self, most_sides=sides, reach=reach) for sides, reach in self.widened)
 
 
-@dataclass(frozen=True)
-class SpacePoseSettings(PoseSettings):
-    """The same in space.
-
-    Attributes:
-        segments: of the curve of an arm of up to 24 links (measured by ``tests.benchmarks.bench_space_poses``: in
-            clutter two to five find the same room; with three, arms that are straight up to a hole take three times the
-            iterations).
-        distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
-            the plane, for the same change of shape is one of both bends (taste).
-        far_reach: ``reach`` where a link has strayed farther than that and met a surface there.
-        more_sides: ``most_sides`` where a pose has less room than its rows say, for a side that was left out (taste).
-    """
-
-    segments: int = 5
-    distance_weight: float = 1.0
-    far_reach: float = 1.0
-    more_sides: int = 24
-
-    def segments_for(self, links: int) -> int:
-        """Curvature segments of the curve of an arm of so many links."""
-        return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / _LINKS_A_FURTHER_SEGMENT)
-
-    @property
-    def widening(self) -> tuple[Self, ...]:
-        """These settings, then with more sides, those to surfaces far away too."""
-        return self, replace(self, most_sides=self.more_sides, reach=self.far_reach)
+SPACE_POSES = PoseSettings(
+    # With too few segments most joints share a piece between knots, and arms of 36 links take a hundred iterations and
+    # more instead of fifteen (measured behind holes and in a tank with 36 and 60 links). Of arms of up to 24 links in
+    # clutter two to five find the same room; with three, arms that are straight up to a hole take three times the
+    # iterations (measured by ``tests.benchmarks.bench_space_poses``).
+    links_a_segment=2.4,
+    # Less than in the plane, for the same change of shape is one of both bends (taste).
+    distance_weight=1.0,
+    widened=((24, 1.0),),
+)
+"""The same in space."""

@@ -50,6 +50,10 @@ class ArmQuantities(ABC):
         """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way in lengths."""
 
     @abstractmethod
+    def of_shape(self, shape: Any) -> Any:
+        """The shape as expressions know it, from headings against the straight arm or from bends, in one column."""
+
+    @abstractmethod
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a pose, as planning handles it, and an expression of a path in them and the path parameter."""
 
@@ -165,6 +169,10 @@ class Quantities(ArmQuantities):
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
         """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way: those they are."""
         return slopes
+
+    def of_shape(self, shape: Any) -> Any:
+        """Headings from those against the straight arm."""
+        return self.arm.base_heading + shape
 
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a pose and an expression of a path in them and the path parameter.
@@ -332,6 +340,10 @@ class SpaceQuantities(ArmQuantities):
     def _units(self) -> FloatArray:
         """What counts as a radian of each coordinate, shape (c,) [rad, m]."""
         return np.append(np.ones(2 * self.arm.links), np.full(len(self.arm.base_axes), self.arm.length))
+
+    def of_shape(self, shape: Any) -> Any:
+        """Bends as they are."""
+        return shape
 
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a configuration, bends [rad] and the feed [m] where there is one, and the expression."""

@@ -5,11 +5,10 @@ link. Where the row is known as such a function, its derivatives are taken of th
 links; those of a whole program written out take most of the time in which a solver is built.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -18,42 +17,71 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.ik.curve_program import RowBlock
 
 
-class ParameterSymbols(Protocol):
-    """Symbols of what changes from question to question."""
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """Symbols by name, one after the other in a column.
 
-    @property
-    def column(self) -> Any:
-        """All of them in one column."""
+    Attributes:
+        by_name: matrices of symbols; what is without entries is nowhere.
+    """
+
+    by_name: Mapping[str, ca.SX]
+
+    def __getitem__(self, name: str) -> ca.SX:
+        return self.by_name[name]
+
+    @cached_property
+    def column(self) -> ca.SX:
+        """All of them, each column by column."""
+        return ca.vertcat(*(ca.vec(symbols) for symbols in self.by_name.values()))
+
+    @cached_property
+    def places(self) -> Mapping[str, slice]:
+        """Where each stands in the column."""
+        sizes = [symbols.numel() for symbols in self.by_name.values()]
+        stops = np.cumsum(sizes).tolist()
+        cuts = (slice(stop - size, stop) for stop, size in zip(stops, sizes, strict=True))
+        return dict(zip(self.by_name, cuts, strict=True))
+
+    def filled(self, numbers: Mapping[str, FloatArray], fill: float = np.nan) -> FloatArray:
+        """Numbers for the column.
+
+        Args:
+            numbers: by name, a matrix's columns in rows.
+            fill: what the others get.
+        """
+        column = np.full(self.column.numel(), fill)
+        for name, place in self.places.items():
+            if name in numbers:
+                column[place] = np.ravel(numbers[name])
+        return column
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RowProgram(ABC):
-    """What every program of a pose at the goal consists of beside its own variables.
+class RowProgram:
+    """Variables, rows and costs of a pose at the goal.
 
     Attributes:
-        parameters: what changes from question to question.
+        unknowns: the variables.
+        parameters: what changes from question to question, the weights of the parts among them.
         rows: all blocks of rows.
         parts: the parts of the objective by name, unweighted; the user's behind those that have a weight among the
             parameters.
         objective: their weighted sum.
     """
 
-    parameters: ParameterSymbols
+    unknowns: Symbols
+    parameters: Symbols
     rows: tuple[RowBlock, ...]
     parts: Mapping[str, ca.SX]
     objective: ca.SX
 
     @property
-    @abstractmethod
-    def pose(self) -> tuple[ca.SX, ca.SX]:
-        """What users' functions are asked with: headings or bends [rad], and the feed over the arm's length."""
-
-    @property
-    @abstractmethod
     def variables(self) -> ca.SX:
         """All variables in one column."""
+        return self.unknowns.column
 
-    @property
+    @cached_property
     def constraints(self) -> ca.SX:
         """All rows in one column."""
         return ca.vertcat(*(block.expression for block in self.rows))
@@ -64,12 +92,12 @@ class RowProgram(ABC):
         parts = ca.vertcat(*self.parts.values())
         return ca.Function("parts", [self.variables, self.parameters.column], [parts])
 
-    @property
+    @cached_property
     def row_names(self) -> tuple[str, ...]:
         """What each row says."""
         return tuple(name for block in self.rows for name in block.names)
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the rows."""
         lower = np.concatenate([block.lower for block in self.rows])
@@ -81,7 +109,7 @@ class RowProgram(ABC):
 
         Args:
             variables: shape (variables,).
-            parameters: for ``parameters.column``.
+            parameters: for their column.
             weights: of the first parts; the user's that follow have theirs in them already.
         """
         own = np.ones(len(self.parts) - len(weights))
@@ -251,11 +279,19 @@ class RowReading:
         """Where IPOPT stopped, shape (variables,)."""
         return np.asarray(self.answer["x"], dtype=np.float64).ravel()
 
-    def says(self, costs: Mapping[str, float], *, binding: float, feasible: float) -> RowAnswer:
+    @property
+    def bound_multipliers(self) -> FloatArray:
+        """Multipliers of the bounds of the variables, positive at an upper one, shape (variables,)."""
+        return np.asarray(self.answer["lam_x"], dtype=np.float64).ravel()
+
+    def says(
+        self, costs: Mapping[str, float], bounded: Mapping[str, float], *, binding: float, feasible: float
+    ) -> RowAnswer:
         """How the program was answered.
 
         Args:
             costs: weighted parts of the objective by name.
+            bounded: multipliers of bounds that shape the pose as rows do, by name.
             binding: multipliers from which on a row is said to shape the pose.
             feasible: violation up to which a row counts as kept.
         """
@@ -267,7 +303,7 @@ class RowReading:
         names = self.program.row_names
         return RowAnswer(
             costs=costs,
-            multipliers=_shaping(names, multipliers, binding),
+            multipliers=_shaping((*names, *bounded), np.append(multipliers, list(bounded.values())), binding),
             status=str(self.statistics["return_status"]),
             iterations=int(self.statistics["iter_count"]),
             violation=max(float(violation[worst]), 0.0),

@@ -1,20 +1,18 @@
 """The goal pose in space by the NLP."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.goal_poses import GoalPoses, with_user_terms
-from ccm_opt.ik.pose_program import PoseSize
-from ccm_opt.ik.pose_settings import TORQUE_SHARE, SpacePoseSettings
-from ccm_opt.ik.space_pose_program import SPACE_PARTS, SpacePoseProgram, space_pose_program
-from ccm_opt.ik.space_pose_solver import SpaceArmPose, SpacePoseQuestion
-from ccm_opt.ik.space_pose_task import LinkSides, SpacePoseTask
+from ccm_opt.ik.goal_poses import GoalPoses
+from ccm_opt.ik.pose_settings import SPACE_POSES, PoseSettings
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.ik.pose_task import JointRegions, PoseTask
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
@@ -24,19 +22,21 @@ _BEHIND = 1e-3
 """By how much a surface may stand out behind a side that covers it (as the distances have it)."""
 _PAIR_REACH = 0.1
 """Links whose axes are farther apart than this share of the arm's length have no side between them (taste)."""
-_REGION_SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32, 64)
-"""Numbers of sides that programs are built for, so that poses share solvers (taste)."""
 
 
-def link_sides(
+LinkSides = tuple[IntArray, FloatArray, FloatArray, FloatArray]
+"""Link, normal, offset and share of the gap of every side, as ``JointRegions`` has them."""
+
+
+def regions_among_surfaces(
     arm: Arm,
     tree: SurfaceTree,
     clearance: float,
     wanted_gap: float,
     points: FloatArray,
-    settings: SpacePoseSettings,
-) -> LinkSides:
-    """The sides of every link's region about a pose.
+    settings: PoseSettings,
+) -> JointRegions:
+    """The sides of every link's region about a pose, for both its ends.
 
     Args:
         arm: the arm.
@@ -46,8 +46,8 @@ def link_sides(
         points: joints and tip, shape (links + 1, 3) [m].
         settings: how far and how many.
     """
-    surfaces = _surface_sides(arm, tree, clearance, points, settings)
-    return surfaces.joined(_pair_sides(arm, wanted_gap, points))
+    sides = (_surface_sides(arm, tree, clearance, points, settings), _pair_sides(arm, wanted_gap, points))
+    return JointRegions.of_links(*(np.concatenate(column) for column in zip(*sides, strict=True)))
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
@@ -58,7 +58,7 @@ def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
 
 
 def _surface_sides(
-    arm: Arm, tree: SurfaceTree, clearance: float, points: FloatArray, settings: SpacePoseSettings
+    arm: Arm, tree: SurfaceTree, clearance: float, points: FloatArray, settings: PoseSettings
 ) -> LinkSides:
     segments = held_segments(arm, points)
     reach = settings.reach * arm.length
@@ -67,7 +67,7 @@ def _surface_sides(
     # What a surface's rounding takes is told in the gap, so the side stands that far from the axis' nearest point.
     to_axis = np.einsum("rd,rd->r", rows.normal, nearest) - rows.gap
     link = rows.link + arm.links - len(segments)
-    return LinkSides(link, rows.normal, to_axis + arm.radius + clearance, np.ones(len(link)))
+    return link, rows.normal, to_axis + arm.radius + clearance, np.ones(len(link))
 
 
 def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
@@ -78,8 +78,7 @@ def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
     """
     first, second = arm.self_pairs
     if len(first) == 0:
-        none = np.zeros(0, dtype=np.intp)
-        return LinkSides(none, np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+        return np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     ends = (points[first], points[first + 1], points[second], points[second + 1])
     first_at, second_at, distance, normal = segment_distances(*ends)
     near = np.flatnonzero((distance < _PAIR_REACH * arm.length) & (distance > 0.0))
@@ -88,7 +87,7 @@ def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
     other = points[second] + second_at[near, None] * (points[second + 1] - points[second])
     middle = np.einsum("kd,kd->k", normal[near], 0.5 * (one + other))
     shares = arm.link_margins(first, second, wanted_gap) / (2.0 * wanted_gap)
-    return LinkSides(
+    return (
         np.concatenate((first, second)),
         np.concatenate((normal[near], -normal[near])),
         np.concatenate((middle, -middle)) + arm.radius,
@@ -97,7 +96,7 @@ def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
 
 
 @dataclass(frozen=True, eq=False)
-class SpaceGoalPoses(GoalPoses[SpaceArmPose, SpacePoseSettings]):
+class SpaceGoalPoses(GoalPoses):
     """Improves poses at the goal of one problem in space.
 
     Attributes:
@@ -113,7 +112,7 @@ class SpaceGoalPoses(GoalPoses[SpaceArmPose, SpacePoseSettings]):
     tree: SurfaceTree
     near: FloatArray | None = None
     terms: UserTerms | None = None
-    settings: SpacePoseSettings = field(default_factory=SpacePoseSettings)
+    settings: PoseSettings = SPACE_POSES
     room_share: float = 1.0
 
     def gap(self, at: FloatArray) -> float:
@@ -146,44 +145,25 @@ class SpaceGoalPoses(GoalPoses[SpaceArmPose, SpacePoseSettings]):
             raise ProblemError("the goal is a pose of the whole arm; expected one of the tip, to find a pose for")
         return goal
 
-    def strays(self, pose: SpaceArmPose) -> bool:
+    def strays(self, pose: ArmPose) -> bool:
         """Whether a link has strayed beyond what its region was drawn for, and met a surface there."""
         return self.gap(pose.q) < min(pose.gap, 0.0) - self.allowed
 
-    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: SpacePoseSettings) -> SpaceArmPose:
-        """One solution, its regions drawn with settings of their own; it stays near the seed unless told otherwise."""
-        near = seed if self.near is None else self.near
+    def task(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> PoseTask:
+        """What is asked from a start, its regions drawn about it; it stays near the seed unless told otherwise."""
         arm = self.problem.arm
         points = arm.joint_positions_at(start)
         clearance = self.problem.workspace.clearance
-        sides = link_sides(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
-        limits = self._torque_limits
-        gravity = self.problem.simulation.gravity
-        task = SpacePoseTask(
-            arm, self.target, near, start, sides, self.wanted_gap, gravity=gravity, torque_limits=limits
+        return PoseTask(
+            arm,
+            self.target.position,
+            self.target.direction,
+            near=seed if self.near is None else self.near,
+            start=start,
+            regions=regions_among_surfaces(arm, self.tree, clearance, self.wanted_gap, points, drawn_with),
+            wanted_gap=self.wanted_gap,
+            **self.forces,
         )
-        return SpacePoseQuestion(self._program(sides), task, self._weights, self.settings).solve()
-
-    @property
-    def _torque_limits(self) -> FloatArray | None:
-        """Torque that holding may take of both bends of every joint, shape (2 links,) [N m]; None without limits."""
-        torque = self.problem.limits.torque
-        if torque is None:
-            return None
-        return TORQUE_SHARE * np.column_stack((torque[0::3], torque[1::3])).ravel()
-
-    def _program(self, sides: LinkSides) -> SpacePoseProgram:
-        sizes = (size for size in _REGION_SIZES if size >= sides.most)
-        size = next(sizes, sides.most)
-        loaded = self._torque_limits is not None
-        links = self.problem.arm.links
-        program = space_pose_program(PoseSize.from_settings(links, size, loaded=loaded, settings=self.settings))
-        return program if self.terms is None else with_user_terms(program, self.terms)
-
-    @property
-    def _weights(self) -> FloatArray:
-        """Of the parts of the objective."""
-        return self.settings.weights_of(SPACE_PARTS, self.problem.planner.weights)
 
 
 def goal_pose(
@@ -193,9 +173,9 @@ def goal_pose(
     *,
     near: FloatArray | None = None,
     terms: UserTerms | None = None,
-    settings: SpacePoseSettings | None = None,
+    settings: PoseSettings = SPACE_POSES,
     deadline: Deadline | None = None,
-) -> SpaceArmPose | None:
+) -> ArmPose | None:
     """A better pose of the arm at the goal than one that was found, with room beside it where there is some.
 
     Args:
@@ -213,5 +193,5 @@ def goal_pose(
     Raises:
         ProblemError: the goal is a pose of the whole arm.
     """
-    poses = SpaceGoalPoses(problem, tree, near, terms, settings or SpacePoseSettings())
+    poses = SpaceGoalPoses(problem, tree, near, terms, settings)
     return poses.best(seed, deadline)

@@ -7,14 +7,15 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.goal_poses import GoalPoses, bounded, with_user_terms
-from ccm_opt.ik.pose_program import PARTS, PoseProgram, PoseSize, pose_program
-from ccm_opt.ik.pose_settings import TORQUE_SHARE, PoseSettings
-from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion, PoseTask
+from ccm_opt.ik.goal_poses import GoalPoses, bounded
+from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.ik.pose_task import PoseTask
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.joint_regions import joint_regions
-from ccm_opt.planning.link_space import LinkSpace, nearest_curve
+from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose_draws import PoseDraws, PoseDrawSettings, landmarks, same_class
 from ccm_opt.planning.pose_energy import EnergyWeights, PoseEnergy
 from ccm_opt.planning.step import GoalPose
@@ -46,7 +47,7 @@ class PoseCandidate:
 
 
 @dataclass(frozen=True, eq=False)
-class GoalPoseSearch(GoalPoses[ArmPose, PoseSettings]):
+class GoalPoseSearch(GoalPoses):
     """Finds good poses at the goal of one problem.
 
     Attributes:
@@ -165,8 +166,8 @@ class GoalPoseSearch(GoalPoses[ArmPose, PoseSettings]):
     def _draws(self, start: FloatArray) -> PoseDraws:
         """Of cheap poses at the goal."""
         space, _ = LinkSpace.through(self.problem.arm, start, clamped=self.ends.clamped)
-        weights = self._weights
-        energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights[1:3].tolist()))
+        weights = self.settings.weights_of(("bending", "distance"), self.problem.planner.weights)
+        energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights.tolist()))
         goal = self._member_near(start)
         seed = self.problem.planner.seed
         walls = self.problem.workspace.wall_segments
@@ -202,31 +203,28 @@ class GoalPoseSearch(GoalPoses[ArmPose, PoseSettings]):
         """Whether a link has strayed beyond what its region was drawn for, and met something there."""
         return self.gap(pose.headings) < pose.gap - self.allowed
 
-    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
-        """One solution, its regions drawn with settings of their own."""
+    def at(self, pose: ArmPose) -> FloatArray:
+        """The headings of its links."""
+        return pose.headings
+
+    def task(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> PoseTask:
+        """What is asked from a start, its regions drawn about it."""
         del seed
-        problem = self.problem
-        arm = problem.arm
-        regions = joint_regions(arm, problem.workspace, start, drawn_with, problem.workspace.wall_segments)
-        torque = problem.limits.torque
+        arm = self.problem.arm
+        workspace = self.problem.workspace
         goal = self.ends.goal
-        task = PoseTask(
-            arm=arm,
-            position=goal.position,
-            heading=_winding_of(goal.heading, start),
-            room=goal.room,
-            near=self.near,
-            start=start,
-            regions=regions,
+        return PoseTask(
+            arm,
+            goal.position,
+            None if goal.heading is None else unit_vector(goal.heading),
+            near=arm.bends(self.near),
+            start=arm.bends(start),
+            regions=joint_regions(arm, workspace, start, drawn_with, workspace.wall_segments),
             wanted_gap=self.wanted_gap,
             clamped=self.ends.clamped,
-            gravity=problem.simulation.gravity[[0, 2]],
-            torque_limits=None if torque is None else TORQUE_SHARE * torque[1::3],
+            room=goal.room,
+            **self.forces,
         )
-        question = PoseQuestion(
-            self._program(regions.sides, loaded=torque is not None), task, self._weights, self.settings
-        )
-        return question.solve(nearest_curve(arm, start))
 
     def gap(self, at: FloatArray) -> float:
         """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
@@ -249,25 +247,6 @@ class GoalPoseSearch(GoalPoses[ArmPose, PoseSettings]):
         workspace = self.problem.workspace
         reach = self.settings.reach * arm.length
         return ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach)
-
-    @property
-    def _weights(self) -> FloatArray:
-        """Of the parts of the objective."""
-        return self.settings.weights_of(PARTS, self.problem.planner.weights)
-
-    def _program(self, sides: int, *, loaded: bool) -> PoseProgram:
-        program = pose_program(
-            PoseSize.from_settings(self.problem.arm.links, sides, loaded=loaded, settings=self.settings)
-        )
-        return program if self.terms is None else with_user_terms(program, self.terms)
-
-
-def _winding_of(heading: float | None, headings: FloatArray) -> float | None:
-    """A goal heading with the whole turns that a pose's last link has."""
-    if heading is None:
-        return None
-    turns = np.round((headings[-1] - heading) / (2.0 * np.pi))
-    return heading + 2.0 * np.pi * float(turns)
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:

@@ -5,7 +5,7 @@ from scipy.spatial import ConvexHull
 
 from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.ik.pose_settings import PoseSettings
-from ccm_opt.ik.pose_solver import JointRegions, held_points
+from ccm_opt.ik.pose_task import JointRegions, held_points
 from ccm_opt.planning.limits.clearance_rows import sweep_regions
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -13,10 +13,6 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import closest_on_segments
 from ccm_opt.scene.walls import WallSegments
 from ccm_opt.scene.workspace import Workspace
-
-_REGION_SIZES = (8, 16, 32, 64, 128)
-"""Numbers of sides that programs are built for, so that poses share solvers (measured: of 42 clutter scenes all need
-eight or fewer)."""
 
 Sides = tuple[IntArray, FloatArray, FloatArray]
 """Link or joint, outward normal and offset of every side, shapes (m,), (m, 2), (m,)."""
@@ -41,7 +37,7 @@ def joint_regions(
         arm: the arm.
         workspace: the room.
         headings: of the links, shape (links,) [rad].
-        settings: how far away walls and links make sides, and numbers of sides that programs are built for.
+        settings: how far away walls and links make sides, and how many.
         walls: of the room, when they are known already.
     """
     walls = workspace.wall_segments if walls is None else walls
@@ -52,8 +48,8 @@ def joint_regions(
     sides = _of_joints(_beyond_mount(arm, _joined(parts)))
     places = held_points(arm.free_shares, arm.joint_positions(headings))
     sides = _needed(places, sides, reach + arm.link_length)
-    sides = _nearest(places, sides, settings.most_sides)
-    return _padded(arm, *sides, _REGION_SIZES)
+    joint, normal, offset = _nearest(places, sides, settings.most_sides)
+    return JointRegions(joint, -normal, -offset, np.ones(len(joint)))
 
 
 def _wall_sides(arm: Arm, walls: WallSegments, clearance: float, headings: FloatArray, reach: float) -> Sides:
@@ -134,27 +130,6 @@ def _nearest(places: FloatArray, sides: Sides, most: int) -> Sides:
     joint, normal, offset = sides
     inside = offset - np.einsum("md,md->m", normal, places[joint])
     order = np.lexsort((inside, joint))
-    place = np.empty(len(joint), dtype=np.intp)
-    place[order] = _places(joint[order])
-    kept = place < most
+    in_order = joint[order]
+    kept = order[np.arange(len(order)) - np.searchsorted(in_order, in_order) < most]
     return joint[kept], normal[kept], offset[kept]
-
-
-def _places(joint: IntArray) -> IntArray:
-    """The number of each entry among those of its joint, which stand together, shape (m,)."""
-    count = np.bincount(joint)
-    return np.arange(len(joint)) - np.repeat(np.cumsum(count) - count, count)
-
-
-def _padded(arm: Arm, joint: IntArray, normal: FloatArray, offset: FloatArray, sizes: tuple[int, ...]) -> JointRegions:
-    """The sides in one array for each joint, filled up with sides that say nothing."""
-    count = np.bincount(joint, minlength=arm.links + 1)
-    most = int(count.max(initial=1))
-    sides = next((size for size in sizes if size >= most), most)
-    normals = np.zeros((arm.links + 1, sides, 2))
-    offsets = np.full((arm.links + 1, sides), 2.0 * arm.length)
-    order = np.argsort(joint, kind="stable")
-    place = _places(joint[order])
-    normals[joint[order], place] = normal[order]
-    offsets[joint[order], place] = offset[order]
-    return JointRegions(normals, offsets)

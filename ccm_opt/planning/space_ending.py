@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.ik.pose_settings import SpacePoseSettings
+from ccm_opt.ik.pose_settings import SPACE_POSES
+from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
-from ccm_opt.ik.space_pose_solver import SpaceArmPose
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_continuation import (
@@ -114,7 +114,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         task: the same as the search is asked.
         motion: to the goal.
     """
-    settings = SpacePoseSettings(iterations=_ITERATIONS)
+    settings = replace(SPACE_POSES, iterations=_ITERATIONS)
     if task.goal is None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
@@ -211,7 +211,7 @@ def _continued(motion: SpaceMotion, poses: list[Pose], candidate: str) -> SpaceM
     )
 
 
-def pose_record(wanted_gap: float, pose: SpaceArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:
+def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:
     """What is kept of a pose of the NLP.
 
     Args:

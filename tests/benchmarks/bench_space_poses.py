@@ -5,17 +5,18 @@ python -m tests.benchmarks.bench_space_poses [LINKS] [BODIES] [SCENES] [SEGMENTS
 
 import resource
 import sys
+from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.ik.pose_settings import SpacePoseSettings
+from ccm_opt.ik.pose_settings import SPACE_POSES
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from tests.space_clutter import clutter
 
 
-def main(links: int = 24, bodies: int = 150, scenes: int = 20, segments: int = SpacePoseSettings.segments) -> None:
+def main(links: int = 24, bodies: int = 150, scenes: int = 20, segments: int = SPACE_POSES.segments) -> None:
     """One line a scene, and the medians."""
-    settings = SpacePoseSettings(segments=segments)
+    settings = replace(SPACE_POSES, segments=segments)
     rows = []
     for number in range(scenes):
         scene = clutter(number, links, bodies)

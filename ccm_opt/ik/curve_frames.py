@@ -1,0 +1,323 @@
+"""How links follow the curve of the goal-pose program: the seam between the plane and space.
+
+Lengths are in units of the arm's length, axes those of the straight arm at its base. A curve has one curvature for each
+direction that it can bend to, with its turns and their integrals over the arc known on every piece of the splines. What
+the turns make of the curve differs: in the plane they are its headings, in closed form; in space frames are shot from
+joint to joint (``bishop_shooting``).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.curve_program import RowBlock, equal_to_zero
+from ccm_opt.ik.lifted_curve import JointsAmongPieces, LiftedCurve
+from ccm_opt.ik.row_program import repeated_rows
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration, Curve
+from ccm_opt.robot.curve_space import bend_matrix
+from ccm_opt.robot.segment import PIECES, Knots, second_derivatives
+
+_RANK = 1e-9
+"""Share of the largest singular value below which a combination of curvatures is taken to change no bend."""
+Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
+"""Least and greatest values of symbols, by their names."""
+
+
+@dataclass(frozen=True)
+class CurveNumbers:
+    """A curve of the program in numbers.
+
+    Attributes:
+        arcs: of the knots, shape (4 K + 1,).
+        curvatures: there, one row a direction, shape (k, 4 K + 1).
+        base_turn: by which the curve leaves the straight arm, shape (k,) [rad].
+    """
+
+    arcs: FloatArray
+    curvatures: FloatArray
+    base_turn: FloatArray
+
+    @classmethod
+    def near(cls, turns: FloatArray, segments: int) -> "CurveNumbers":
+        """The curve with even knots whose bends come nearest to those of a pose.
+
+        Args:
+            turns: bends of every joint to each direction, shape (n, k) [rad].
+            segments: curvature segments K.
+        """
+        knots = PIECES * segments + 1
+        matrix = bend_matrix(len(turns), 1.0, knots)
+        sizes = np.linalg.norm(matrix, axis=0)
+        values = np.linalg.pinv(matrix / sizes, rcond=_RANK) @ turns / sizes[:, None]
+        return cls(np.linspace(0.0, 1.0, knots), values[1:].T, values[0])
+
+    def parts(self) -> tuple[list[float], list[FloatArray], list[Knots]]:
+        """Lengths, curvatures (5, k) and inner knots of the segments."""
+        arcs = self.arcs
+        if np.any(np.diff(arcs) <= 0.0):  # where the solver failed, knots may lie out of their order
+            arcs = np.linspace(0.0, 1.0, len(arcs))
+        first = np.arange(0, len(arcs) - 1, PIECES)
+        inside = arcs[first[:, None] + np.arange(PIECES + 1)]
+        lengths = np.diff(inside[:, [0, -1]], axis=1).ravel()
+        shares = (inside[:, 1:-1] - inside[:, :1]) / lengths[:, None]
+        values = [self.curvatures[:, start : start + PIECES + 1].T for start in first.tolist()]
+        return lengths.tolist(), values, [(float(b), float(c), float(d)) for b, c, d in shares]
+
+    def turned(self, direction: int, start: float = 0.0) -> Configuration:
+        """The curve of the plane with one of the curvatures, whose headings are its turns from a first one [rad]."""
+        lengths, values, shares = self.parts()
+        return Configuration.chain(np.zeros(2), start, lengths, [value[:, direction] for value in values], shares)
+
+
+@dataclass(frozen=True, eq=False)
+class CurveFrames(ABC):
+    """Symbols of a curve and of links on it, and the rows that tie them.
+
+    Attributes:
+        segments: number of curvature segments K.
+        links: number of links n.
+    """
+
+    segments: int
+    links: int
+    directions: ClassVar[tuple[str, ...]]
+    """What the curvatures bend the curve to; a joint has a bend for each."""
+    start_keeps_rows: ClassVar[bool]
+    """Whether the values at a pose and the curve near it keep every equation, though links do not quite follow it."""
+
+    @cached_property
+    def parts(self) -> tuple[LiftedCurve, ...]:
+        """The curvatures with their turns and integrals, on the same knots."""
+        first = LiftedCurve(self.segments)
+        return first, *(LiftedCurve(self.segments, first.arcs) for _ in self.directions[1:])
+
+    @cached_property
+    def joints(self) -> JointsAmongPieces:
+        """Where the joints lie on the curve; the knots are shared."""
+        return JointsAmongPieces.of(self.parts[0], self.links)
+
+    @cached_property
+    def bends(self) -> ca.SX:
+        """Bends of every joint, shape (k, n) [rad]."""
+        return ca.SX.sym("bend", len(self.directions), self.links)
+
+    @property
+    @abstractmethod
+    def lies(self) -> ca.SX:
+        """How every link lies, its heading or its quaternion, shape (f, n)."""
+
+    @property
+    @abstractmethod
+    def further_symbols(self) -> dict[str, ca.SX]:
+        """Symbols beside those of the curvatures, the bends and the links, by name."""
+
+    @cached_property
+    def symbols(self) -> dict[str, ca.SX]:
+        """All symbols by name."""
+        found = {"arcs": self.parts[0].arcs}
+        for name, part in zip(self.directions, self.parts, strict=True):
+            found |= {f"curvature {name}": part.curvatures, f"turned {name}": part.headings}
+            found |= {f"integral {name}": part.integrals, f"bows {name}": part.bows}
+        return found | self.further_symbols | {"bends": self.bends, "links": self.lies}
+
+    @property
+    @abstractmethod
+    def shape(self) -> ca.SX:
+        """What users' functions are asked with: headings of the links in the plane, bends in space, in one column."""
+
+    @property
+    def parameters(self) -> dict[str, ca.SX]:
+        """Symbols of what changes from question to question, by name."""
+        return {}
+
+    @property
+    def costs(self) -> dict[str, ca.SX]:
+        """Parts of the objective beyond those of every curve, unweighted, by name."""
+        return {}
+
+    def rows(self) -> tuple[RowBlock, ...]:
+        """Spline equations, turns and integrals from knot to knot, and links that bend and follow the curve."""
+        blocks: list[RowBlock] = []
+        for name, part in zip(self.directions, self.parts, strict=True):
+            splines, gaps, spacing = part.rows()
+            blocks += [replace(each, names=tuple(f"{row}, {name}" for row in each.names)) for each in (splines, gaps)]
+            if part is self.parts[0]:
+                blocks += [spacing, self.joints.kept_among()]
+        return (*blocks, *self.link_rows())
+
+    @abstractmethod
+    def link_rows(self) -> tuple[RowBlock, ...]:
+        """The links turn by the bends of their joints and point as the curve does."""
+
+    @abstractmethod
+    def direction(self, lies: ca.SX) -> ca.SX:
+        """Directions of links by how they lie, column by column, shape (f, e) to (d, e)."""
+
+    @abstractmethod
+    def joint_axes(self) -> tuple[ca.SX, ...]:
+        """What every joint turns about by each of its bends, shapes (1, n) in the plane and (3, n) in space."""
+
+    @abstractmethod
+    def turns_of(self, bends: FloatArray) -> FloatArray:
+        """Turns to each direction by bends of joints, shape (n, k) [rad]."""
+
+    @abstractmethod
+    def lies_at(self, bends: FloatArray) -> FloatArray:
+        """How links lie by bends, shape (n, k) to (n, f)."""
+
+    @abstractmethod
+    def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
+        """Values at a pose of the symbols beyond curvatures, bends and links, and of the parameters.
+
+        Args:
+            curve: near the pose.
+            lies: of its links, shape (n, f).
+            direction: of the goal, shape (d,), or None.
+        """
+
+    @abstractmethod
+    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
+        """Bounds of the symbols that have some; those of the tip by the direction of the goal.
+
+        Args:
+            lies: of the links of the pose to start from, shape (n, f).
+            direction: of the goal, shape (d,), or None.
+            turned: by how much the last link may miss it [rad].
+        """
+
+    @abstractmethod
+    def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Curve:
+        """The curve in metres and the axes of the world, from where the base is carried so far [m]."""
+
+    def numbers(self, values: Mapping[str, FloatArray]) -> CurveNumbers:
+        """The curve by the values of its symbols."""
+        curvatures = np.stack([values[f"curvature {name}"] for name in self.directions])
+        # In the plane the curve's turns begin with that at its base.
+        return CurveNumbers(values["arcs"], curvatures, values.get("base turn", values["turned left"][:1]))
+
+    def curve_values(self, curve: CurveNumbers) -> dict[str, FloatArray]:
+        """Values of the curvatures' symbols on a curve."""
+        lengths, of_segments, shares = curve.parts()
+        widths = [length * np.diff([0.0, *inner, 1.0]) for length, inner in zip(lengths, shares, strict=True)]
+        found = {"arcs": curve.arcs}
+        for index, (name, part) in enumerate(zip(self.directions, self.parts, strict=True)):
+            flat = self.turned(curve, index)
+            pairs = zip(widths, of_segments, strict=True)
+            moments = [second_derivatives(width, value[:, index])[1:-1] for width, value in pairs]
+            found |= {
+                f"curvature {name}": curve.curvatures[index],
+                f"turned {name}": flat.heading_at(curve.arcs),
+                f"integral {name}": flat.heading_integral_at(curve.arcs),
+                f"bows {name}": np.concatenate(moments) / part.moment_scale,
+            }
+        return found
+
+    def turned(self, curve: CurveNumbers, index: int) -> Configuration:
+        """One of the curvatures with its turns from the base."""
+        return curve.turned(index)
+
+    def curve_bounds(self) -> Bounds:
+        """The curve has the arm's length, and its integrals begin at 0."""
+        knots = self.parts[0].count + 1
+        ends = np.full(knots, np.inf)
+        ends[[0, -1]] = (0.0, 1.0)
+        begin = np.append(0.0, np.full(knots - 1, np.inf))
+        held = {"arcs": ends, **{f"integral {name}": begin for name in self.directions}}
+        return {name: held_at(values) for name, values in held.items()}
+
+
+def held_at(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bounds that hold what is finite, and leave the rest free."""
+    return np.where(np.isfinite(values), values, -np.inf), values
+
+
+class PlanarFrames(CurveFrames):
+    """Links of the plane: headings add, and that of a link is the curve's mean over it, which its integral tells.
+
+    It is the mapping in which motions are planned, φ = A v.
+    """
+
+    directions = ("left",)
+    start_keeps_rows = False
+
+    @cached_property
+    def lies(self) -> ca.SX:
+        """Headings of the links, shape (1, n) [rad]."""
+        return ca.SX.sym("heading", 1, self.links)
+
+    @property
+    def shape(self) -> ca.SX:
+        """Headings against that of the straight arm."""
+        return self.lies.T
+
+    @property
+    def further_symbols(self) -> dict[str, ca.SX]:
+        """None."""
+        return {}
+
+    def link_rows(self) -> tuple[RowBlock, ...]:
+        """φ_j = φ_(j−1) + the bend, and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
+        lack = self.lies - ca.horzcat(0, self.lies[:, :-1]) - self.bends
+        turns = equal_to_zero(tuple(f"link {j + 1}: gap in its turn" for j in range(self.links)), ca.vec(lack))
+        _, integral = self.joints.sums_over_pieces()
+        integrals = self.parts[0].integrals[self.joints.first.tolist()]
+        mapped = repeated_rows(
+            equal_to_zero,
+            tuple(f"mapping of link {j + 1}" for j in range(self.links)),
+            self.joints.turns_and_integrals(self.parts[0]),
+            self.links * (integral[1:, :] - integral[:-1, :]),
+            self.links * (integrals[1:] - integrals[:-1]) - self.lies.T,
+        )
+        return turns, mapped
+
+    def direction(self, lies: ca.SX) -> ca.SX:
+        """(cos φ, sin φ)."""
+        return ca.vertcat(ca.cos(lies), ca.sin(lies))
+
+    def joint_axes(self) -> tuple[ca.SX, ...]:
+        """All turn about the axis across the plane."""
+        return (ca.SX.ones(1, self.links),)
+
+    def turns_of(self, bends: FloatArray) -> FloatArray:
+        """The bends."""
+        return bends
+
+    def lies_at(self, bends: FloatArray) -> FloatArray:
+        """Their sums."""
+        return np.cumsum(bends, axis=0)
+
+    def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
+        """None."""
+        del curve, lies, direction
+        return {}
+
+    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
+        """The last link points as the goal does, with the whole turns that it has in the pose to start from."""
+        if direction is None:
+            return {}
+        heading = float(np.arctan2(direction[1], direction[0]))
+        heading += 2.0 * np.pi * np.round((float(lies[-1, 0]) - heading) / (2.0 * np.pi))
+        free = np.full(self.links - 1, np.inf)
+        return {"links": (np.append(-free, heading - turned), np.append(free, heading + turned))}
+
+    def turned(self, curve: CurveNumbers, index: int) -> Configuration:
+        """The curve itself: its first turn is that at the base."""
+        return curve.turned(index, float(curve.base_turn[index]))
+
+    def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Configuration:
+        """The paper's curve."""
+        lengths, values, shares = numbers.parts()
+        return Configuration.chain(
+            arm.base + feed * arm.direction,
+            arm.base_heading + float(numbers.base_turn[0]),
+            [arm.length * length for length in lengths],
+            [value[:, 0] / arm.length for value in values],
+            shares,
+        )

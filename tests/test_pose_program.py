@@ -1,0 +1,159 @@
+"""The goal-pose NLP as data: its start keeps every equation, and each block of rows says what it should."""
+
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.bishop_shooting import BishopFrames
+from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
+from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.pose_solver import PoseQuestion
+from ccm_opt.ik.pose_task import JointRegions, PoseTask
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.curve_space import CurveSpace
+from tests.space_arms import FEED_OF_TESTS, planar_twin, turned_arm
+
+SEEDS = st.integers(0, 2**32 - 1)
+DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
+LINKS = 8
+SEGMENTS = 2
+
+
+def program(dimension: int, *, loaded: bool = False) -> PoseProgram:
+    """Of a small arm, two sides a joint."""
+    return pose_program(PoseSize(dimension, LINKS, 2, SEGMENTS, loaded))
+
+
+def random_arm(random: np.random.Generator, dimension: int, **changes: object) -> Arm:
+    """An arm that lies anyhow."""
+    arm = turned_arm(random, LINKS, **changes)
+    return arm if dimension == 3 else planar_twin(arm)
+
+
+def question(dimension: int, seed: int, *, fed: bool = False, loaded: bool = False) -> PoseQuestion:
+    """A pose at random with two sides beside each of two joints, through which it has a gap of 4 and of 6 mm."""
+    random = np.random.default_rng(seed)
+    arm = random_arm(random, dimension, feed=FEED_OF_TESTS if fed else None)
+    q = random.uniform(-0.3, 0.3, len(arm.coordinates))
+    if dimension == 3:  # near a curve, which the offsets lead to
+        space = CurveSpace.of(arm, 9)
+        q = space.configurations(random.normal(0.0, 0.3, space.dimension))
+    q = np.clip(q, arm.lower_limits, arm.upper_limits)
+    points, rotations = arm.joint_positions_at(q), arm.link_rotations(q)
+    joint = np.array([3, 6])
+    normals = rotations[joint, :, 1]
+    offsets = np.sum(normals * points[joint], axis=1) - np.array([0.004, 0.006])
+    regions = JointRegions(joint, normals, offsets, np.ones(2))
+    gravity = np.full(dimension, 3.0)
+    limits = np.full(len(arm.bend_limits), 5.0) if loaded else None
+    task = PoseTask(arm, points[-1], rotations[-1, :, 0], q, q, regions, 0.01, gravity, torque_limits=limits)
+    built = program(dimension, loaded=loaded)
+    return PoseQuestion(built, task, PoseSettings(), np.ones(len(built.parts)))
+
+
+@DIMENSIONS
+@given(seed=SEEDS, fed=st.booleans(), loaded=st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_the_start_keeps_every_equation_and_has_the_gap_of_its_sides(
+    dimension: int, seed: int, fed: bool, loaded: bool
+) -> None:
+    """Splines, turns, frames, links, loads, points and goal fit together; what a pose has across its curve is left."""
+    asked = question(dimension, seed, fed=fed, loaded=loaded)
+    built = asked.program
+    function = ca.Function("rows", [built.variables, built.parameters.column], [built.constraints])
+    rows = np.asarray(function(asked.start, asked.parameters), dtype=np.float64).ravel()
+    lower, _ = built.bounds
+    names = built.row_names
+    equations = np.flatnonzero(built.bounds[0] == built.bounds[1])
+    missed = {names[row]: rows[row] for row in equations if abs(rows[row] - lower[row]) > 1e-9}
+    # In space the mapping has offsets, and the mean direction of the program is that of the frame's series.
+    mapping = {name: value for name, value in missed.items() if name.startswith("mapping of link")}
+    assert set(missed) == set(mapping)
+    if built.frames.start_keeps_rows:
+        assert all(abs(value) < 2e-3 for value in mapping.values())
+    assert asked.start[-1] * asked.task.arm.length == pytest.approx(0.004)
+    sides = [row for row, name in enumerate(names) if "side" in name or "knot" in name]
+    assert np.min(rows[sides]) > -1e-9
+
+
+@DIMENSIONS
+def test_variables_stand_where_their_names_say(dimension: int) -> None:
+    """Places cover the column without gaps, each is as long as its symbols, and rows have names of their own."""
+    built = program(dimension, loaded=True)
+    places = list(built.unknowns.places.values())
+    assert places[0].start == 0
+    assert places[-1].stop == built.variables.numel()
+    assert all(before.stop == after.start for before, after in pairwise(places))
+    values = ca.DM(range(built.variables.numel()))
+    for name, symbols in built.unknowns.by_name.items():
+        found = np.asarray(ca.Function("part", [built.variables], [ca.vec(symbols)])(values)).ravel()
+        place = built.unknowns.places[name]
+        np.testing.assert_array_equal(found, np.arange(place.start, place.stop))
+    assert len(set(built.row_names)) == len(built.row_names)
+
+
+@given(SEEDS)
+@settings(max_examples=10, deadline=None)
+def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
+    """Shooting from link to link arrives where the curve's own integration does, to the order of its steps."""
+    asked = question(3, seed)
+    arm = asked.task.arm
+    frames = asked.program.frames
+    assert isinstance(frames, BishopFrames)
+    values = frames.values(asked.near, frames.lies_at(arm.bend_pairs(asked.task.start)), None)
+    curve = frames.curve(arm, asked.near, 0.0)
+    wanted, _ = curve.frames_at(np.linspace(0.0, curve.length, LINKS + 1)[:-1])
+    w, x, y, z = values["frames"].T
+    along = np.stack((w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)), axis=1)
+    bend = float(np.max(np.linalg.norm(curve.curvature_at(np.linspace(0.0, curve.length, 100)), axis=1)))
+    assert np.max(np.abs(along @ arm.base_rotation.T - wanted[..., 0])) < 0.05 * (bend * arm.link_length) ** 3 + 1e-9
+
+
+@DIMENSIONS
+@given(seed=SEEDS)
+@settings(max_examples=10, deadline=None)
+def test_holding_torques_are_the_slopes_of_the_potential_energy(dimension: int, seed: int) -> None:
+    """What the joints bear is the derivative of the energy of all links and the payload by their bends."""
+    asked = question(dimension, seed, loaded=True)
+    task = asked.task
+    arm = task.arm
+
+    def energy(q: FloatArray) -> float:
+        points = arm.joint_positions_at(q)
+        centres = 0.5 * (points[1:] + points[:-1])
+        return float(-(arm.masses @ (centres @ task.gravity)) - arm.payload * points[-1] @ task.gravity)
+
+    steps = 1e-6 * np.eye(len(arm.bend_limits))
+    slopes = np.array([(energy(task.start + step) - energy(task.start - step)) / 2e-6 for step in steps])
+    shares = asked.start[asked.program.unknowns.places["torque shares"]]
+    assert task.torque_limits is not None
+    np.testing.assert_allclose(shares * task.torque_limits, -slopes, atol=1e-7)
+
+
+@DIMENSIONS
+def test_sides_that_say_nothing_are_kept_anywhere(dimension: int) -> None:
+    """Padding never binds, and a side of a pair asks for its share of the gap alone."""
+    asked = question(dimension, 0)
+    sides = asked.padded_sides()
+    assert sides["normals"].shape == (LINKS + 1, 2, dimension)
+    said = np.any(sides["normals"] != 0.0, axis=2)
+    assert said.sum() == 2
+    assert np.all(sides["offsets"][~said] < -asked.task.wanted_gap / asked.task.arm.length)
+    assert np.all(sides["gap shares"][~said] == 0.0)
+    regions = asked.task.regions
+    half = JointRegions(regions.joint, regions.normals, regions.offsets, np.array([0.5, 1.0]))
+    points = asked.task.arm.joint_positions_at(asked.task.start)
+    assert half.gap(asked.task.arm.free_shares, points) == pytest.approx(0.006)
+
+
+def test_sides_of_a_link_hold_both_its_ends() -> None:
+    """They belong to the joint before and to that behind, and are numbered joint by joint."""
+    regions = JointRegions.of_links(np.array([1, 0]), np.eye(2), np.zeros(2), np.ones(2))
+    np.testing.assert_array_equal(regions.joint, [1, 0, 2, 1])
+    np.testing.assert_array_equal(regions.number, [0, 0, 0, 1])
+    assert regions.most == 2
