@@ -121,18 +121,8 @@ def _known_everywhere() -> dict[str, tuple[str, ...]]:
     """Return where each key is known, by its name."""
     from ccm_opt.io import schema  # noqa: PLC0415 - its tables are read with this module
 
-    tables: dict[str, type[BaseModel]] = {
-        "": schema.RootTable,
-        "workspace": schema.WorkspaceTable,
-        "arm": schema.ArmTable,
-        "limits": schema.LimitsTable,
-        "start": schema.PoseTable,
-        "goal": schema.GoalTable,
-        "planner": schema.PlannerTable,
-        "simulation": schema.SimulationTable,
-        "tolerance": schema.ToleranceTable,
-        "verification": schema.VerificationTable,
-    }
+    tables: dict[str, type[BaseModel]] = {"": schema.RootTable, **schema.TABLES[False]}
+    del tables["workspace.obstacles"]  # no place to move a key to: there are many
     found: dict[str, tuple[str, ...]] = {}
     pending = list(tables.items())
     while pending:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,92 +11,47 @@ from ccm_opt.core.length_words import file_length
 from ccm_opt.io.issues import Issues, closest
 from ccm_opt.io.keypath import KeyPath, lookup
 from ccm_opt.io.schema import (
+    TABLES,
     ArmTable,
     ChainTable,
-    GoalTable,
     LimitsTable,
-    ObstacleTable,
+    PlacementTable,
     PoseTable,
     SpaceArmTable,
-    SpaceGoalTable,
-    SpaceObstacleTable,
     SpacePoseTable,
-    SpaceWorkspaceTable,
-    WorkspaceTable,
+    Table,
 )
 from ccm_opt.io.settings import READING, ReadingSettings
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 
-
-@dataclass(frozen=True)
-class Alternatives:
-    """Keys of which a table takes exactly one, and keys that need another beside them.
-
-    Attributes:
-        room: of the workspace; any or none where there are none.
-        obstacle: of every obstacle.
-        start: of the start.
-        goal: of every goal.
-        obstacle_needs: for a key of an obstacle those of which one is needed beside it.
-        start_needs: the same of the start.
-        goal_needs: the same of every goal.
-    """
-
-    room: tuple[str, ...]
-    obstacle: tuple[str, ...]
-    start: tuple[str, ...]
-    goal: tuple[str, ...]
-    obstacle_needs: Mapping[str, tuple[str, ...]]
-    start_needs: Mapping[str, tuple[str, ...]]
-    goal_needs: Mapping[str, tuple[str, ...]]
-
-
-IN_THE_PLANE = Alternatives(
-    room=("bounds", "boundary"),
-    obstacle=("polygon", "box", "circle", "wall"),
-    start=("shape", "joints_deg", "segments"),
-    goal=("position", "joints_deg", "shape", "segments"),
-    obstacle_needs={},
-    start_needs={"heading_deg": ("segments",)},
-    goal_needs={"heading_deg": ("position", "segments")},
-)
-IN_SPACE = Alternatives(
-    room=(),
-    obstacle=("mesh", "box", "sphere", "cylinder", "capsule"),
-    start=("shape", "joints_deg"),
-    goal=("position", "joints_deg", "shape"),
-    obstacle_needs=dict.fromkeys(("scale", "up", "solid", "sha256"), ("mesh",)),
-    start_needs={},
-    goal_needs=dict.fromkeys(("direction", "via"), ("position",)),
-)
 KNOWN = frozenset(
     key
-    for table in (WorkspaceTable, ObstacleTable, GoalTable, SpaceWorkspaceTable, SpaceObstacleTable, SpaceGoalTable)
-    for key in table.model_fields
+    for tables in TABLES.values()
+    for name in ("workspace", "workspace.obstacles", "goal")
+    for key in tables[name].model_fields
 )
 """Keys of the tables that offer alternatives; none of them is a misspelling."""
 
 
-def check_alternatives(data: Mapping[str, object], issues: Issues, kinds: Alternatives) -> None:
+def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mapping[str, type[Table]]) -> None:
     """Check the keys of each table against each other: alternatives, and keys that need another one."""
-    if kinds.room:
-        _exactly_one(data, ("workspace",), kinds.room, issues, ', or closed = "room" with a drawing of the room')
     obstacles = lookup(data, ("workspace", "obstacles"))
-    if isinstance(obstacles, list):
-        for k in range(len(obstacles)):
-            path: KeyPath = ("workspace", "obstacles", k)
-            _exactly_one(data, path, kinds.obstacle, issues)
-            _check_needs(data, path, kinds.obstacle_needs, issues)
-            if len(_given(data, (*path, "pose"), ("rotation_deg", "quaternion"))) == 2:
-                issues.add((*path, "pose", "quaternion"), "expected only one of rotation_deg, quaternion; got both")
-        _refuse_equal_names(obstacles, issues)
-    _exactly_one(data, ("start",), kinds.start, issues)
-    _check_needs(data, ("start",), kinds.start_needs, issues)
-    for path in goal_paths(data):
-        _exactly_one(data, path, kinds.goal, issues)
-        _check_needs(data, path, kinds.goal_needs, issues)
-    if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
-        issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
+    listed = obstacles if isinstance(obstacles, list) else []
+    places: list[tuple[KeyPath, type[Table]]] = [(("workspace",), tables["workspace"])]
+    for k in range(len(listed)):
+        path: KeyPath = ("workspace", "obstacles", k)
+        places += [(path, tables["workspace.obstacles"]), ((*path, "pose"), PlacementTable)]
+    _refuse_equal_names(listed, issues)
+    places += [(("start",), tables["start"]), *((path, tables["goal"]) for path in goal_paths(data))]
+    for path, table in [*places, (("arm",), tables["arm"])]:
+        if table.rules.exactly_one:
+            _exactly_one(data, path, table, issues)
+        if len(_given(data, path, table.rules.at_most_one)) == 2:
+            first, second = table.rules.at_most_one
+            issues.add((*path, second), f"expected only one of {first}, {second}; got both")
+        for key, others in table.rules.needs.items():
+            if lookup(data, (*path, key)) is not None and not _given(data, path, others):
+                issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
     _check_feed_keys(data, issues)
     _check_contact(data, issues)
 
@@ -112,27 +66,17 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
     return [kind for kind in kinds if lookup(data, (*path, kind)) is not None]
 
 
-def _exactly_one(
-    data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues, otherwise: str = ""
-) -> None:
-    """Note a table that has none of some keys, or several; ``otherwise`` says what else would do."""
+def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], issues: Issues) -> None:
+    """Note a table that has none of its alternatives, or several."""
     if not isinstance(lookup(data, path), Mapping):
         return
+    kinds = table.rules.exactly_one
     given = _given(data, path, kinds)
     expected = f"expected exactly one of {', '.join(kinds)}"
     if len(given) > 1:
         issues.add((*path, given[1]), f"{expected}; got {' and '.join(given)}")
     elif not given and not _misspelt(data, path, kinds):
-        issues.add(path, f"{expected}{otherwise}; got none of them")
-
-
-def _check_needs(
-    data: Mapping[str, object], path: KeyPath, needs: Mapping[str, tuple[str, ...]], issues: Issues
-) -> None:
-    """Note keys that stand without any of those that they need."""
-    for key, others in needs.items():
-        if lookup(data, (*path, key)) is not None and not _given(data, path, others):
-            issues.add((*path, key), f"only allowed together with {' or '.join(others)}")
+        issues.add(path, f"{expected}{table.rules.otherwise}; got none of them")
 
 
 def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:

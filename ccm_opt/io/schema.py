@@ -7,6 +7,7 @@ The description of a key is what it means; the tables of the pages are made from
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
@@ -34,6 +35,7 @@ from ccm_opt.io.schema_tables import (
     PositiveDegrees,
     PositiveLength,
     Ring,
+    Rules,
     SimulationTable,
     Table,
     ToleranceTable,
@@ -69,6 +71,8 @@ class SegmentTable(Table):
 class PoseTable(Table):
     """A whole-arm pose, one of shape, joints_deg, segments."""
 
+    rules = Rules(exactly_one=("shape", "joints_deg", "segments"), needs={"heading_deg": ("segments",)})
+
     shape: Literal["straight", "folded"] | None = Field(
         default=None, description='`"straight"`, or `"folded"` ([below](#start-and-goal)).'
     )
@@ -93,6 +97,10 @@ class PoseTable(Table):
 
 class GoalTable(PoseTable):
     """Where the motion ends: a pose, or a position of the tip."""
+
+    rules = Rules(
+        exactly_one=("position", "joints_deg", "shape", "segments"), needs={"heading_deg": ("position", "segments")}
+    )
 
     position: Point | None = Field(default=None, description="Of the tip.")
     position_tolerance: PositiveLength = Field(
@@ -122,6 +130,8 @@ class WallTable(Table):
 
 class ObstacleTable(Table):
     """One obstacle: exactly one of polygon, box, circle, wall; a polygon may have holes."""
+
+    rules = Rules(exactly_one=("polygon", "box", "circle", "wall"))
 
     name: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
@@ -179,6 +189,8 @@ class SceneTable(Table):
 
 class WorkspaceTable(SceneTable):
     """The room, without its obstacles: those are validated one by one."""
+
+    rules = Rules(exactly_one=("bounds", "boundary"), otherwise=', or closed = "room" with a drawing of the room')
 
     bounds: Box | None = Field(
         default=None,
@@ -239,6 +251,8 @@ class BarTable(Table):
 class PlacementTable(Table):
     """Where a body stands and how it is turned: it is turned first, then moved."""
 
+    rules = Rules(at_most_one=("rotation_deg", "quaternion"))
+
     position: SpacePoint = Field(
         default=[0.0, 0.0, 0.0], description="Where the origin of the body's own coordinates comes to lie."
     )
@@ -252,6 +266,11 @@ class PlacementTable(Table):
 
 class SpaceObstacleTable(Table):
     """One obstacle: exactly one of mesh, box, sphere, cylinder, capsule."""
+
+    rules = Rules(
+        exactly_one=("mesh", "box", "sphere", "cylinder", "capsule"),
+        needs=dict.fromkeys(("scale", "up", "solid", "sha256"), ("mesh",)),
+    )
 
     name: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
@@ -348,6 +367,8 @@ class SpaceArmTable(ChainTable):
 class SpacePoseTable(Table):
     """A pose of the whole arm, one of shape, joints_deg."""
 
+    rules = Rules(exactly_one=("shape", "joints_deg"))
+
     shape: Literal["straight"] | None = Field(
         default=None, description='`"straight"`: all links along `arm.base.direction`.'
     )
@@ -363,6 +384,10 @@ class SpacePoseTable(Table):
 
 class SpaceGoalTable(SpacePoseTable):
     """Where the motion ends: a pose, or a position of the tip."""
+
+    rules = Rules(
+        exactly_one=("position", "joints_deg", "shape"), needs=dict.fromkeys(("direction", "via"), ("position",))
+    )
 
     position: SpacePoint | None = Field(default=None, description="Of the tip.")
     direction: Direction | None = Field(
@@ -387,6 +412,8 @@ class SpaceGoalTable(SpacePoseTable):
 
 
 __all__ = [
+    "OPTIONAL",
+    "TABLES",
     "ArmTable",
     "BarTable",
     "BaseTable",
@@ -413,12 +440,42 @@ __all__ = [
     "SpacePoseTable",
     "SpaceWorkspaceTable",
     "SphereTable",
+    "Table",
     "ToleranceTable",
     "VerificationTable",
     "WallTable",
     "WeightsTable",
     "WorkspaceTable",
 ]
+
+OPTIONAL: Mapping[str, type[Table]] = {
+    "planner": PlannerTable,
+    "simulation": SimulationTable,
+    "tolerance": ToleranceTable,
+    "verification": VerificationTable,
+}
+"""Tables that may be left out."""
+TABLES: Mapping[bool, Mapping[str, type[Table]]] = {
+    False: {
+        "workspace": WorkspaceTable,
+        "workspace.obstacles": ObstacleTable,
+        "arm": ArmTable,
+        "limits": LimitsTable,
+        "start": PoseTable,
+        "goal": GoalTable,
+        **OPTIONAL,
+    },
+    True: {
+        "workspace": SpaceWorkspaceTable,
+        "workspace.obstacles": SpaceObstacleTable,
+        "arm": SpaceArmTable,
+        "limits": LimitsTable,
+        "start": SpacePoseTable,
+        "goal": SpaceGoalTable,
+        **OPTIONAL,
+    },
+}
+"""Tables of a file by where they stand, in the plane and, under True, in space."""
 
 _FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")

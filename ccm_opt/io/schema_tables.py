@@ -7,8 +7,9 @@ has to look like is said in the description of its type, for the pages.
 import math
 import re
 import sys
-from collections.abc import Iterator
-from typing import Annotated, Any, TypeAlias, TypeGuard
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 import shapely
@@ -187,8 +188,26 @@ NonNegativeEach: TypeAlias = Annotated[
 NonNegative: TypeAlias = Annotated[float, Field(ge=0.0)]
 
 
+class Rules(NamedTuple):
+    """Rules between the keys of a table.
+
+    Attributes:
+        exactly_one: keys of which exactly one is given; any or none where there are none.
+        otherwise: what else would do, in words.
+        at_most_one: two keys of which not both are given.
+        needs: for a key those of which one is needed beside it.
+    """
+
+    exactly_one: tuple[str, ...] = ()
+    otherwise: str = ""
+    at_most_one: tuple[str, ...] = ()
+    needs: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+
+
 class Table(BaseModel):
     """A table: unknown keys, guessed types, and numbers that are not finite or beyond all measure are errors."""
+
+    rules: ClassVar[Rules] = Rules()
 
     model_config = ConfigDict(
         strict=True,
@@ -250,6 +269,8 @@ class FeedTable(Table):
 
 class ChainTable(Table):
     """What arms in the plane and in space have in common."""
+
+    rules = Rules(at_most_one=("link_mass", "masses"))
 
     links: Annotated[int, Field(ge=2, le=MAX_LINKS), AfterValidator(_even)] = Field(
         description="Equal links, with a ball joint at the base of each; an even number."

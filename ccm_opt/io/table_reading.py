@@ -27,8 +27,6 @@ from ccm_opt.io.keypath import KeyPath, lookup
 from ccm_opt.io.mesh_obstacles import MeshObstacles
 from ccm_opt.io.placement import check_base, check_drawing, check_meshes, odd_mesh_size
 from ccm_opt.io.rules import (
-    IN_SPACE,
-    IN_THE_PLANE,
     check_alternatives,
     check_arm,
     check_limit_lists,
@@ -37,24 +35,16 @@ from ccm_opt.io.rules import (
     goal_paths,
 )
 from ccm_opt.io.schema import (
+    OPTIONAL,
+    TABLES,
     ArmTable,
-    GoalTable,
-    LimitsTable,
-    ObstacleTable,
-    PlannerTable,
     PoseTable,
     RootTable,
-    SimulationTable,
     SpaceArmTable,
-    SpaceGoalTable,
-    SpaceObstacleTable,
     SpacePoseTable,
     SpaceWorkspaceTable,
-    ToleranceTable,
-    VerificationTable,
-    WorkspaceTable,
+    Table,
 )
-from ccm_opt.io.schema_tables import Table
 from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
@@ -62,23 +52,6 @@ from ccm_opt.robot.arm import MappingName
 
 IN_SPACE_KEY = 3
 """What the key ``space`` says where the arm leaves the plane."""
-_OPTIONAL: Mapping[str, type[Table]] = {
-    "planner": PlannerTable,
-    "simulation": SimulationTable,
-    "tolerance": ToleranceTable,
-    "verification": VerificationTable,
-}
-_SECTIONS: Mapping[bool, Mapping[str, type[Table]]] = {
-    False: {"workspace": WorkspaceTable, "arm": ArmTable, "limits": LimitsTable, "start": PoseTable, **_OPTIONAL},
-    True: {
-        "workspace": SpaceWorkspaceTable,
-        "arm": SpaceArmTable,
-        "limits": LimitsTable,
-        "start": SpacePoseTable,
-        **_OPTIONAL,
-    },
-}
-"""Tables that stand once in a file, of the plane and of space."""
 _Pose: TypeAlias = PoseTable | SpacePoseTable
 
 
@@ -136,7 +109,7 @@ def check_data(
     """
     in_space = data.get("space") == IN_SPACE_KEY
     whole, drawing = (data, None) if in_space else with_scene(data, folder, issues, allow_outside=allow_outside)
-    check_alternatives(whole, issues, IN_SPACE if in_space else IN_THE_PLANE)
+    check_alternatives(whole, issues, TABLES[in_space])
     # A defective table is None, or left out where there may be several: defects of others are told all the same.
     found = _validate(whole, issues, in_space=in_space)
     unit = _unit_of(data)
@@ -164,8 +137,10 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
     """The tables of a file as fields of ``Tables``; None for those with defects."""
     scale = METRES[_unit_of(data)]
     found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
-    for name, model in _SECTIONS[in_space].items():
-        table = data.get(name, {} if name in _OPTIONAL else None)
+    for name, model in TABLES[in_space].items():
+        if name in {"workspace.obstacles", "goal"}:  # of which there may be several
+            continue
+        table = data.get(name, {} if name in OPTIONAL else None)
         if isinstance(table, Mapping):
             # Obstacles are validated one by one, so that a defect of one does not hide those of the others.
             values = {key: value for key, value in table.items() if (name, key) != ("workspace", "obstacles")}
@@ -174,8 +149,8 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
     if found["planner"] is not None:
         for name, why in options_without_effect(build_options(found["planner"]), in_space=in_space):
             issues.add(("planner", name), why)
-    found["obstacles"] = _obstacles(data, issues, scale, SpaceObstacleTable if in_space else ObstacleTable)
-    found["goals"] = _goals(data, issues, scale, SpaceGoalTable if in_space else GoalTable)
+    found["obstacles"] = _obstacles(data, issues, scale, TABLES[in_space]["workspace.obstacles"])
+    found["goals"] = _goals(data, issues, scale, TABLES[in_space]["goal"])
     return found
 
 
@@ -253,17 +228,16 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
     room = found["workspace"]
     walled = isinstance(room, SpaceWorkspaceTable) or (room is not None and (room.bounds or room.boundary))
     if arm_is_whole and found["start"] is not None and walled:
-        kinds = IN_SPACE.obstacle if isinstance(room, SpaceWorkspaceTable) else IN_THE_PLANE.obstacle
         # An obstacle without a shape, or with two, is reported elsewhere, and cannot be built.
-        whole = [(k, each) for k, each in found["obstacles"] if k in found["meshes"] or _has_shape(each, kinds)]
+        whole = [(k, each) for k, each in found["obstacles"] if k in found["meshes"] or _has_shape(each)]
         arm = build_arm(table)
         base = arm.base + feed_of(found["start"], arm) * arm.direction
         check_base(build_workspace(room, whole, found["meshes"]), base, arm.length, issues, drawing)
 
 
-def _has_shape(table: Table, kinds: Sequence[str]) -> bool:
+def _has_shape(table: Table) -> bool:
     """Whether an obstacle can be built from its table alone."""
-    return any(getattr(table, kind) is not None for kind in kinds if kind != "mesh")
+    return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind != "mesh")
 
 
 def _check_built_pose(
