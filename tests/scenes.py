@@ -109,7 +109,7 @@ def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     walls = scene.workspace.flat_walls
     finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
     limits = assembled_limits(finder, Certificate(scene.arm, scene.workspace), StepSettings())
-    stepper = Stepper(space, finder, limits)
+    stepper = Stepper(space, limits, finder=finder)
     return stepper, stepper.pose(v)
 
 

@@ -71,7 +71,7 @@ def test_slopes_are_derivatives(bow: tuple[float, float, float]) -> None:
     found = lines.crossings(space.pose(v).points[None], 1.0)
     assert found.crossed.all()
     assume(np.all((found.share > 1e-3) & (found.share < 1.0 - 1e-3)))
-    slopes = lines.slopes(space, space.configurations(v)[None], found)[0]
+    slopes = lines.slopes(space.pose(v).moving[None], space.configurations(v)[None], found)[0]
     step = 1e-6
     for k in range(0, len(v), 5):
         moved = [v + sign * step * np.eye(len(v))[k] for sign in (1.0, -1.0)]
@@ -104,8 +104,7 @@ def test_a_step_takes_a_crossing_towards_the_middle(bow: tuple[float, float, flo
     space, v = bowed(bow)
     settings = replace(SETTINGS, catching_up=1.0)
     limit = GateRails((np.array([[0.3, 0.0], [0.5, 0.0]]),), lines, 0.0, settings)
-    pose_headings = space.configurations(v)
-    rows, change = limit.missed(space, pose_headings)
+    rows, change = limit.missed(space, space.pose(v))
     moved = v + np.linalg.pinv(rows) @ change
     before = lines.crossings(space.pose(v).points[None], 1.0).aside[0]
     after = lines.crossings(space.pose(moved).points[None], 1.0).aside[0]

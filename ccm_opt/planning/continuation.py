@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import short_length
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.step import GoalPose, Stepper, polish, smoothness_terms
+from ccm_opt.planning.step import GoalPose, Stepper, polish
 
 _PATIENCE = 60
 """Steps without progress before a guide is given up. Taste."""
@@ -67,14 +67,12 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
     Raises:
         Stalled: when the guide makes no progress, or the deadline passes.
     """
-    settings = stepper.settings.continuation
     patience = _PATIENCE if patience is None else patience
     poses = [pose]
     waiting = 0
     while not guide.finished(pose):
         before = pose
-        smooth = smoothness_terms(stepper.space, pose.v, settings.bending, settings.jerk)
-        pose = stepper.step(pose, guide.terms(pose) + smooth)
+        pose = stepper.step(pose, guide.terms(pose))
         poses.append(pose)
         moved = guide.progress(pose)
         waiting = 0 if moved else waiting + 1
@@ -114,8 +112,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         # The weight grows from step to step: standing still and smoothness would otherwise hold the arm a little short
         # of the goal.
         onto_goal = goal.terms(space, pose, 1.0 + _SETTLE_GROWTH * k)
-        smooth = smoothness_terms(space, pose.v, settings.bending, settings.jerk)
-        pose = stepper.step(pose, [*onto_goal, still, *smooth])
+        pose = stepper.step(pose, [*onto_goal, still])
         poses.append(pose)
         if deadline.passed():
             break

@@ -78,6 +78,11 @@ class CurveMap:
         return self.arm.length / NOMINAL_LINKS
 
     @property
+    def nominal_per_link(self) -> float:
+        """Nominal links to a link; the weight of a term that is summed over all links."""
+        return NOMINAL_LINKS / self.arm.links
+
+    @property
     def dimension(self) -> int:
         """Number p of unknowns."""
         return len(self.scale) + (self.blend is not None)
@@ -224,6 +229,41 @@ class CurveMap:
         rows = np.zeros((count, self.dimension))
         rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
         return rows
+
+    @cached_property
+    def knot_bends(self) -> FloatArray:
+        """Bends of a nominal link by the curvature at the knots, shape (2 knots, p) [rad]."""
+        return self.nominal_length * self.curvature_rows
+
+    @cached_property
+    def knot_bend_differences(self) -> FloatArray:
+        """Differences of these from knot to knot, shape (2 knots − 2, p) [rad]."""
+        return self.nominal_length * self.curvature_differences
+
+    @property
+    def bend_limits(self) -> FloatArray:
+        """Bound on the absolute value of every bend, shape (2 links,) [rad]."""
+        return self.arm.bend_limits
+
+    def bends(self, q: FloatArray) -> FloatArray:
+        """The bends of configurations, shape (..., c) to (..., 2 links) [rad]."""
+        return q[..., : 2 * self.arm.links]
+
+    def bend_slopes(self, pose: Pose) -> FloatArray:
+        """Derivatives of the bends by the unknowns, shape (2 links, p)."""
+        return pose.slopes[: 2 * self.arm.links]
+
+    def metric(self, pose: Pose) -> FloatArray:
+        """How much the unknowns move and turn the links, squared, shape (p, p)."""
+        p = len(pose.v)
+        turning = pose.turning.reshape(-1, p)
+        moving = pose.moving.reshape(-1, p) / self.nominal_length
+        metric = turning.T @ turning + 0.01 * moving.T @ moving
+        return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
+
+    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
+        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change rows R, shape (k, p) to (p, k)."""
+        return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
     @property
     def affine(self) -> bool:

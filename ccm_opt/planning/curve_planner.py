@@ -78,7 +78,7 @@ def _stepper(known: Motion, task: MotionTask) -> Stepper:
     space, _ = space.blended_to(known.configurations[-1])
     margin = task.settings.search.margins[0] * space.nominal_length
     finder = task.planning_finder(margin, space.nominal_length)
-    return Stepper(space, finder, task.limits(finder), task.settings)
+    return Stepper(space, task.limits(finder), task.settings, finder=finder)
 
 
 def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:

@@ -173,7 +173,7 @@ def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
     space = motion.curve
     for links in task.settings.search.margins:
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, finder, task.limits(finder), task.settings)
+        stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
         added = _certified_way(stepper, task, motion.unknowns[-1], end)
         if added is not None:
             coordinates = np.vstack((motion.unknowns, added))

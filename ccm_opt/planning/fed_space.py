@@ -12,6 +12,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace, nearest_curve
+from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 
@@ -70,10 +71,10 @@ class FedSpace(LinkSpace):
         """All coordinates: none blends a goal in. Shape (p,), boolean."""
         return np.ones(self.dimension, dtype=bool)
 
-    def spread(self, v: FloatArray, rows: FloatArray) -> FloatArray:
+    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
         """As of any space, but joints that the guide tube holds do not move, nor does the base."""
         free = np.zeros(self.dimension, dtype=bool)
-        free[: self.arm.links] = ~self.arm.held(self.feed(v))
+        free[: self.arm.links] = ~self.arm.held(self.feed(pose.v))
         spread = np.zeros((self.dimension, len(rows)))
         spread[free] = np.linalg.solve(self.metric[np.ix_(free, free)], rows[:, free].T)
         return spread

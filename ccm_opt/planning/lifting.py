@@ -125,7 +125,7 @@ def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
     """The stepper of repairs, which keeps a smaller margin than the search does."""
     length = task.arm.length
     finder = task.finder(_REPAIR_MARGIN * length, _REACH * length)
-    return Stepper(space, finder, task.limits(finder), task.settings)
+    return Stepper(space, task.limits(finder), task.settings, finder=finder)
 
 
 def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:

@@ -142,6 +142,11 @@ class LinkSpace:
         """Derivative of the joint bends by v, shape (links, p)."""
         return np.diff(self.matrix[: self.arm.links], axis=0, prepend=0.0)
 
+    def bend_slopes(self, pose: Pose) -> FloatArray:
+        """Derivative of the joint bends by v, the same in every pose, shape (links, p)."""
+        del pose
+        return self.bend_rows
+
     @cached_property
     def drive_rows(self) -> FloatArray:
         """Derivative of what the drives move by v, shape (c, p)."""
@@ -163,6 +168,17 @@ class LinkSpace:
     def curvature_differences(self) -> FloatArray:
         """Differences of that from knot to knot, shape (KNOTS - 1, p) [1/m]."""
         return np.diff(self.curvature_rows, axis=0)
+
+    @cached_property
+    def knot_bends(self) -> FloatArray:
+        """Bends of a nominal link by the curvature at the knots, shape (KNOTS, p) [rad]."""
+        # The weights on these then suit arms of any size.
+        return self.nominal_length * self.curvature_rows
+
+    @cached_property
+    def knot_bend_differences(self) -> FloatArray:
+        """Differences of these from knot to knot, shape (KNOTS - 1, p) [rad]."""
+        return np.diff(self.knot_bends, axis=0)
 
     @property
     def following_rows(self) -> FloatArray:
@@ -201,14 +217,14 @@ class LinkSpace:
         """Inverse of the metric, shape (p, p)."""
         return np.asarray(np.linalg.inv(self.metric), dtype=np.float64)
 
-    def spread(self, v: FloatArray, rows: FloatArray) -> FloatArray:
+    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
         """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change some rows, shape (p, k).
 
         Args:
-            v: coordinates from which they change, shape (p,).
+            pose: from which they change.
             rows: R, shape (k, p).
         """
-        del v
+        del pose
         return np.asarray(np.linalg.solve(self.metric, rows.T))
 
     def sag(self, turns: FloatArray) -> FloatArray:

@@ -2,10 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, BoolArray, FloatArray
+from ccm_opt.robot.arm import Arm
+
+_RANK = 1e-10
+"""Singular values below this share of the largest count as none, so that rows that follow from others are left out.
+Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +59,82 @@ class Pose:
     def tip_heading(self) -> float:
         """Heading of the last link in the plane, whole turns counted [rad]."""
         return float(self.q[len(self.frames) - 1])
+
+
+class CurveUnknowns(Protocol):
+    """The map from the unknowns of a curve to configurations of the arm: what a step asks of it, in any dimension."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        ...
+
+    @property
+    def dimension(self) -> int:
+        """Number p of unknowns."""
+        ...
+
+    @property
+    def nominal_length(self) -> float:
+        """Length of a nominal link, the unit of lengths in steps [m]."""
+        ...
+
+    @property
+    def nominal_per_link(self) -> float:
+        """Nominal links to a link; the weight of a term that is summed over all links."""
+        ...
+
+    @property
+    def of_shape(self) -> BoolArray:
+        """Which unknowns shape the arm; the others blend a goal in. Shape (p,)."""
+        ...
+
+    @property
+    def knot_bends(self) -> FloatArray:
+        """Bends of a nominal link by the curve's curvature at its knots, shape (k, p) [rad]."""
+        ...
+
+    @property
+    def knot_bend_differences(self) -> FloatArray:
+        """Differences of these from knot to knot, shape (m, p) [rad]."""
+        ...
+
+    @property
+    def bend_limits(self) -> FloatArray:
+        """Bound on the absolute value of every bend, shape (b,) [rad]."""
+        ...
+
+    def pose(self, v: FloatArray) -> Pose:
+        """The pose of unknowns, shape (p,)."""
+        ...
+
+    def bends(self, q: FloatArray) -> FloatArray:
+        """Joint bends of configurations, shape (..., c) to (..., b) [rad]."""
+        ...
+
+    def bend_slopes(self, pose: Pose) -> FloatArray:
+        """Derivatives of the bends by the unknowns, shape (b, p)."""
+        ...
+
+    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
+        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change rows R, shape (k, p) to (p, k)."""
+        ...
+
+
+def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: FloatArray) -> FloatArray:
+    """The change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
+
+    Args:
+        space: the map of the unknowns.
+        pose: where it is taken.
+        rows: shape (k, p).
+        change: of them, shape (k,).
+    """
+    # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may say the same twice.
+    scale = np.maximum(np.linalg.norm(rows, axis=1), TINY)
+    scaled = rows / scale[:, None]
+    spread = space.spread(pose, scaled)
+    return np.asarray(spread @ np.linalg.lstsq(scaled @ spread, change / scale, rcond=_RANK)[0])
 
 
 @dataclass(frozen=True)

@@ -262,7 +262,7 @@ class SearchRun:
             guesses = (end,)
 
         finder = task.planning_finder(margin_links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, finder, task.limits(finder), task.settings)
+        stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
         # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.
         settled = any(limit.moves_keyframes for limit in task.user_limits) and goal.coordinates is None
@@ -337,10 +337,10 @@ class SearchRun:
             if len(failing) == 0:
                 return poses
             for k in reversed(failing):
-                middle = 0.5 * (poses[k].v + poses[k + 1].v)
+                middle = self.stepper.pose(0.5 * (poses[k].v + poses[k + 1].v))
                 for limit in self.stepper.limits:
                     middle = limit.restored(self.stepper.space, middle, self.task.settings.step.largest_turn)
-                poses = [*poses[: k + 1], self.stepper.pose(middle), *poses[k + 1 :]]
+                poses = [*poses[: k + 1], middle, *poses[k + 1 :]]
         return poses if self._certified(poses) else None
 
     def _led(self, candidate: GuideCandidate) -> list[Pose]:

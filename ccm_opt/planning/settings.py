@@ -326,15 +326,10 @@ class ContinuationSettings:
     """Numbers of following a guide, and of settling on the goal where it ends.
 
     Attributes:
-        bending: weight on the curve's curvature in every step, against a nominal link's distance. Taste: it decides
-            only what nothing else does.
-        jerk: weight on the differences of the curvature from knot to knot. Taste.
         settle_steps: most steps of settling on the goal. Taste.
         polish_turn: turn of the tip's heading from the goal's at which polishing is tried [rad]. Taste.
     """
 
-    bending: float = 1e-4
-    jerk: float = 1e-4
     settle_steps: int = 150
     polish_turn: float = 0.1
 
@@ -583,18 +578,20 @@ class SpaceStepSettings:
     Attributes:
         margin: gap that steps keep beyond contact [u].
         share: of the gap beyond the margin that one step may use.
-        turn: largest turn of a link in a step [rad].
+        largest_turn: largest turn of a link in a step [rad].
         feed: farthest way of the base in a step [u].
-        bends: weight on the curve's curvature, as bends of a nominal link.
         planes: most half-spaces that a link is given.
+        ridge: on every unknown, so that the program has one answer.
+        blend_ridge: the same on one that blends a goal in, where that is more.
     """
 
     margin: float = 0.06
     share: float = 0.5
-    turn: float = 0.15
+    largest_turn: float = 0.15
     feed: float = 0.3
-    bends: float = 1e-4
     planes: int = 14
+    ridge: float = 1e-8
+    blend_ridge: float = 1e-8
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceConnectSettings
-from ccm_opt.planning.space_step import SpaceStepper, moved_metric
 from ccm_opt.planning.space_sweep import edge_is_safe, in_pieces
+from ccm_opt.planning.step import SpaceStepper
 
 _EXTENSION = 2.0
 """Longest edge, in the norm of turns of the links [rad]."""
@@ -60,7 +60,7 @@ class Connect:
     _root: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        metric = moved_metric(self.start, self.stepper.unit)
+        metric = self.stepper.space.metric(self.start)
         self._root = np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
     def path(self, deadline: Deadline) -> list[Pose] | None:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.space_step import SpaceStepper, least_change
+from ccm_opt.planning.pose import Pose, Term, least_change
+from ccm_opt.planning.step import SpaceStepper
 
 _PATIENCE = 60
 """Steps without progress before a guide is given up."""
@@ -95,7 +95,7 @@ def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose, weight:
     drawn = goal.term(pose, stepper.unit, weight)
     if stepper.user is None:
         return [drawn]
-    return [drawn, stepper.user.placed_at_goal().drawn_onto(pose.q, pose.slopes, stepper.settings.step.turn)]
+    return [drawn, stepper.user.placed_at_goal().drawn_onto(pose.q, pose.slopes, stepper.settings.step.largest_turn)]
 
 
 def onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose, largest_turn: float = np.inf) -> Pose | None:
@@ -116,7 +116,7 @@ def onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose, largest_tur
             missing = np.append(missing, by_user)
         if np.max(np.abs(missing)) < settings.exact:
             return pose
-        change = least_change(pose, rows, missing, stepper.unit)
+        change = least_change(stepper.space, pose, rows, missing)
         if np.isfinite(largest_turn):
             size = float(np.max(np.linalg.norm(pose.turning @ change, axis=1)))
             change = change * min(1.0, largest_turn / max(size, 1e-12))

@@ -28,9 +28,9 @@ from ccm_opt.planning.space_continuation import (
     terms_to_goal,
 )
 from ccm_opt.planning.space_guides import PoseLed
-from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import Problem
 from ccm_opt.robot.biarc import straight_at_exit
 from ccm_opt.solution import SpaceGoalPoseRecord

@@ -23,9 +23,9 @@ from ccm_opt.planning.space_continuation import (
     terms_to_goal,
 )
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
-from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import pieces
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _DRAWS = 200
@@ -79,7 +79,7 @@ def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArra
 def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose) -> Pose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     for k in range(_STEPS):
-        pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), certified=False)
+        pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), checked=False)
         distance, turn = goal.errors(pose)
         if distance < 0.1 * stepper.unit and turn < 0.05:
             break

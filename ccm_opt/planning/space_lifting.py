@@ -13,9 +13,9 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.space_continuation import onto_goal
-from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 

@@ -20,10 +20,10 @@ from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
-from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.arm import Arm
 
 _LEG_DEPTH = 4

@@ -21,9 +21,9 @@ from ccm_opt.planning.space_continuation import SpaceGuide, SpaceStalled, SpaceT
 from ccm_opt.planning.space_goal_poses import goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
-from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.step import SpaceStepper
 
 _WANTED_POSES = 8
 """Poses that are moved to in turn before the sampler is tried."""

@@ -18,10 +18,10 @@ from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.path_on_limits import KnotJoints, certified_samples, spline_on_limits
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.space_step import SpaceStepper
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.planning.spline_path import DEGREE, at_least_four, clamped_spline, halved, legs_of_spans, uncertified_spans
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.arm import Arm
 
 _REFINEMENTS = 16

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.space_step import SpaceStepper
+from ccm_opt.planning.step import SpaceStepper
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,13 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.limits.limit_stack import AtRest, CoordinateLimit, SurfaceLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.space_continuation import SpaceTipPose
-from ccm_opt.planning.space_step import SpaceStepper
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, OptimiserName, Problem, TipGoal, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -131,7 +132,17 @@ class SpaceTask:
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
-        return SpaceStepper(curve, self.tree, self.certificate, share * self.margin, self.settings, self.user)
+        margin = share * self.margin
+        settings = self.settings
+        limits = (
+            AtRest(still=True),
+            SurfaceLimit(self.tree, self.certificate, margin, settings),
+            CoordinateLimit(settings.step),
+            *(() if self.user is None else (self.user,)),
+        )
+        return SpaceStepper(
+            curve, limits, settings, tree=self.tree, certificate=self.certificate, margin=margin, user=self.user
+        )
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:

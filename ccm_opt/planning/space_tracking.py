@@ -16,13 +16,13 @@ from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose import Pose, Term, least_change
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
-from ccm_opt.planning.space_step import SpaceStepper, least_change
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tracking import tracked_to_arrival
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
@@ -138,7 +138,7 @@ class _Tracking:
         start = stepper.pose(self.motion.unknowns[0])
 
         def placed(u: float) -> SpaceStepper:
-            return replace(stepper, user=self.user.placed(u))
+            return stepper.at(u)
 
         tracked = tracked_to_arrival(
             start,
@@ -180,7 +180,7 @@ class _Tracking:
 
     def _ended(self, stepper: SpaceStepper, pose: Pose) -> list[Pose]:
         """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
-        at_end = replace(stepper, user=self.user.placed(1.0))
+        at_end = stepper.at(1.0)
         task = self.task
         end = self.motion.unknowns[-1]
         guide = PoseLed(pose.v, end, task.settings.guide.pose_step, task.settings.guide)
@@ -223,7 +223,7 @@ def moved_onto_terms(stepper: SpaceStepper, here: UserLimit, pose: Pose) -> Pose
             return None
         if float(np.max(np.abs(change), initial=0.0)) <= here.settings.met:
             return pose
-        pose = stepper.pose(pose.v + least_change(pose, rows, change, stepper.unit))
+        pose = stepper.pose(pose.v + least_change(stepper.space, pose, rows, change))
         if float(np.max(np.abs(pose.q - start.q))) > here.settings.keyframe_turn:
             return None
     return None

@@ -2,16 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import wrap
-from ccm_opt.planning.limits.limit import Limit, LimitRows, best_change
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.limits.limit import Limit, LimitOf, LimitRows, best_change
+from ccm_opt.planning.limits.limit_stack import within_limits
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import GoalSettings, MotionSettings
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.planning.settings import GoalSettings, MotionSettings, SpaceMotionSettings
+from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _POLISH_STEPS = 12
 """Most steps of Newton's method. Taste: it converges in four or never."""
@@ -29,38 +35,60 @@ _LEAST_SHARE = 1e-10
 """Singular values below this share of the largest count as none where equations may depend on each other. Taste."""
 
 
-@dataclass(frozen=True)
-class Stepper:
+AnyUnknowns = TypeVar("AnyUnknowns", bound=CurveUnknowns)
+
+
+class StepNumbers(Protocol):
+    """Numbers of a single step.
+
+    Attributes:
+        largest_turn: largest turn of a link [rad].
+        ridge: keeps the step's Hessian definite where no term reaches.
+        blend_ridge: the same on unknowns that blend a goal of the whole arm in, where that is more.
+    """
+
+    @property
+    def largest_turn(self) -> float: ...  # noqa: D102
+    @property
+    def ridge(self) -> float: ...  # noqa: D102
+    @property
+    def blend_ridge(self) -> float: ...  # noqa: D102
+
+
+class HasStepNumbers(Protocol):
+    """Settings of a search, among them those of single steps."""
+
+    @property
+    def step(self) -> StepNumbers: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class StepperOf(Generic[AnyUnknowns]):
     """Solves and accepts single steps: it stacks what the limits contribute, and knows none of them.
 
     Attributes:
-        space: the link space.
-        finder: of contacts; guides and reports ask it for walls, margins and what is near.
+        space: the map of the unknowns.
         limits: all that a step has to keep.
         settings: numbers of the search; guides and trees find theirs here too.
     """
 
-    space: LinkSpace
-    finder: ContactFinder
-    limits: tuple[Limit, ...]
-    settings: MotionSettings = field(default_factory=MotionSettings)
-
-    @property
-    def among_many_walls(self) -> bool:
-        """Whether so many walls are near that poses at the goal are dear to find, and folds have no room."""
-        return len(self.finder.walls.names) > self.settings.search.many_walls
+    space: AnyUnknowns
+    limits: tuple[LimitOf[AnyUnknowns], ...]
+    settings: HasStepNumbers
 
     def pose(self, v: FloatArray) -> Pose:
-        """The pose at coordinates."""
+        """The pose of unknowns, shape (p,)."""
         return self.space.pose(v)
 
-    def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None) -> Pose:
+    def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None, *, checked: bool = True) -> Pose:
         """Take the best step for some least-squares terms that keeps every limit; the same pose if none does.
 
         Args:
             pose: where to step from.
-            terms: what to draw the arm towards; at least one must be definite in every direction.
+            terms: what to draw the arm towards; with what limits draw it to, definite in every direction.
             turn: largest turn of a link [rad]; that of the settings when None.
+            checked: whether the limits have to hold after the step; a pose that is only looked for may pass through
+                walls.
         """
         settings = self.settings.step
         turn = settings.largest_turn if turn is None else turn
@@ -68,46 +96,87 @@ class Stepper:
         # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
         ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
         delta = best_change(terms, parts, ridge)
-        # The pose itself as the answer tells the caller that there is no step.
-        return pose if delta is None else self._accept(pose, delta, parts, turn)
+        if delta is None:
+            # The pose itself as the answer tells the caller that there is no step.
+            return pose
+        # No longer than what is linearised is good for.
+        delta = delta / max(1.0, *(rows.excess(delta) for rows in parts))
+        return self._accept(pose, delta, parts, turn) if checked else self.pose(pose.v + delta)
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
         """Backtrack until every limit's true check holds; the linearised rows promise that for small steps only."""
         for k in range(_BACKTRACKS):
             # Halving always ends well in theory, for δ = 0 is feasible; after a few halvings the gain is not worth the
             # check.
-            v = pose.v + delta * 0.5**k
+            trial = self.pose(pose.v + delta * 0.5**k)
             for limit in self.limits:
-                v = limit.restored(self.space, v, turn)
-            trial = self.pose(v)
+                trial = limit.restored(self.space, trial, turn)
             # The limits stand in the order of their rows; backwards the costly check of contact comes last.
             if all(rows.keeps(trial) for rows in reversed(parts)):
                 return trial
         return pose
 
-    def at(self, u: float) -> "Stepper":
+    def at(self, u: float) -> "Self":
         """The stepper at a path parameter of the motion."""
-        return Stepper(self.space, self.finder, tuple(limit.placed(u) for limit in self.limits), self.settings)
+        return replace(self, limits=tuple(limit.placed(u) for limit in self.limits))
 
-    def miss(self, headings: FloatArray) -> float:
+    def miss(self, q: FloatArray) -> float:
         """By how much the worst limit is missed that has to be met exactly; 0 when all are met."""
-        return max(limit.miss(headings) for limit in self.limits)
+        return max(limit.miss(q) for limit in self.limits)
 
 
-def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: float) -> list[Term]:
-    """Pull curvature towards zero and towards evenness, over the space's unit of length.
+@dataclass(frozen=True, eq=False)
+class Stepper(StepperOf[LinkSpace]):
+    """Takes steps in the plane.
 
-    Args:
-        space: the link space.
-        v: coordinates, shape (p,).
-        bending: weight on the curvature.
-        jerk: weight on its differences from knot to knot.
+    Attributes:
+        finder: of contacts; guides and reports ask it for walls, margins and what is near.
     """
-    # Curvature times a nominal length is a bend in radians: the weights then suit arms of any size.
-    curvature = space.nominal_length * space.curvature_rows
-    difference = np.diff(curvature, axis=0)
-    # The target is minus the present value: the pull is on the curvature after the step, not on its change.
-    return [Term(curvature, -curvature @ v, bending), Term(difference, -difference @ v, jerk)]
+
+    settings: MotionSettings = field(default_factory=MotionSettings)
+    finder: ContactFinder = field(kw_only=True)
+
+    @property
+    def among_many_walls(self) -> bool:
+        """Whether so many walls are near that poses at the goal are dear to find, and folds have no room."""
+        return len(self.finder.walls.names) > self.settings.search.many_walls
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceStepper(StepperOf[CurveMap]):
+    """Takes certified steps in space.
+
+    Attributes:
+        tree: of the surfaces.
+        certificate: of steps.
+        margin: gap that steps keep beyond contact [m].
+        user: the user's constraints; None where there are none.
+    """
+
+    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    tree: SurfaceTree = field(kw_only=True)
+    certificate: SpaceCertificate = field(kw_only=True)
+    margin: float = field(kw_only=True)
+    user: UserLimit | None = field(default=None, kw_only=True)
+
+    @property
+    def curve(self) -> CurveMap:
+        """The map of the unknowns."""
+        return self.space
+
+    @property
+    def unit(self) -> float:
+        """u, length of a nominal link [m]."""
+        return self.space.nominal_length
+
+    @property
+    def kept(self) -> float:
+        """Distance from the axes of the links that surfaces have to keep [m]."""
+        return self.space.arm.radius + self.certificate.gap
+
+    def within_limits(self, q: FloatArray) -> bool:
+        """Whether a configuration keeps the limits of its coordinates."""
+        return within_limits(self.space.arm, q)
 
 
 @dataclass(frozen=True)
@@ -204,7 +273,7 @@ class GoalPose:
             step = np.clip(turn, -_HEADING_STEP, _HEADING_STEP)
             terms.append(Term(space.tip_heading_row, np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
-            rows, wanted = limit.mending(space, pose.q, _HEADING_STEP)
+            rows, wanted = limit.mending(pose, _HEADING_STEP)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 
@@ -243,13 +312,13 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
         rows, error = goal.tip_equations(space, pose)
         of_tip = len(error)
         for limit in goal.limits:
-            missed, change = limit.missed(space, pose.q)
+            missed, change = limit.missed(space, pose)
             rows = np.vstack((rows, missed))
             error = np.append(error, change)
         if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:
             break
         # min ½ δᵀ M δ subject to J δ = e: δ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ e.
-        spread = space.spread(v, rows)
+        spread = space.spread(pose, rows)
         independent = len(error) == of_tip  # what limits add may follow from the tip's equations
         v = v + spread @ _solved(rows @ spread, error, _LEAST_SHARE, independent=independent)
     return v

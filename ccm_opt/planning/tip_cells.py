@@ -256,7 +256,7 @@ class TipLooker:
                 if left > _PROGRESS * before:
                     return None, pose
                 before = left
-            pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + number)], certified=False)
+            pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + number)], checked=False)
         onto = onto_goal(stepper, goal, pose, POLISH_TURN)
         return (onto if onto is not None and self.free(onto) else None), pose
 

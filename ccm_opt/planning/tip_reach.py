@@ -208,7 +208,7 @@ class _Explorer:
     def _settled(self, near: FloatArray, target: FloatArray, heading: float | None) -> FloatArray | None:
         """Link headings with the tip at a place, from a pose nearby; None when something keeps it off."""
         space, v = LinkSpace.through(self.arm, near, clamped=self.clamped)
-        stepper = Stepper(space, self._finder, self._limits, self._motion)
+        stepper = Stepper(space, self._limits, self._motion, finder=self._finder)
         goal = GoalPose(target, heading)
         pose = stepper.pose(v)
         for _ in range(self.settings.settle_rounds):

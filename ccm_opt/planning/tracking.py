@@ -16,7 +16,7 @@ from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
-from ccm_opt.planning.step import GoalPose, Stepper, smoothness_terms
+from ccm_opt.planning.step import GoalPose, Stepper
 
 _STILL_WEIGHT = 0.02
 """Weight of standing still. Taste."""
@@ -142,7 +142,6 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
     """Poses to one that meets the limits of the stepper; None when there is none."""
     space = stepper.space
     settings = stepper.settings.tracking
-    smoothness = stepper.settings.continuation
     poses = []
     for _ in range(settings.steps):
         before = pose
@@ -150,7 +149,6 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
         terms = [
             Term(space.matrix, turn, settings.pull_weight * space.nominal_per_link),
             Term(space.matrix, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
-            *smoothness_terms(space, pose.v, smoothness.bending, smoothness.jerk),
         ]
         pose = stepper.step(pose, terms)
         # No limit lets the arm step at this u.

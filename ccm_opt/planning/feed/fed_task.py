@@ -161,11 +161,11 @@ class GuideTubeLimit(Limit):
 
         return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
 
-    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
+    def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
         """Bends of held joints exactly 0, and the base in its range, where only the solver's accuracy lacks."""
         del most
-        snapped: FloatArray = self._snapped(space, v[None])[0]
-        return snapped
+        snapped = self._snapped(space, pose.v[None])[0]
+        return pose if np.array_equal(snapped, pose.v) else space.pose(snapped)
 
     # ------------------------------------------------------------ at the goal
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:

@@ -275,7 +275,7 @@ class Finishing:
         task = self.task
         space = self.space
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, finder, task.limits(finder), _keeping_up(task.settings, found))
+        stepper = Stepper(space, task.limits(finder), _keeping_up(task.settings, found), finder=finder)
         start = stepper.pose(found.unknowns[0])
         goal = task.limited_goal
         reference = ReferenceMotion.from_headings(found.configurations)

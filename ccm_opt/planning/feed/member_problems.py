@@ -363,7 +363,7 @@ def led_between(start: FloatArray, end: FloatArray, task: MotionTask, space: Fed
     last = space.coordinates(arm.poses(end))
     for links in task.settings.search.margins:
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, finder, task.limits(finder), task.settings)
+        stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
         guide = Interpolation(space, first, last, settings=task.settings.guides.interpolation)
         try:
             poses = follow(stepper, guide, stepper.pose(first), task.deadline)

@@ -113,9 +113,14 @@ class GateLines:
         crossed = crosses[pose, line, link] & (np.abs(there) < farthest)
         return LineCrossings(link, share[pose, line, link], np.where(crossed, there, 0.0), crossed)
 
-    def slopes(self, space: LinkSpace, headings: FloatArray, found: LineCrossings) -> FloatArray:
-        """Derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 where nothing crosses."""
-        jacobians = space.jacobians(headings)
+    def slopes(self, jacobians: FloatArray, headings: FloatArray, found: LineCrossings) -> FloatArray:
+        """Derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 where nothing crosses.
+
+        Args:
+            jacobians: of the joints of poses, shape (K, links + 1, 2, p) [m per unit].
+            headings: of their links, shape (K, links) or (K, c) [rad].
+            found: where they cross.
+        """
         pose = np.arange(len(headings))[:, None]
         share = found.share[..., None, None]
         moving = (1.0 - share) * jacobians[pose, found.link] + share * jacobians[pose, found.link + 1]
@@ -150,7 +155,7 @@ class GateLines:
             off = np.abs(found.aside).max(axis=1, initial=0.0)
             if np.all(off <= exact):
                 break
-            slopes = self.slopes(space, headings, found)
+            slopes = self.slopes(space.jacobians(headings), headings, found)
             spread = slopes @ space.inverse_metric
             normal = np.einsum("kgp,khp->kgh", spread, slopes)
             # Lines that nothing crosses ask for nothing; the ridge is for two lines that are crossed by one short link.
@@ -233,7 +238,7 @@ class GateRails(Limit):
         unit = space.nominal_length
         found = self.lines.crossings(pose.points[None], self.settings.across * unit)
         crossed = found.crossed[0]
-        slopes = self.lines.slopes(space, pose.q[None], found)[0][crossed] / unit
+        slopes = self.lines.slopes(pose.moving[None], pose.q[None], found)[0][crossed] / unit
         most = self.settings.catching_up
         back = np.clip(-found.aside[0][crossed] / unit, -most, most)
         rows = LimitRows(slopes, back, back, equations=len(back))
@@ -261,17 +266,18 @@ class GateRails(Limit):
         wanted = -np.sign(apart) * np.maximum(np.abs(apart) - self.play, 0.0) / unit
         return Term(slopes, wanted, self.settings.weight)
 
-    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
-        """Coordinates after a step moved so that the axis crosses in the middle; as they are where that fails."""
-        moved = self.lines.restored(space, v[None])[0]
-        return moved if np.max(np.abs(space.matrix @ (moved - v))) <= most else v
+    def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
+        """A pose after a step moved so that the axis crosses in the middle; as it is where that fails."""
+        moved = self.lines.restored(space, pose.v[None])[0]
+        turned = np.max(np.abs(space.matrix @ (moved - pose.v)))
+        return space.pose(moved) if 0.0 < turned <= most else pose
 
     # ------------------------------------------------------------ at the goal
-    def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def missed(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Slopes of the lines that a pose crosses, shape (k, p), and how far it has to be moved across them [m]."""
-        found = self.lines.crossings(space.arm.points(headings)[None], self.settings.across * space.nominal_length)
+        found = self.lines.crossings(pose.points[None], self.settings.across * space.nominal_length)
         crossed = found.crossed[0]
-        return self.lines.slopes(space, headings[None], found)[0][crossed], -found.aside[0][crossed]
+        return self.lines.slopes(pose.moving[None], pose.q[None], found)[0][crossed], -found.aside[0][crossed]
 
     def met(self, pose: Pose) -> bool:
         """Whether a pose crosses every line in the middle, up to the play beside which joints are left alone."""
@@ -285,7 +291,7 @@ class GateRails(Limit):
         space = sweep.space
         links = space.arm.links
         found = self.lines.crossings(sweep.points[:, : links + 1], self.settings.across * space.nominal_length)
-        slopes = self.lines.slopes(space, sweep.headings, found) / space.nominal_length
+        slopes = self.lines.slopes(sweep.moving, sweep.headings, found) / space.nominal_length
         crossed = found.crossed.copy()
         crossed[[0, -1]] = False
         keyframe, line = np.nonzero(crossed)

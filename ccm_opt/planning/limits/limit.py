@@ -17,14 +17,14 @@ words               ``refuse_ends``, ``worst``, ``describe``, ``names``, ``advic
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term, normal_equations
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
 
 if TYPE_CHECKING:
     from typing import Self
@@ -47,6 +47,12 @@ def always(pose: Pose) -> bool:
     return True
 
 
+def of_any_length(delta: FloatArray) -> float:
+    """The excess of steps where a limit bounds none."""
+    del delta
+    return 0.0
+
+
 @dataclass(frozen=True)
 class LimitRows:
     """A limit linearised about a pose, for one step δ of the coordinates: lower ≤ A δ ≤ upper.
@@ -58,6 +64,7 @@ class LimitRows:
         equations: how many of the first rows are equations, lower = upper.
         pulls: what the limit draws the arm towards, out of its margin for example.
         keeps: the true check of a pose after the step.
+        excess: how many times longer a change of the coordinates, shape (p,), is than the limit lets a step be.
     """
 
     matrix: FloatArray
@@ -66,6 +73,7 @@ class LimitRows:
     equations: int = 0
     pulls: tuple[Term, ...] = ()
     keeps: Callable[[Pose], bool] = field(default=always)
+    excess: Callable[[FloatArray], float] = field(default=of_any_length)
 
 
 def best_change(terms: Sequence[Term], parts: Sequence[LimitRows], ridge: FloatArray | float) -> FloatArray | None:
@@ -145,7 +153,10 @@ class MotionCost(Protocol):
         ...
 
 
-class Limit:
+AnyUnknowns_contra = TypeVar("AnyUnknowns_contra", bound=CurveUnknowns, contravariant=True)
+
+
+class LimitOf(Generic[AnyUnknowns_contra]):
     """Something that a motion must keep; contributes nothing unless a method is overridden."""
 
     # ------------------------------------------------------------ what kind of limit it is
@@ -184,27 +195,27 @@ class Limit:
         return self
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
+    def linearised(self, space: AnyUnknowns_contra, pose: Pose, turn: float) -> LimitRows:
         """Rows about a pose.
 
         Args:
-            space: the link space; p coordinates.
+            space: the map of the coordinates, p of them.
             pose: to step from.
             turn: largest turn of a link in the step [rad].
         """
         del pose, turn
         return LimitRows(np.zeros((0, space.dimension)), np.zeros(0), np.zeros(0))
 
-    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
-        """Coordinates after a step brought back onto the limit, shape (p,); as they are where that fails.
+    def restored(self, space: AnyUnknowns_contra, pose: Pose, most: float) -> Pose:
+        """A pose after a step brought back onto the limit; as it is where that fails.
 
         Args:
-            space: the link space.
-            v: shape (p,).
+            space: the map of the coordinates.
+            pose: to bring back.
             most: largest turn of a link on the way [rad].
         """
         del space, most
-        return v
+        return pose
 
     # ------------------------------------------------------------ at the goal
     def miss(self, headings: FloatArray) -> float:
@@ -212,17 +223,17 @@ class Limit:
         del headings
         return 0.0
 
-    def mending(self, space: LinkSpace, headings: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
+    def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
         """Rows of what is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
-        del headings, most
-        return np.zeros((0, space.dimension)), np.zeros(0)
+        del most
+        return np.zeros((0, len(pose.v))), np.zeros(0)
 
-    def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def missed(self, space: AnyUnknowns_contra, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Rows of what is missed, shape (k, p), and by how much they have to change, in the limit's unit."""
-        del headings
-        return np.zeros((0, space.dimension)), np.zeros(0)
+        del space
+        return np.zeros((0, len(pose.v))), np.zeros(0)
 
-    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+    def keeps_at_goal(self, space: AnyUnknowns_contra, near: Pose, final: Pose) -> bool:
         """Whether a pose that was put exactly onto the goal may follow a pose near it."""
         del space, near, final
         return True
@@ -323,3 +334,7 @@ class Limit:
         """What of the limit is missed, or else at its bound, in words; empty when nothing is."""
         del headings
         return ""
+
+
+Limit: TypeAlias = LimitOf[LinkSpace]
+"""A limit of motions in the plane."""

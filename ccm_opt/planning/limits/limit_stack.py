@@ -12,15 +12,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitOf, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
-from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import StepSettings
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.planning.settings import SpaceMotionSettings, SpaceStepSettings, StepSettings
+from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
@@ -36,6 +40,157 @@ _MENDING_SHARE = 0.5
 _NEAR_JOINT_LIMIT = 0.25
 """Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little more than a step turns a
 joint."""
+
+
+_BENDING = 1e-4
+"""Weight on the curve's curvature in every step, against a nominal link's distance. Taste: it decides only what nothing
+else does."""
+_UNEVENNESS = 1e-4
+"""Weight on its differences from knot to knot. Taste."""
+_STILL = 0.01
+"""Weight on the turns of the links and on the ways of the joints, where the arm is kept still."""
+
+_REACH = 0.35
+"""Gap from which on surfaces, and links from each other, are left out [u]."""
+_PULL = 30.0
+"""Weight that draws out what lies within the margin."""
+_TRAVEL = 1.5
+"""Farthest way of a joint in a step [u]."""
+_TRAVEL_NEAR_WALLS = 0.8
+"""The same where walls or other links are within reach."""
+_SPARE_TURN = 0.005
+"""Of the joint limits that rows leave [rad]."""
+
+
+@dataclass(frozen=True)
+class AtRest(LimitOf[CurveUnknowns]):
+    """Draws every step towards a curve that is straight and even, and perhaps towards no motion at all.
+
+    Attributes:
+        still: whether to keep the arm still where nothing else asks for more.
+    """
+
+    still: bool = False
+
+    def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
+        """No rows, only what draws the step."""
+        del turn
+        p = len(pose.v)
+        # The target is minus the present value: the pull is on the curvature after the step, not on its change.
+        pulls = [
+            Term(space.knot_bends, -space.knot_bends @ pose.v, _BENDING),
+            Term(space.knot_bend_differences, -space.knot_bend_differences @ pose.v, _UNEVENNESS),
+        ]
+        if self.still:
+            turning = pose.turning.reshape(-1, p)
+            moving = pose.moving.reshape(-1, p)
+            weight = _STILL * space.nominal_per_link
+            pulls = [
+                Term(turning, np.zeros(len(turning)), weight),
+                Term(moving, np.zeros(len(moving)), weight / space.nominal_length**2),
+                *pulls,
+            ]
+        return LimitRows(np.zeros((0, p)), np.zeros(0), np.zeros(0), pulls=tuple(pulls))
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceLimit(LimitOf[CurveMap]):
+    """Keeps gaps to surfaces and between links open, and lets only certified steps pass.
+
+    Attributes:
+        tree: of the surfaces.
+        certificate: of steps.
+        margin: gap that steps keep beyond contact [m].
+        settings: numbers of the search.
+    """
+
+    tree: SurfaceTree
+    certificate: SpaceCertificate
+    margin: float
+    settings: SpaceMotionSettings
+
+    def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
+        """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
+        del turn
+        arm = space.arm
+        settings = self.settings.step
+        unit = space.nominal_length
+        kept = arm.radius + self.certificate.gap
+        reach = self.margin + _REACH * unit
+        mounted, segments = arm.exposed_links(pose.points)
+        begins = arm.mount_end[1]
+        planes = self.tree.planes(segments, kept + reach, settings.planes)
+        share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)
+        at_plane = _point_jacobian(pose.moving, planes.link + mounted, share)
+        rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
+        gaps = [planes.gap - kept]
+        if arm.self_collision:
+            near = self.certificate.motion.near_pairs(pose.points, 2.0 * arm.radius + reach)
+            apart = _point_jacobian(pose.moving, near.first, near.first_at)
+            apart -= _point_jacobian(pose.moving, near.second, near.second_at)
+            rows.append(np.einsum("rd,rdp->rp", near.normal, apart))
+            gaps.append(near.distance - 2.0 * arm.radius)
+        matrix = np.concatenate(rows)
+        spare = np.concatenate(gaps) - self.margin
+        missing = spare < 0.0
+        pull = Term(matrix[missing], -spare[missing], _PULL / unit**2)
+        most = _TRAVEL_NEAR_WALLS if len(spare) else _TRAVEL
+
+        def keeps(trial: Pose) -> bool:
+            return self.certificate.safe(pose.q, trial.q, self.settings.certificate.step_depth)
+
+        def excess(delta: FloatArray) -> float:
+            moves = np.linalg.norm(pose.moving @ delta, axis=1)
+            return float(np.max(moves)) / (most * unit)
+
+        lower = -settings.share * np.maximum(spare, 0.0)
+        return LimitRows(matrix, lower, np.full(len(spare), UNBOUNDED), 0, (pull,), keeps, excess)
+
+    def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
+        """Whether the way to the pose on the goal is certified."""
+        del space
+        return self.certificate.safe(near.q, final.q, self.settings.certificate.depth)
+
+
+@dataclass(frozen=True)
+class CoordinateLimit(LimitOf[CurveMap]):
+    """Bounds the coordinates of an arm in space, and their changes in a step.
+
+    Attributes:
+        settings: of the step.
+    """
+
+    settings: SpaceStepSettings
+
+    def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
+        """Rows of the coordinates, and what they may lose and gain."""
+        arm = space.arm
+        # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
+        spare = np.append(np.full(2 * arm.links, _SPARE_TURN), np.zeros(len(arm.base_axes)))
+        low = np.minimum(arm.lower_limits + spare - pose.q, 0.0)
+        high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
+
+        def excess(delta: FloatArray) -> float:
+            turns = np.linalg.norm(pose.turning @ delta, axis=1)
+            most = float(np.max(turns)) / turn
+            if not arm.base_axes:
+                return most
+            fed = float(pose.slopes[-1] @ delta)
+            room = feed_to_next_stop(space, float(pose.q[-1]), forward=fed > 0.0)
+            return max(most, abs(fed) / min(room, self.settings.feed * space.nominal_length))
+
+        return LimitRows(pose.slopes, low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
+
+    def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
+        """Whether the pose on the goal is within the limits."""
+        del near
+        return within_limits(space.arm, final.q)
+
+
+def within_limits(arm: Arm, q: FloatArray) -> bool:
+    """Whether a configuration, shape (c,) [rad, m], keeps the limits of its coordinates."""
+    slack = 1e-9
+    return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +303,7 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
 
 
 def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
-    """Derivative of points on links, linear between the joints, shape (m, 2, p)."""
+    """Derivative of points on links, linear between the joints, shape (m, d, p)."""
     share = at[:, None, None]
     mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
     return mixed
@@ -277,6 +432,7 @@ def assembled_limits(
     if gates is not None:
         drawn = (GateRails(rails, gates, _PLAY * finder.margin, settings.rails),)
     return (
+        AtRest(),
         ContactLimit(finder, certificate, settings, wanted_gap, gates),
         TurnLimit(),
         JointLimit(settings),

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows, MotionCost
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, LimitRows, MotionCost
 from ccm_opt.planning.limits.limit_stack import overbent
 from ccm_opt.planning.limits.user_motion_rows import UserCosts, refuse_broken_goal, refuse_broken_start, slope_norms
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, least_change
 from ccm_opt.planning.settings import UserLimitSettings
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ edge of a camera's view was refused, with 4 it is laid."""
 
 
 @dataclass(frozen=True, eq=False)
-class UserLimit(Limit):
+class UserLimit(LimitOf[CurveUnknowns]):
     """All constraints and costs of one problem.
 
     Attributes:
@@ -137,26 +137,12 @@ class UserLimit(Limit):
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
+    def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
         """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
-        before = self.values(pose.q)
-
-        def keeps(trial: Pose) -> bool:
-            return self._keeps(before, self.values(trial.q))
-
-        return replace(self.step_rows(before, space.matrix, space.matrix[:, None], turn), keeps=keeps)
-
-    def step_rows(self, now: "RowValues", slopes: FloatArray, turning: FloatArray, turn: float) -> LimitRows:
-        """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close.
-
-        Args:
-            now: values at the pose.
-            slopes: of the pose by the unknowns, shape (c, p).
-            turning: of the links by the unknowns, shape (links, 1, p) or (links, 3, p).
-            turn: largest turn of a link in the step [rad].
-        """
+        del space
         settings = self.settings
-        equations, target = self._independent(now.equations, now.equation_slopes @ slopes, turning, turn)
+        now = self.values(pose.q)
+        equations, target = self._independent(now.equations, now.equation_slopes @ pose.slopes, pose.turning, turn)
 
         scale = self.turns(now.gap_slopes)
         # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
@@ -166,7 +152,7 @@ class UserLimit(Limit):
         within = ~(now.gaps > (settings.margin + farthest) * scale)
         scale = scale[within]
         gaps = now.gaps[within] / scale
-        rows = now.gap_slopes[within] @ slopes / scale[:, None]
+        rows = now.gap_slopes[within] @ pose.slopes / scale[:, None]
         # Never above 0: δ = 0 stays feasible even inside the margin, where the pull asks for more room instead.
         lower = np.minimum(-0.5 * (gaps - settings.margin), 0.0)
         return LimitRows(
@@ -175,6 +161,7 @@ class UserLimit(Limit):
             np.concatenate((target, np.full(len(rows), UNBOUNDED))),
             len(target),
             (self._pull(rows, gaps, turn),),
+            lambda trial: self._keeps(now, self.values(trial.q)),
         )
 
     def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
@@ -206,10 +193,6 @@ class UserLimit(Limit):
         most = float(np.max(np.linalg.norm(turning @ (right[kept].T @ target), axis=1), initial=0.0))
         return right[kept], target * min(1.0, 0.5 * turn / max(most, TINY))
 
-    def keeps(self, before: FloatArray, after: FloatArray) -> bool:
-        """Whether a step between two poses, shape (c,), leaves every gap its share of the margin, or what it had."""
-        return self._keeps(self.values(before), self.values(after))
-
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
         settings = self.settings
@@ -222,45 +205,46 @@ class UserLimit(Limit):
         met = np.max(np.abs(after.equations), initial=0.0) <= settings.met
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
-    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
-        """Coordinates moved onto the equations, shape (p,); as they are where that fails."""
-        moved = self.moved_onto_rows(space, v, most, gaps=False)
-        return v if moved is None else moved
+    def restored(self, space: CurveUnknowns, pose: Pose, most: float) -> Pose:
+        """A pose moved onto the equations; as it is where that fails."""
+        if not self.rows.equal.any():
+            return pose
+        moved = self.moved_onto_rows(space, pose, most, gaps=False)
+        return pose if moved is None else moved
 
-    def moved_onto_rows(self, space: LinkSpace, v: FloatArray, most: float, *, gaps: bool) -> FloatArray | None:
-        """Coordinates moved onto the equations by Newton's method of least change of the links, shape (p,).
+    def moved_onto_rows(self, space: CurveUnknowns, pose: Pose, most: float, *, gaps: bool) -> Pose | None:
+        """A pose moved onto the equations by Newton's method of least change of the links.
 
         Args:
-            space: the link space.
-            v: shape (p,).
+            space: the map of the unknowns.
+            pose: to begin at.
             most: largest turn of a link on the way [rad].
             gaps: whether to move out of broken gaps, and back within joint limits, too.
 
         Returns:
             None when that does not converge within ``most``.
         """
-        start = v
+        start = pose
+        limits = _JOINT_SHARE * space.bend_limits
         # The side to which each bend was too large on the way; ``overbent`` adds to it and takes nothing out.
-        held = np.zeros(space.arm.links)
+        held = np.zeros(len(limits))
         for _ in range(self.settings.newton_steps):
-            headings = space.configurations(v)
-            values = self.values(headings)
+            values = self.values(pose.q)
             if not np.isfinite(values.violation):
                 return None
-            slopes = values.equation_slopes @ space.matrix
+            slopes = values.equation_slopes @ pose.slopes
             # Newton: J δ = −c, with the rows of broken gaps and bent joints below those of the equations.
             change = -values.equations
             if gaps:
-                slopes, change = self.missed(space, headings)
-                limits = _JOINT_SHARE * space.bend_limits
-                over, back = overbent(limits, space.bends(headings), held, self.settings.met)
-                slopes = np.vstack((slopes, space.bend_rows[over]))
+                slopes, change = self.missed(space, pose)
+                over, back = overbent(limits, space.bends(pose.q), held, self.settings.met)
+                slopes = np.vstack((slopes, space.bend_slopes(pose)[over]))
                 change = np.append(change, back)
             if np.max(np.abs(change), initial=0.0) <= self.settings.met:
-                return v
-            v = v + _least_change(space, v, slopes, change)
+                return pose
+            pose = space.pose(pose.v + least_change(space, pose, slopes, change))
             # Farther away lies perhaps another branch of the equations, and nothing is known of what is between.
-            if np.max(np.abs(space.matrix @ (v - start))) > most:
+            if not np.max(np.linalg.norm(start.turning @ (pose.v - start.v), axis=1)) <= most:
                 return None
         return None
 
@@ -270,9 +254,9 @@ class UserLimit(Limit):
         miss = self.values(headings).violation
         return 0.0 if miss <= self.settings.met_at_goal else miss
 
-    def mending(self, space: LinkSpace, headings: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
+    def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
         """Rows of all that is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
-        term = self.drawn_onto(headings, space.matrix, most)
+        term = self.drawn_onto(pose.q, pose.slopes, most)
         return term.rows, term.target
 
     def drawn_onto(self, q: FloatArray, slopes: FloatArray, most: float) -> Term:
@@ -291,10 +275,11 @@ class UserLimit(Limit):
         wanted = np.append(-values.equations, margins[short] - values.gaps[short]) / scale
         return Term(by_pose @ slopes / scale[:, None], np.clip(wanted, -most, most), _PULL_WEIGHT)
 
-    def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def missed(self, space: CurveUnknowns, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
-        by_pose, change = self._missed_at(headings)
-        return by_pose @ space.matrix, change
+        del space
+        by_pose, change = self._missed_at(pose.q)
+        return by_pose @ pose.slopes, change
 
     def missed_turns(self, q: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same at a pose with slopes by the unknowns, shapes (c,) and (c, p), as turns of the whole arm [rad]."""
@@ -357,9 +342,9 @@ class UserLimit(Limit):
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):
             limit = self.at_keyframe(k, u)
-            moved = limit.moved_onto_rows(space, restored[k], self.settings.keyframe_turn, gaps=True)
+            moved = limit.moved_onto_rows(space, space.pose(restored[k]), self.settings.keyframe_turn, gaps=True)
             if moved is not None:
-                restored[k] = moved
+                restored[k] = moved.v
         return restored
 
     def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
@@ -465,14 +450,3 @@ class UserLimit(Limit):
     def _slope_norms(self, headings: FloatArray) -> FloatArray:
         """Norm of the slope of every row, whether it applies here or not, shape (rows,)."""
         return self.turns(np.asarray(self.rows.slopes(headings, self.u)[1]))
-
-
-def _least_change(space: LinkSpace, v: FloatArray, slopes: FloatArray, change: FloatArray) -> FloatArray:
-    """Least change of the links, from coordinates v, that changes rows by given amounts, shape (p,)."""
-    # min ½ δᵀ M δ subject to S δ = c, M the metric of the turns of the links: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares,
-    # because the user may ask for the same thing twice.
-    scale = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
-    scaled = slopes / scale[:, None]
-    spread = space.spread(v, scaled)
-    least: FloatArray = spread @ np.linalg.lstsq(scaled @ spread, change / scale, rcond=1e-10)[0]
-    return least
