@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from ccm_opt import errors
     from ccm_opt import viz as plotting
     from ccm_opt.core.progress import Progress
-    from ccm_opt.driver.built_in import BuiltInPlanner, BuiltInRetimer, Planner, Retimer
     from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.driver.pareto import pareto
     from ccm_opt.driver.pipeline import solve
+    from ccm_opt.driver.planning_run import BuiltInPlanner, BuiltInRetimer, Planner, Retimer
     from ccm_opt.driver.reach_mapping import reach_map
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.settings import Settings
@@ -98,7 +98,7 @@ __all__ = [
 ]
 
 _NAMES = {
-    "ccm_opt.driver.built_in": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
+    "ccm_opt.driver.planning_run": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
     "ccm_opt.driver.verified_plan": ("check",),
     "ccm_opt.driver.finding_pose": ("find_pose",),
     "ccm_opt.driver.live_plan": ("LivePlan",),

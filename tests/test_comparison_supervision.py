@@ -9,9 +9,8 @@ from uuid import uuid4
 
 import pytest
 
-from ccm_opt.compare.journal import open_journal
 from ccm_opt.compare.running import RunProcess, SupervisionSettings, compare, run_apart, wall_limit
-from ccm_opt.compare.runs import Run, Task
+from ccm_opt.compare.runs import Run, Task, open_journal
 from ccm_opt.core.executors import LocalWorkers
 
 from .test_comparison import STRAIGHT, small_cases

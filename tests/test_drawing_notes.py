@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.cli.notes import TIMES
+from ccm_opt.cli.loading import TIMES
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.io.placement import PlacedFile
 from ccm_opt.io.reading import load_problem

@@ -32,7 +32,7 @@ from pathlib import Path
 from ccm_opt.cli.solving import failure_recorder
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.written_plans import check_folders
-from ccm_opt.cli.watchdog import WatchdogSettings, ended_when_silent
+from ccm_opt.cli.stage_clock import WatchdogSettings, ended_when_silent
 from ccm_opt.io.reading import load_problem
 
 problem = load_problem({file!r})
@@ -258,7 +258,7 @@ HANGING = """
 import ctypes
 import time
 from pathlib import Path
-from ccm_opt.cli.watchdog import WatchdogSettings, ended_when_silent
+from ccm_opt.cli.stage_clock import WatchdogSettings, ended_when_silent
 from ccm_opt.io.reading import load_problem
 from ccm_opt.core.executors import LocalWorkers
 

@@ -30,10 +30,9 @@ from ccm_opt.compare.comparison_files import (
     write_comparison,
     write_problems,
 )
-from ccm_opt.compare.journal import open_journal
 from ccm_opt.compare.methods import DEFAULT, check_methods
 from ccm_opt.compare.running import Comparison, Pair, compare, outdated
-from ccm_opt.compare.runs import QUANTITIES, Quantity, Run
+from ccm_opt.compare.runs import QUANTITIES, Quantity, Run, open_journal
 from ccm_opt.compare.statistics import ConfidenceInterval, FigurePair
 from ccm_opt.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers

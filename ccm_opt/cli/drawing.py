@@ -17,7 +17,7 @@ from ccm_opt.viz.saved_plans import drawn, load
 
 if TYPE_CHECKING:
     from ccm_opt.viz.arm_drawing import DrawnPlan
-    from ccm_opt.viz.problem_section import PlanPages
+    from ccm_opt.viz.page_sections import PlanPages
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
 """What is drawn where nothing is asked for."""
@@ -67,9 +67,9 @@ def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
+    from ccm_opt.viz.page_sections import PlanPages  # noqa: PLC0415
     from ccm_opt.viz.paper_figures import pareto_png  # noqa: PLC0415
     from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
-    from ccm_opt.viz.problem_section import PlanPages  # noqa: PLC0415
 
     page = "report.html"
     numbers = range(1, len(found.plans) + 1)

@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.cli.notes import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
+from ccm_opt.cli.loading import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
 from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_all
 from ccm_opt.cli.output import outside_allowed
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells

@@ -1,19 +1,202 @@
-"""Loads the problems that a command is given."""
+"""Loads the problems that a command is given, and tells what people should know of them."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TypedDict
 
-from ccm_opt.cli.notes import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
+import numpy as np
+import shapely
+
 from ccm_opt.cli.outcome import warn
-from ccm_opt.cli.output import outside_allowed
+from ccm_opt.cli.output import output, outside_allowed
+from ccm_opt.cli.tables import report_console, units_of
+from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
+from ccm_opt.io.placement import odd_mesh_size
 from ccm_opt.io.reading import load_problem, with_keys_set
-from ccm_opt.problem import Problem
+from ccm_opt.problem import ImportedDrawing, Limits, Problem
+from ccm_opt.scene.bodies import MeshBody
+from ccm_opt.scene.distances.enclosures import open_words
+from ccm_opt.scene.surfaces import box_about
+
+_MOST_LEFT_OUT = 10
+"""Layers of a drawing, and things left out of it, that are listed without --verbose."""
+
+TIMES = "\N{MULTIPLICATION SIGN}"
+
+
+def tell_of_drawing(problem: Problem) -> None:
+    """Print what became of a problem's drawing, and warn of what does not fit the arm or lies outside the room."""
+    if problem.drawing is not None:
+        _tell_of(problem.drawing, problem)
+    boundary = problem.workspace.boundary
+    warn_of_outside(
+        problem.name,
+        [each.name for each in problem.workspace.obstacles if shapely.distance(each.core, boundary) > each.rounding],
+    )
+
+
+def _tell_of(drawing: ImportedDrawing, problem: Problem) -> None:
+    if output().as_json:
+        output().note({"drawing": asdict(drawing)})
+    if output().tables:
+        console = report_console()
+        for line in drawing_lines(drawing, problem):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+    with words_in(problem.length_unit):
+        odd = drawing.odd_size(problem.arm.length)
+    if odd is not None:
+        warn(f"{problem.name}: {odd}")
+
+
+def warn_of_outside(problem: str, obstacles: Sequence[str]) -> None:
+    """Warn of obstacles that lie wholly outside the room: the arm cannot come near them."""
+    shown = ", ".join(f"'{name}'" for name in obstacles[:_MOST_LEFT_OUT])
+    rest = len(obstacles) - len(obstacles[:_MOST_LEFT_OUT])
+    if obstacles:
+        warn(f"{problem}: wholly outside the room: {shown}" + (f", and {rest} more" if rest else ""))
+
+
+def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
+    """A line about the obstacles, one about the layers, and one for everything that was left out.
+
+    Args:
+        drawing: what became of the drawing.
+        problem: gives the unit of lengths.
+    """
+    units = units_of(problem)
+    xmin, ymin, xmax, ymax = (value / units.metres for value in drawing.box)
+    corners = f"from ({xmin:.4g}, {ymin:.4g}) to ({xmax:.4g}, {ymax:.4g})"
+    size = f"{xmax - xmin:.4g} {TIMES} {ymax - ymin:.4g}"
+    count = "1 obstacle" if drawing.obstacles == 1 else f"{drawing.obstacles} obstacles"
+    yield f"{drawing.file}: {count}, {size} {units.name}, {corners} {units.name}"
+    if not shapely.covers(problem.workspace.boundary, shapely.box(*drawing.box)):
+        yield "  parts of it lie outside the room"
+    if drawing.unit not in {"", units.name}:
+        yield f"  it names {drawing.unit} as its unit, the problem file {units.name}; workspace.scale alone counts"
+    shown = None if output().verbose else _MOST_LEFT_OUT
+    if drawing.layers:
+        listed = ", ".join(f"{name} ({number})" for name, number in drawing.layers[:shown])
+        rest = len(drawing.layers) - len(drawing.layers[:shown])
+        yield f"  layers: {listed}" + (f", and {rest} more" if rest else "")
+    for item in drawing.left_out[:shown]:
+        yield f"  left out: {item.what}: {item.reason}"
+    if rest := len(drawing.left_out) - len(drawing.left_out[:shown]):
+        yield f"  and {rest} more left out; --verbose lists them"
+
+
+def tell_of_meshes(problem: Problem) -> None:
+    """Print what became of a problem's meshes, and warn of those that do not fit the arm, and of what is outside."""
+    bounds = problem.workspace.bounds
+    if bounds is not None:
+        boxes = [
+            (each.name, box_about(each.body.triangles), each.body.rounding) for each in problem.workspace.obstacles
+        ]
+        warn_of_outside(
+            problem.name,
+            [name for name, (low, high), r in boxes if np.any((low - r > bounds[1]) | (high + r < bounds[0]))],
+        )
+    meshes = [(each.name, each.body) for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
+    if not meshes:
+        return
+    if output().as_json:
+        output().note({"meshes": [mesh_data(name, body) for name, body in meshes]})
+    if output().tables:
+        console = report_console()
+        for name, body in meshes:
+            for line in mesh_lines(name, body, problem):
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
+    for _, body in meshes:
+        odd = odd_mesh_size(body, problem.arm.length)
+        if odd is not None:
+            warn(f"{problem.name}: {odd}")
+
+
+def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
+    """A line about the mesh, and one for what was done to it.
+
+    Args:
+        name: of the obstacle.
+        body: the mesh.
+        problem: gives the unit of lengths.
+    """
+    unit = problem.length_unit
+    low, high = box_about(body.vertices) / METRES[unit]
+    size = f" {TIMES} ".join(f"{length:.4g}" for length in high - low)
+    corners = f"from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
+    yield f"{name}: {body.file}, {body.triangles_read} triangles, {size} {unit}, {corners}, {_inside(body, unit)}"
+    for words in body.notes:
+        yield f"  {words}"
+    for words in body.mended:
+        yield f"  mended: {words}"
+    room = problem.workspace.bounds
+    if room is not None and np.any((low * METRES[unit] < room[0]) | (high * METRES[unit] > room[1])):
+        yield "  parts of it lie outside the room"
+
+
+def _inside(body: MeshBody, unit: LengthUnit) -> str:
+    """Whether a mesh is closed, and what counts as its inside."""
+    if not body.solid:
+        return "its surface alone counts (solid = false)"
+    if body.closed:
+        return "closed"
+    with words_in(unit):
+        return f"not closed: it {open_words(body)}; what it goes round by more than a half counts as inside"
+
+
+def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
+    """The same for programs, lengths in metres."""
+    box = box_about(body.vertices)
+    return {
+        "obstacle": name,
+        "file": body.file,
+        "sha256": body.digest,
+        "triangles_read": body.triangles_read,
+        "triangles": len(body.faces),
+        "box": box.tolist(),
+        "closed": body.closed,
+        "solid": body.solid,
+        "mended": list(body.mended),
+        "notes": list(body.notes),
+    }
+
+
+FASTEST = {"/s": 10.0, "/s²": 200.0}
+"""Arm lengths from which a speed or an acceleration was probably meant otherwise. Taste: linear motors of a metre
+reach about 5 m/s and 100 m/s²."""
+SLOWEST = 5e-4
+"""Arm lengths a second, or a second squared, below which it was: half an hour for the length of an arm. Taste."""
+STRONGEST_GRAVITY = 50.0
+"""Twice that of Jupiter [m/s²]; on Earth in millimetres it is 9810."""
+
+
+def tell_of_odd_rates(problem: Problem) -> None:
+    """Warn of rates that are out of all proportion to the arm, and of a gravity that no planet has."""
+    unit = problem.length_unit
+    for key, rate, per in _rates(problem.limits):
+        share = rate / problem.arm.length
+        if SLOWEST <= share <= FASTEST[per]:
+            continue
+        warn(
+            f"{problem.name}: limits.{key} is {in_unit(rate, unit):.6g} {unit}{per}, {share:.2g} arm lengths{per}: "
+            "it is given in the file's unit of length; is that meant?"
+        )
+    strength = float(np.linalg.norm(problem.simulation.gravity))
+    if strength > STRONGEST_GRAVITY:
+        warn(f"{problem.name}: simulation.gravity is {strength:.6g} m/s²: it is given in m/s² whatever the file's unit")
+
+
+def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
+    """Yield key, value [m/s, m/s²] and what it is per, of every limit that is given on feed axis, tip and points."""
+    given = [("feed_velocity", limits.feed_velocity, "/s"), ("feed_acceleration", limits.feed_acceleration, "/s²")]
+    for point in limits.points:
+        name = "tip_" if point.at is None else f"points at {point.at:g} m, "
+        given += [(f"{name}velocity", point.velocity, "/s"), (f"{name}acceleration", point.acceleration, "/s²")]
+    return ((key, float(rate), per) for key, rate, per in given if rate is not None and np.isfinite(rate))
 
 
 @dataclass

@@ -16,9 +16,8 @@ from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.solving import tell_where
-from ccm_opt.cli.stage_clock import STATUS_REFRESHES, StageClock, stage_display
+from ccm_opt.cli.stage_clock import STATUS_REFRESHES, StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.tables import columned_table, report_console, stage_line, units_of, value_table
-from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target

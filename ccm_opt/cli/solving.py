@@ -15,10 +15,9 @@ from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
-from ccm_opt.cli.stage_clock import StageClock, stage_display
+from ccm_opt.cli.stage_clock import StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.surroundings import MORE_MEMORY, no_search_for_cycles, out_of_memory
 from ccm_opt.cli.tables import print_pareto, print_solution
-from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure

@@ -23,9 +23,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, cast
 
-from ccm_opt.compare.journal import Journal
 from ccm_opt.compare.methods import code_of
-from ccm_opt.compare.runs import Outcome, Run, Task, failed_run
+from ccm_opt.compare.runs import Journal, Outcome, Run, Task, failed_run
 from ccm_opt.compare.statistics import (
     ConfidenceInterval,
     FigurePair,

@@ -26,7 +26,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, Generic, Protocol, TypeVar
 
-from ccm_opt.core.background import in_background
+from ccm_opt.core.threads import in_background
 from ccm_opt.errors import ProblemError
 
 

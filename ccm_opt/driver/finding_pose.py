@@ -12,10 +12,9 @@ from ccm_opt.core.length_words import short_length, words_for_unit, words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
+from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_contradictions, refuse_without_effect
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.user_terms import compiled_terms, refuse_contradictions
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.pose_solver import ArmPose

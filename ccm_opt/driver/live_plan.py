@@ -7,20 +7,18 @@ from math import inf
 
 import numpy as np
 
-from ccm_opt.core.arguments import finite_array, is_number
+from ccm_opt.core.arguments import expect, expect_that, finite_array, is_number, refusal
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.expected import expect, expect_that, refusal
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
+from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_plan import VerifiedPlan, check, failed_checks
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost

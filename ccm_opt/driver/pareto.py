@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ccm_opt.core.expected import expect
+from ccm_opt.core.arguments import expect
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.kept_plan import room_in_space
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings

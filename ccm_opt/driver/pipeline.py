@@ -16,7 +16,7 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.calls import expect_arguments, refuse_without_effect
+from ccm_opt.driver.arguments import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, Retimer, plan_legs
 from ccm_opt.driver.planning_run import PlanningRun

@@ -1,4 +1,4 @@
-"""The planning of one problem, as often as it is asked for."""
+"""The planning of one problem, as often as it is asked for, and the same as objects for planners of users."""
 
 import time
 from collections.abc import Sequence
@@ -6,22 +6,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ccm_opt.core.arguments import expect
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
 from ccm_opt.diagnosis.relaxation import Trials
+from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_terms, refuse_contradictions
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.user_terms import compiled_terms, named_terms, refuse_contradictions
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath
+from ccm_opt.solution import JointPath, JointTrajectory
 
 
 def default_planner(
@@ -183,3 +184,79 @@ def _ended(plan: object) -> FloatArray:
     if not isinstance(plan, VerifiedPlan):
         raise ProblemError(f"{type(plan).__name__} is no plan")
     return np.asarray(plan.trajectory.positions[-1])
+
+
+__all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
+
+
+@dataclass(frozen=True)
+class BuiltInPlanner:
+    """The planner that ``solve`` takes when it is given none.
+
+    Which one that is depends on the problem: the planner in space, and in the plane that of curves, that of arms on a
+    feed axis, or the paper's own by hill climbing. A planner of your own may ask it for a path, for the same problem or
+    for one that it changed::
+
+        class Roomy:
+            def plan(self, problem):
+                wide = replace(problem, workspace=replace(problem.workspace, clearance=0.02))
+                return ccm_opt.BuiltInPlanner().plan(wide)
+
+        solution = ccm_opt.solve(problem, planner=Roomy())
+
+    Attributes:
+        constraints: of the user, which the paths keep. ``solve`` does not give its own to a planner that it is
+            handed, so they are given here too.
+        costs: of the user, likewise.
+        settings: numbers of the stages.
+    """
+
+    constraints: Sequence[Constraint] = ()
+    costs: Sequence[Cost] = ()
+    settings: Settings = DEFAULT_SETTINGS
+
+    def __post_init__(self) -> None:
+        expect_arguments(settings=self.settings)
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified path.
+
+        Args:
+            problem: with one goal; goals in sequence are planned leg by leg.
+
+        Raises:
+            ProblemError: the planner cannot be used for this problem.
+            NoPlanFound: with a diagnosis, when there is none within the limits.
+        """
+        Problem.expected(problem)
+        terms = compiled_terms(problem.arm, self.constraints, self.costs)
+        return default_planner(problem, Stages(), terms, self.settings).plan(problem)
+
+
+@dataclass(frozen=True)
+class BuiltInRetimer:
+    """The timing that ``solve`` takes when it is given none: the one that ``problem.planner.retiming`` names.
+
+    Attributes:
+        settings: numbers of the stages.
+    """
+
+    settings: Settings = DEFAULT_SETTINGS
+
+    def __post_init__(self) -> None:
+        expect_arguments(settings=self.settings)
+
+    def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
+        """Lay time along a path, from rest to rest within the limits; the verifier accepts it.
+
+        Args:
+            problem: of which the path is a solution.
+            path: from its start to its goal.
+
+        Raises:
+            RetimingError: with a diagnosis, when there is no timing within the limits.
+            VerificationError: the path is no solution of the problem.
+        """
+        Problem.expected(problem)
+        expect(path, JointPath, "a ccm_opt.JointPath", "planners make them")
+        return timed_and_verified(problem, (Leg(problem, path),), Stages(), settings=self.settings).trajectory

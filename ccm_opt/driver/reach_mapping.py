@@ -6,15 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.core.arguments import is_number, is_whole
+from ccm_opt.core.arguments import expect_that, is_number, is_whole
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
 from ccm_opt.core.executors import Workers
-from ccm_opt.core.expected import expect_that
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError

@@ -7,18 +7,16 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
-from ccm_opt.core.arguments import is_number
+from ccm_opt.core.arguments import expect, expect_that, is_number
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.expected import expect, expect_that
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.driver.arguments import compiled_terms, expect_arguments
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.user_terms import compiled_terms
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields, replace
 
 from ccm_opt.baseline.settings import BaselineSettings
-from ccm_opt.core.expected import expect
+from ccm_opt.core.arguments import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
 from ccm_opt.ik.terms import TermCheckSettings

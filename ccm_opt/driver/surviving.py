@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.core.expected import expect
-from ccm_opt.driver.calls import expect_arguments
+from ccm_opt.core.arguments import expect
+from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem

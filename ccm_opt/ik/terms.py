@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
-from ccm_opt.core.arguments import is_number
+from ccm_opt.core.arguments import expect, expect_that, is_number
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.core.background import ANSWER, in_background
-from ccm_opt.core.expected import expect, expect_that
+from ccm_opt.core.threads import ANSWER, in_background
 from ccm_opt.errors import CcmError, ProblemError
 
 if TYPE_CHECKING:

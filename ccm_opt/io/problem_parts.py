@@ -12,9 +12,8 @@ from typing import Any, TypeAlias, TypeVar, get_args
 import numpy as np
 import shapely
 
-from ccm_opt.core.arguments import Arguments, finite_array
+from ccm_opt.core.arguments import Arguments, expect, expect_that, finite_array
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.expected import expect, expect_that
 from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.build import build_arm

@@ -11,7 +11,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Array
 
-from ccm_opt.core.expected import expect, expect_that
+from ccm_opt.core.arguments import expect, expect_that
 from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath, dotted, locate_keys

@@ -6,9 +6,8 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
-from ccm_opt.core.arguments import is_number
+from ccm_opt.core.arguments import expect, is_number
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.expected import expect
 from ccm_opt.core.length_words import LengthUnit, long_length, words_in
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem.field_types import ImportedDrawing, wrong_types

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import shapely
 
-from ccm_opt.core.arguments import is_number
-from ccm_opt.core.expected import in_words
+from ccm_opt.core.arguments import in_words, is_number
 from ccm_opt.core.length_words import file_length
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions, Weights
 from ccm_opt.problem.poses import JointPose, Stop, TipGoal, Tolerances

@@ -6,9 +6,8 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from ccm_opt.core.arguments import Arguments, finite_array, is_number
+from ccm_opt.core.arguments import Arguments, finite_array, in_words, is_number
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.arm import Arm, MappingName

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ccm_opt.core.arguments import Arguments
+from ccm_opt.core.arguments import Arguments, in_words
 from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.core.expected import in_words
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.errors import ProblemError
 from ccm_opt.scene.bodies import BOX_FACES, Body, box_corners

@@ -4,7 +4,7 @@ What stands here a second time (frames and points of the arm, its mount, pairs o
 stands here on purpose: a mistake in the planners' code must not hide itself.
 """
 
-from ccm_opt.core.expected import expect
+from ccm_opt.core.arguments import expect
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes

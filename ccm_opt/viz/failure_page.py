@@ -21,9 +21,8 @@ from ccm_opt.viz.document import (
     page_header,
     table,
 )
-from ccm_opt.viz.problem_section import problem_section, timings_table
+from ccm_opt.viz.page_sections import problem_section, stage_section, timings_table
 from ccm_opt.viz.scene_data import goals_data, scene_data, space_scene_data
-from ccm_opt.viz.stage_section import stage_section
 
 Mark = dict[str, object]
 """A mark of the scene: its ``kind``, its places [m], and perhaps words with the place ``at`` which they stand."""

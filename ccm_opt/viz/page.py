@@ -27,9 +27,17 @@ from ccm_opt.viz.document import (
     table,
     three_digits,
 )
-from ccm_opt.viz.problem_section import PlanPages, files_section, making_section, plans_section, problem_section
+from ccm_opt.viz.page_sections import (
+    PlanPages,
+    files_section,
+    goal_times,
+    making_section,
+    plans_section,
+    player_bar,
+    problem_section,
+    stage_section,
+)
 from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
-from ccm_opt.viz.stage_section import goal_times, player_bar, stage_section
 from ccm_opt.viz.time_series import phase_data, series_data
 
 _POSE_MARGIN = 0.18
