@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.driver.metrics import leader_deviation, leaders_path
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.settings import DeviationSettings
 from ccm_opt.robot.arm import Feed
 from tests.snakes_in_space import snake
 
@@ -51,9 +50,9 @@ def fed_along(curvatures: np.ndarray, changing: float) -> np.ndarray:
     """Configurations of an arm that is fed along a curve, which changes by a share on the way."""
     curve, start = CurveMap.through(ARM, np.append(np.zeros(32), -0.8))
     start[: curve.feed_column] = curvatures
-    motion = np.repeat(start[None], 120, axis=0)
-    motion[:, curve.feed_column] = np.linspace(-0.8, 0.0, 120) / curve.scale[curve.feed_column]
-    motion[:, : curve.feed_column] *= 1.0 + changing * np.linspace(-1.0, 0.0, 120)[:, None]
+    motion = np.repeat(start[None], 40, axis=0)
+    motion[:, curve.feed_column] = np.linspace(-0.8, 0.0, 40) / curve.scale[curve.feed_column]
+    motion[:, : curve.feed_column] *= 1.0 + changing * np.linspace(-1.0, 0.0, 40)[:, None]
     return np.stack([curve.configuration(v) for v in motion])
 
 
@@ -74,18 +73,17 @@ def test_the_deviation_is_that_of_all_samples(seed: int) -> None:
     """Against distances of every place from every leg of the path."""
     rng = np.random.default_rng(seed)
     positions = fed_along(0.2 * rng.normal(size=22), rng.uniform(0.0, 1.0))
-    settings = DeviationSettings(places_per_link=2, poses=30)
-    found = leader_deviation(ARM, positions, settings)
+    found = leader_deviation(ARM, positions)
     assert found is not None
 
-    poses = positions[np.linspace(0, len(positions) - 1, 30).astype(int)]
+    poses = positions
     joints = ARM.joint_positions_at(poses)
     path = leaders_path(ARM, poses, joints)
     assert path[0] == pytest.approx(ARM.base + ARM.hole * ARM.direction)
     distances = []
     for pose, feed in zip(joints, poses[:, -1], strict=True):
         for link in range(ARM.links):
-            for share in (0.25, 0.75):
+            for share in (np.arange(8) + 0.5) / 8:
                 if feed + ARM.link_length * (link + share) <= ARM.hole:
                     continue
                 point = pose[link] + share * (pose[link + 1] - pose[link])

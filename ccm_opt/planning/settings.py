@@ -716,23 +716,8 @@ class FollowingSettings:
     spare: float = 1e-4
 
 
-@dataclass(frozen=True)
-class DeviationSettings:
-    """How finely the deviation from a leader is measured; all of it definitions of the reported figures.
-
-    Attributes:
-        places_per_link: places on every link whose distance from the path is taken. Taste.
-        poses: of a motion that are looked at, at most; the first and the last are among them. Taste.
-    """
-
-    places_per_link: int = 8
-    poses: int = 400
-
-
 DEFAULT_FOLLOWING = FollowingSettings()
 """What functions take when they are not given other settings."""
-DEFAULT_DEVIATION = DeviationSettings()
-"""The same for the deviation."""
 
 
 @dataclass(frozen=True)
