@@ -281,15 +281,23 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
     Raises:
         MotionNotFound: when no smooth path near the motion can be certified.
     """
-    path = smooth_path(motion, task)
+    path = laid_path(motion, task)
     if path is None:
         reason = "the motion leaves no room for a smooth path"
         names = ", ".join(f"'{name}'" for limit in task.user_limits for name in limit.names)
         if names:
             reason = f"{reason} that keeps the joint limits and the constraints {names}"
         raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm.radius, problem.workspace.clearance)))
-    control = problem.arm.bends(path.spline.c)
-    curves = nearest_curves(problem.arm, motion.configurations)
-    keyframes = problem.arm.bends(motion.configurations)
-    spline = BSpline(path.spline.t, control, path.spline.k)
-    return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)
+    return path
+
+
+def laid_path(motion: Motion, task: MotionTask) -> JointPath | None:
+    """The same; None when there is none."""
+    path = smooth_path(motion, task)
+    if path is None:
+        return None
+    arm = task.arm
+    # Coordinates are linear in poses, so control points can be turned into them one by one.
+    spline = BSpline(path.spline.t, arm.configurations(np.asarray(path.spline.c)), path.spline.k)
+    curves = nearest_curves(arm, motion.configurations[:, : arm.links])
+    return JointPath(spline, arm.configurations(motion.configurations), curves, motion.candidate, spare=path.spare)

@@ -14,6 +14,9 @@ from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.path_on_limits import KnotJoints, certified_samples, spline_on_limits
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
 
+_EQUATION_SAMPLES = 200
+"""Places of a path beside keyframes at which equations are looked at. Taste."""
+
 
 def path_through_knots(motion: Motion, task: MotionTask) -> BSpline | None:
     """The certified path through knots that meet the task's limits; None when there is none.
@@ -128,7 +131,28 @@ class SplineThroughKnots:
         return None if spline is None else SmoothPath(spline, 0.0)
 
 
-PATH_STRATEGIES: tuple[PathStrategy, ...] = (SplineNearKeyframes(), SplineThroughKnots())
+@dataclass(frozen=True)
+class SplineNearEquations:
+    """A B-spline beside keyframes that meets equations all the same, as those that are linear in a pose.
+
+    One through knots on them swings a little everywhere, and so in a guide tube, which holds joints straight.
+    """
+
+    def applies(self, task: MotionTask) -> bool:
+        """Where no spline beside the keyframes has been tried yet."""
+        return any(limit.shapes_path for limit in task.user_limits)
+
+    def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
+        """The spline, where no sample of it misses an equation."""
+        path = SplineNearKeyframes().path(motion, task)
+        if path is None:
+            return None
+        u = np.linspace(0.0, 1.0, _EQUATION_SAMPLES)
+        missed = any(limit.misses_path(path.spline(u), u).any() for limit in task.user_limits)
+        return None if missed else path
+
+
+PATH_STRATEGIES: tuple[PathStrategy, ...] = (SplineNearKeyframes(), SplineThroughKnots(), SplineNearEquations())
 """Those that apply are tried in turn; the first that lays a path decides."""
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ik.pose_settings import PoseSettings
@@ -259,15 +259,19 @@ class GuideTubeLimit(Limit):
         base = self._base(poses)
         least = _least_around(base, self.settings.mixed)
         outside = np.ceil(self._hole + self._reserve - least - self.settings.rounding)
-        bent = self.arm.bends(poses[:, : self.arm.links]) != 0.0
+        bent = self._bent(poses)
         first_bent = np.where(bent.any(axis=1), np.argmax(bent, axis=1), self.arm.links)
         # What is bent already may stay so: the motion is certified.
         first: IntArray = np.clip(np.minimum(outside, first_bent), 0, self.arm.links).astype(np.intp)
         return first
 
+    def _bent(self, poses: FloatArray) -> BoolArray:
+        """Which joints are bent by more than splines of link headings round, shape (K, c) to (K, links)."""
+        return np.asarray(np.abs(self.arm.bends(poses[:, : self.arm.links])) > TINY)
+
     def _held_bent(self, poses: FloatArray) -> BoolArray:
         """In which intervals between poses, shape (K, c), or at which pose alone, some joint is bent and held."""
-        bent = self.arm.bends(poses[:, : self.arm.links]) != 0.0
+        bent = self._bent(poses)
         beyond = self._beyond(poses)
         # A joint that an end of the motion bends nearer to the hole than that has not just come out.
         ends = np.where(bent[[0, -1]], beyond[[0, -1]], np.inf).min(axis=0)
@@ -331,7 +335,7 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         user_limits=user_limits,
         wanted_gap=problem.wanted_gap,
         end_poses=FedEndPoses(query, query.settings.curve.goal_pose),
-        guide_tubes=(GuideTubeLimit(arm, query.motions.travel),),
+        guide_tubes=(GuideTubeLimit(arm, query.travel),),
         settings=query.settings.curve.motion,
     )
 

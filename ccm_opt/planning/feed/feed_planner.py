@@ -548,7 +548,7 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
     straights.extend((max(end + arm.link_length, least), _FIRST_CURVES) for end in tight)
     straights.append((least, settings.curves))
     if query.feed.high > least:
-        straights.append((query.feed.high + 2.0 * query.motions.travel, settings.curves))
+        straights.append((query.feed.high + 2.0 * query.travel, settings.curves))
     return straights
 
 

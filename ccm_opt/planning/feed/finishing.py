@@ -1,12 +1,7 @@
-"""Finishes the motion of a fed arm: smooth path and parameter.
-
-The spline beside few keyframes bends a joint a little before it comes out of the tube. Drawn onto its legs instead it
-would be certified, but all corners. So it is sampled finely, what is bent in the tube is moved on to the next joints,
-and a spline is laid beside the samples: as smooth as the first, and straight where it must be.
-"""
+"""Finishes the motion of a fed arm: optimised where that is worth while, and a smooth path."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -14,19 +9,17 @@ from scipy.interpolate import BSpline
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.continuation import Stalled
+from ccm_opt.planning.curve_planner import laid_path
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.feed.fed_task import task_of_optimising
 from ccm_opt.planning.feed.member_problems import ProposedMotion
 from ccm_opt.planning.feed.query import FeedQuery
-from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
-from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
 from ccm_opt.planning.settings import MotionSettings
-from ccm_opt.planning.smooth_path import SmoothPath, smooth_path
-from ccm_opt.planning.spline_path import DEGREE, certified_spline, clamped_spline, spare_kept
+from ccm_opt.planning.spline_path import DEGREE, clamped_spline
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Limits, Weights
@@ -48,51 +41,31 @@ _TIME_SAMPLES = 1500
 _ROOM_EXPONENT = 0.5
 """Of paths that are compared, the one with a certain share of another's room may last that share to this power as long.
 Taste."""
-_LEAST_ROOM = 0.02
-"""Share of the wanted gap that counts for paths with less. Taste."""
 _FINER_SAMPLES = 4
 """Samples to a keyframe of an optimised motion, beside which an even path is laid. Taste."""
+_LEAST_ROOM = 0.02
+"""Share of the wanted gap that counts for paths with less. Taste."""
 
 
-def even_spline(
-    arm: Arm,
-    poses: FloatArray,
-    travel: float,
-    certificate: IntervalCertificate,
-    finer: int,
-) -> BSpline | None:
-    """The certified spline of poses near keyframes; None when there is none.
+def straight_in_tube(arm: Arm, poses: FloatArray, travel: float) -> FloatArray:
+    """Poses along the spline beside others, shape (K, c), what the tube bends there moved on to the next joints.
 
     Args:
         arm: with a feed axis.
-        poses: keyframes, shape (K, c) [rad, link lengths].
+        poses: at the keyframes, shape (k, c) [rad, link lengths].
         travel: how far beyond the hole a joint stays straight [m].
-        certificate: of the path.
-        finer: samples to a keyframe.
     """
-    if len(poses) <= DEGREE:
-        return None
-    fine = clamped_spline(poses)(np.linspace(0.0, 1.0, finer * len(poses)))
-    straightened = arm.poses(_straight_in_tube(arm, arm.configurations(fine), travel))
-    straightened[0] = poses[0]
-    straightened[-1] = poses[-1]
-    return certified_spline(straightened, certificate)
-
-
-def _straight_in_tube(arm: Arm, q: FloatArray, travel: float) -> FloatArray:
-    """Configurations, shape (K, c), with bends of joints that the tube holds there or beside moved on to the next."""
-    feeds = arm.coordinates.advance(q)
+    q = arm.configurations(clamped_spline(poses)(np.linspace(0.0, 1.0, _FINER_SAMPLES * len(poses))))
     # A sample shapes the spline as far as the third beside it.
-    around = np.pad(feeds, DEGREE, mode="edge")
+    around = np.pad(arm.coordinates.advance(q), DEGREE, mode="edge")
     least = np.lib.stride_tricks.sliding_window_view(around, 2 * DEGREE + 1).min(axis=1)
     held = arm.held(least - travel)
-    straight = q.copy()
     for joint in range(arm.links - 1):
-        moved = np.where(held[:, joint], straight[:, joint], 0.0)
-        straight[:, joint] -= moved
-        straight[:, joint + 1] += moved
-    straight[:, : arm.links][held] = 0.0
-    return straight
+        moved = np.where(held[:, joint], q[:, joint], 0.0)
+        q[:, joint] -= moved
+        q[:, joint + 1] += moved
+    q[:, : arm.links][held] = 0.0
+    return np.concatenate((poses[:1], arm.poses(q[1:-1]), poses[-1:]))
 
 
 def path_time(arm: Arm, limits: Limits, path: BSpline, samples: int = _TIME_SAMPLES) -> float:
@@ -116,76 +89,6 @@ def path_time(arm: Arm, limits: Limits, path: BSpline, samples: int = _TIME_SAMP
     return float(np.mean(np.maximum(by_speed, by_acceleration)))
 
 
-@dataclass(frozen=True)
-class FedPaths:
-    """Lays smooth paths along motions, and says how long they last.
-
-    Attributes:
-        query: what is asked.
-        task: the same as a task of the optimisation, with all limits.
-    """
-
-    query: FeedQuery
-    task: MotionTask
-
-    def time(self, path: JointPath) -> float:
-        """Least duration of a path [s]."""
-        return self.spline_time(path.spline)
-
-    def spline_time(self, spline: BSpline) -> float:
-        """Least duration of a spline of bends and feed [s]."""
-        query = self.query
-        return path_time(query.arm, query.problem.limits, spline, _TIME_SAMPLES)
-
-    def smooth(self, motion: Motion) -> JointPath | None:
-        """The quickest smooth path along a motion of the optimisation."""
-        arm = self.query.arm
-        curves = nearest_curves(arm, motion.configurations[:, : arm.links])
-        keyframes = arm.configurations(motion.configurations)
-        paths = []
-        for path in (self._even(motion), smooth_path(motion, self.task) or self._beside_keyframes(motion)):
-            if path is not None:
-                spline = BSpline(path.spline.t, arm.configurations(path.spline.c), path.spline.k)
-                paths.append(JointPath(spline, keyframes, curves, motion.candidate, (), path.spare))
-        return min(paths, key=self.time, default=None)
-
-    def _even(self, motion: Motion) -> SmoothPath | None:
-        """A path that is even where joints come out of the tube; none where it may not leave the keyframes."""
-        if any(limit.shapes_path for limit in self.task.user_limits):
-            return None
-        finer = _FINER_SAMPLES
-        certificate = self.task.certificate
-        travel = self.query.motions.travel
-        spline = even_spline(self.query.arm, motion.configurations, travel, certificate, finer)
-        return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate))
-
-    def _beside_keyframes(self, motion: Motion) -> SmoothPath | None:
-        """A path beside the keyframes where it meets the user's equations all the same.
-
-        A path through knots on equations swings a little everywhere, and so in the guide tube too; one beside keyframes
-        is straight where they are, and meets what is linear in bends and feed.
-        """
-        if not any(limit.shapes_path for limit in self.task.user_limits):
-            return None
-        spline = certified_spline(motion.configurations, self.task.certificate)
-        if spline is None:
-            return None
-        u = np.linspace(0.0, 1.0, _ROOM_SAMPLES)
-        if any(limit.misses_path(spline(u), u).any() for limit in self.task.user_limits):
-            return None
-        return SmoothPath(spline, spare_kept(spline, self.task.certificate))
-
-    def plain(self, proposed: ProposedMotion) -> JointPath | None:
-        """The path near the keyframes as they are."""
-        certified = self.query.motions.path(proposed.keyframes)
-        if certified is None:
-            return None
-        spline, spare = certified
-        arm = self.query.arm
-        curves = nearest_curves(arm, arm.headings(proposed.keyframes[:, : arm.links]))
-        return JointPath(spline, proposed.keyframes, curves, proposed.name, proposed.leaders, spare)
-
-
 @dataclass
 class Finishing:
     """Makes paths of proposed motions.
@@ -196,7 +99,6 @@ class Finishing:
         space: of the motions.
         refused: why motions were refused.
         terms: the user's constraints and costs, which are limits of the task; or None.
-        paths: lays the paths.
     """
 
     query: FeedQuery
@@ -204,29 +106,55 @@ class Finishing:
     space: FedSpace
     refused: list[str]
     terms: UserTerms | None = None
-    paths: FedPaths = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.paths = FedPaths(self.query, self.task)
 
     def path(self, proposed: ProposedMotion) -> JointPath | None:
         """The certified path of a motion, optimised where that is worth while; None when there is none."""
-        if not self.query.motions.within_limits(proposed.keyframes):
+        arm = self.query.arm
+        if np.any((proposed.keyframes < arm.lower_limits) | (proposed.keyframes > arm.upper_limits)):
             self.refused.append(f"{proposed.name}: beyond a limit of the joints or of the feed")
             return None
         found = self._motion(proposed)
         if self.task.user_limits:
             return self._on_limits(found)
-        certified = len(self.task.certificate.failures(found.configurations)) == 0
-        plain = self.paths.plain(proposed) or (self.paths.smooth(found) if certified else None)
-        if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
-            better = optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found))
-            path = self.paths.smooth(better)
-            if path is not None and (plain is None or self.task.weights != Weights() or self.preferred(path, plain)):
-                return path
+        plain = self._laid(found) or self._even(found)
         if plain is None:
             self.refused.append(f"{proposed.name}: not certified")
+            return None
+        plain = replace(plain, leaders=proposed.leaders)
+        if self._worthwhile(found, follows=bool(proposed.leaders)):
+            path = self._smooth(optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found)))
+            if path is not None and (self.task.weights != Weights() or self.preferred(path, plain)):
+                return path
         return plain
+
+    def time(self, path: JointPath) -> float:
+        """Least duration of a path [s]."""
+        return path_time(self.query.arm, self.query.problem.limits, path.spline)
+
+    def _laid(self, motion: Motion) -> JointPath | None:
+        """The smooth path near the keyframes of a motion, exactly straight where its link headings only round."""
+        path = laid_path(motion, self.task)
+        if path is None:
+            return None
+        spline = path.spline
+        control = np.where(np.abs(spline.c) > TINY, spline.c, 0.0)
+        return replace(path, spline=BSpline(spline.t, control, spline.k))
+
+    def _smooth(self, motion: Motion) -> JointPath | None:
+        """The quicker smooth path of two along a motion."""
+        paths = (self._laid(motion), self._even(motion))
+        return min(filter(None, paths), key=self.time, default=None)
+
+    def _even(self, motion: Motion) -> JointPath | None:
+        """A smooth path that is even where joints come out of the tube; none where it may not leave the keyframes.
+
+        Beside few keyframes a joint bends a little before it comes out, so that the spline has to be drawn onto its
+        legs there, all corners. Laid beside fine samples that are straight in the tube it is as smooth as elsewhere.
+        """
+        if len(motion.configurations) <= DEGREE or any(limit.shapes_path for limit in self.task.user_limits):
+            return None
+        even = straight_in_tube(self.query.arm, motion.configurations, self.query.travel)
+        return self._laid(replace(motion, configurations=even))
 
     def duration(self, proposed: ProposedMotion) -> float:
         """An estimate of how long a motion lasts, in turns of the average joint [rad]."""
@@ -247,11 +175,11 @@ class Finishing:
         for motion in self._kept(found):
             optimised = optimise(motion, task_of_optimising(self.task, self.query, motion))
             motions = (optimised, motion) if keeps_limits(optimised, self.task) else (motion,)
-            paths = [path for each in motions if (path := self.paths.smooth(each)) is not None]
+            paths = [path for each in motions if (path := self._smooth(each)) is not None]
             if paths:
                 # What costs weigh is in the optimised motion; constraints alone leave the quicker of the two.
                 weighed = self.terms is not None and len(self.terms.all_costs) > 0
-                return min(paths, key=self._cost if weighed else self.paths.time)
+                return min(paths, key=self._cost if weighed else self.time)
             self.refused.append(f"{motion.candidate}: no smooth path keeps the constraints")
         return None
 
@@ -315,7 +243,7 @@ class Finishing:
 
     def _time_for_room(self, path: JointPath) -> float:
         """The least duration of a path [s], longer by the room that it lacks: half the room counts as √2 times."""
-        time = self.paths.time(path)
+        time = self.time(path)
         wanted = self.task.wanted_gap
         if wanted == 0.0:
             return time
@@ -325,7 +253,7 @@ class Finishing:
     def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
         """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""
         spline = clamped_spline(proposed.keyframes)
-        return self.paths.spline_time(spline) < self.paths.time(path)
+        return path_time(self.query.arm, self.query.problem.limits, spline) < self.time(path)
 
     def _cost(self, path: JointPath) -> float:
         """What the user's costs make of a path: their weighted means over its samples."""

@@ -4,31 +4,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import shapely
-from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.planning.ends import refuse_blocked_tip
 from ccm_opt.planning.following.leader import (
     LeaderPath,
     feed_step,
     path_of_pose,
-    straight_while_held,
     travel_between_samples,
 )
-from ccm_opt.planning.settings import DEFAULT_FEED, DEFAULT_FOLLOWING, FeedPlannerSettings, FollowingSettings
-from ccm_opt.planning.spline_path import certified_spline, spare_kept
+from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.bad_pose import refuse_bad_pose
-from ccm_opt.scene.certificate import Certificate, allowed_contact
-from ccm_opt.scene.workspace import Workspace
-
-_SPARE_AT_ENDS = 0.5
-"""Share of the narrower end's gap that the certificate may ask for along the motion. Taste."""
 
 _CONTACT_REACH = 0.02
 """Contacts of a pose nearer than this are listed, as a share of the arm's length. Taste."""
@@ -57,80 +47,6 @@ def fed_pose(problem: Problem, pose: JointPose, which: str, settings: FeedPlanne
     return JointPose(np.where(held, 0.0, bends), pose.feed)
 
 
-def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
-    """The gap of the tip at the goal, or with a heading of the last link there [m].
-
-    Raises:
-        UnreachableGoal: the tip is deeper in a wall than tolerances allow.
-    """
-    refuse_blocked_tip(problem, goal)
-    arm = problem.arm
-    last_link = np.stack((goal.position, goal.position))
-    if goal.heading is not None:
-        last_link[0] -= arm.link_length * unit_vector(goal.heading)
-    line = shapely.LineString(last_link)
-    need = arm.radius + problem.workspace.clearance
-    distances = [float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls]
-    return min(distances) - need
-
-
-@dataclass(frozen=True)
-class FeedMotions:
-    """What makes a motion of the arm on its feed axis safe.
-
-    Attributes:
-        arm: with a feed axis.
-        workspace: walls and boundary.
-        travel: of the base between two samples of a trajectory [m].
-        gap: of the narrower end of the motion [m]; the certificate spares half of it at most, and lets motions touch
-            as an end that touches does.
-        settings: of following.
-    """
-
-    arm: Arm
-    workspace: Workspace
-    travel: float
-    gap: float = np.inf
-    settings: FollowingSettings = DEFAULT_FOLLOWING
-
-    @cached_property
-    def certificate(self) -> Certificate:
-        """The certificate that motions must pass."""
-        # Ends that touch may be left by motions that touch no deeper; else a little more than contact is asked for.
-        contact = allowed_contact(self.arm, self.workspace)
-        wanted = _SPARE_AT_ENDS * self.gap - contact
-        spare = np.clip(wanted, -contact, self.settings.spare * self.arm.length)
-        return Certificate(self.arm, self.workspace, float(spare))
-
-    def within_limits(self, keyframes: FloatArray) -> bool:
-        """Whether keyframes keep joint limits and the range of the feed."""
-        return bool(np.all((keyframes >= self.arm.lower_limits) & (keyframes <= self.arm.upper_limits)))
-
-    def certified(self, keyframes: FloatArray) -> bool:
-        """Whether keyframes of bends and feed, linear between them, are clear of everything."""
-        return len(self.certificate.failures(self.arm.poses(keyframes))) == 0
-
-    def path(self, keyframes: FloatArray) -> tuple[BSpline, float] | None:
-        """The smooth path of bends and feed near keyframes, and the gap that it spares [m].
-
-        Args:
-            keyframes: bends and feed, shape (K, links + 1) [rad, m].
-
-        Returns:
-            None when no such path can be certified.
-        """
-        if not self.within_limits(keyframes):
-            return None
-        spline = certified_spline(self.arm.poses(keyframes), self.certificate)
-        if spline is None:
-            return None
-        # Bends and feed are linear in the poses, so the control points can be turned into them one by one.
-        path = BSpline(spline.t, self.arm.configurations(np.asarray(spline.c)), spline.k)
-        if not straight_while_held(self.arm, path, self.travel):
-            return None
-        return path, spare_kept(spline, self.certificate)
-
-
 @dataclass(frozen=True)
 class FeedQuery:
     """A problem with its ends resolved.
@@ -140,7 +56,7 @@ class FeedQuery:
         feed: its feed axis.
         start: where the motion begins.
         goal: the whole arm's goal, or None when only the tip's is given.
-        motions: what makes motions safe.
+        travel: of the base between two samples of a trajectory [m].
         deadline: when to stop.
         settings: of the planner.
     """
@@ -149,7 +65,7 @@ class FeedQuery:
     feed: Feed
     start: JointPose
     goal: JointPose | None
-    motions: FeedMotions
+    travel: float
     deadline: Deadline
     settings: FeedPlannerSettings = DEFAULT_FEED
 
@@ -163,19 +79,15 @@ class FeedQuery:
             UnreachableGoal: the start or the goal cannot be.
         """
         start = fed_pose(problem, problem.start, "start", settings)
-        gap = _gap_of(problem, start, "start")
+        _refuse_bad(problem, start, "start")
         goal = None
         if isinstance(problem.goal, TipGoal):
-            # Deeper than contact, within the tolerance, counts as contact.
-            gap_at_goal = max(refuse_bad_tip(problem, problem.goal), 0.0)
+            refuse_blocked_tip(problem, problem.goal)
         else:
             goal = fed_pose(problem, problem.goal, "goal", settings)
-            gap_at_goal = _gap_of(problem, goal, "goal")
-
-        following = settings.following
-        travel = travel_between_samples(problem.arm, problem.limits, following)
-        motions = FeedMotions(problem.arm, problem.workspace, travel, min(gap, gap_at_goal), following)
-        return cls(problem, feed, start, goal, motions, deadline, settings)
+            _refuse_bad(problem, goal, "goal")
+        travel = travel_between_samples(problem.arm, problem.limits, settings.following)
+        return cls(problem, feed, start, goal, travel, deadline, settings)
 
     def between(self, start: JointPose, goal: JointPose | None) -> "FeedQuery":
         """The same with other ends."""
@@ -196,7 +108,7 @@ class FeedQuery:
 
         Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
         """
-        return self.feed.hole + 3.0 * feed_step(self.arm) + 2.0 * self.motions.travel
+        return self.feed.hole + 3.0 * feed_step(self.arm) + 2.0 * self.travel
 
     @property
     def least_straight(self) -> float:
@@ -233,12 +145,11 @@ class FeedQuery:
         return end if in_range else None
 
 
-def _gap_of(problem: Problem, pose: JointPose, which: str) -> float:
-    """The least gap of a pose that the arm can have [m].
+def _refuse_bad(problem: Problem, pose: JointPose, which: str) -> None:
+    """Refuse a pose that breaks a joint limit or touches something.
 
     Raises:
-        UnreachableGoal: the pose breaks a joint limit or touches something.
+        UnreachableGoal: it does.
     """
     arm = problem.arm
-    reach = _CONTACT_REACH
-    return refuse_bad_pose(arm, problem.workspace, arm.poses(pose.configuration(arm)), which, reach)
+    refuse_bad_pose(arm, problem.workspace, arm.poses(pose.configuration(arm)), which, _CONTACT_REACH)

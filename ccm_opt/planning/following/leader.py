@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 from scipy.integrate import cumulative_simpson
-from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from ccm_opt.core.arrays import ROUNDING, SHORTEST, BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, whole_turns
 from ccm_opt.planning.settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
-from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
+from ccm_opt.robot.arm import Arm
 
 _SETTLED = 1e-13
 """Step at which it has arrived [arm lengths]. Derived: rounding."""
@@ -33,8 +33,6 @@ _LEAST_FEED_STEP = 1.0 / 300.0
 _LEAST_LEAD = 0.1
 """How far the first joint off the feed axis must be ahead of where the path leaves the axis, in link lengths; nearer,
 the spline through both would swing. Taste."""
-_SAMPLES_PER_SPAN = 12
-"""Places of every span of a path at which the feed is read off to see where it turns. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,58 +254,6 @@ def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_
         return limits
     fastest = settings.links_per_sample * arm.link_length / settings.sample_period
     return replace(limits, feed_velocity=min(limits.feed_velocity, fastest))
-
-
-def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
-    """Whether every joint is exactly straight while it is held, and for some travel of the base before and after.
-
-    A joint is taken as bent on a whole span of the spline when one of the span's control points bends it. Where the
-    path comes to rest (three control points are one) the base needs no room to travel on.
-
-    Args:
-        arm: with a feed axis.
-        spline: of bends and feed, over [0, 1].
-        travel: of the base, around a joint's bending, in which the joint must be outside the guide tube too [m].
-    """
-    per_span = _SAMPLES_PER_SPAN
-    samples = np.asarray(spline(np.linspace(0.0, 1.0, per_span * _spans(spline) + 1)))[:, -1]
-    travelled = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
-    rests = per_span * _rests(spline)
-    bent = _bent_spans(spline)
-
-    for joint in np.flatnonzero(bent.any(axis=0)):
-        # Samples of every span that bends the joint, and further those that the base reaches by its travel,
-        begin = per_span * np.flatnonzero(bent[:, joint])
-        end = begin + per_span
-        first = np.searchsorted(travelled, travelled[begin] - travel, side="left") - 1
-        last = np.searchsorted(travelled, travelled[end] + travel, side="right")
-        # but not beyond where the path rests before and after.
-        first = np.maximum(first, rests[np.searchsorted(rests, begin, side="right") - 1])
-        last = np.minimum(last, rests[np.searchsorted(rests, end, side="left")])
-
-        least_feed = min(float(samples[a : b + 1].min()) for a, b in zip(first, last, strict=True))
-        if least_feed + joint * arm.link_length < arm.hole - 0.5 * HELD_TOLERANCE:
-            return False
-    return True
-
-
-def _rests(spline: BSpline) -> IntArray:
-    """Spans at whose beginning the path rests, the number of spans last, increasing."""
-    control = np.asarray(spline.c)
-    same = np.all(control[1:] == control[:-1], axis=1)
-    inner = np.flatnonzero(same[:-1] & same[1:])
-    return np.unique(np.concatenate(([0], inner[inner <= _spans(spline)], [_spans(spline)])))
-
-
-def _spans(spline: BSpline) -> int:
-    return len(spline.c) - spline.k
-
-
-def _bent_spans(spline: BSpline) -> BoolArray:
-    """Which joints a control point bends on which span, shape (spans, links), boolean."""
-    bent = np.asarray(spline.c)[:, :-1] != 0.0
-    on_span: BoolArray = np.any([bent[k : k + _spans(spline)] for k in range(spline.k + 1)], axis=0)
-    return on_span
 
 
 _NO_BEND = 1e-10
