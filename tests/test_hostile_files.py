@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.drawing import import_scene
+from ccm_opt.io.drawing import ImportOptions, import_scene
 from ccm_opt.io.mesh_obstacles import MESH_READERS, read_mesh_file
-from ccm_opt.io.settings import ImportOptions
 from ccm_opt.scene.workspace import Obstacle
 from tests.fuzz.seeds import WORDS, seeds
 from tests.soak.hostile_files import drawings, meshes, problem_files

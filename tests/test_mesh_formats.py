@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
-from ccm_opt.io.raw_mesh import RawMesh, triangles_of
-from ccm_opt.io.settings import MeshSettings
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, triangles_of
 from ccm_opt.scene.bodies import BOX_FACES
 from tests.space_files import CUBE, binary_stl, linked, model_3mf, object_3mf, three_mf
 

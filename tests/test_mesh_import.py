@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
-from ccm_opt.io.raw_mesh import RawMesh
-from ccm_opt.io.settings import MeshSettings
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.scene.bodies import BOX_FACES
 from ccm_opt.scene.shells import repeated
 from tests.space_files import CUBE, binary_stl, cube_3mf, model_3mf, object_3mf, three_mf, written

@@ -10,9 +10,8 @@ import shapely
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.io.drawing import import_scene
+from ccm_opt.io.drawing import ImportOptions, import_scene
 from ccm_opt.io.reading import load_problem
-from ccm_opt.io.settings import ImportOptions
 
 from .conftest import PROBLEMS
 from .test_user_terms_examples import residuals

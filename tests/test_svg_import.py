@@ -13,8 +13,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.drawing import ImportedScene, import_scene
-from ccm_opt.io.settings import ImportOptions
+from ccm_opt.io.drawing import ImportedScene, ImportOptions, import_scene
 from ccm_opt.io.svg_paths import path_subpaths, transform_of
 
 HEAD = (

@@ -32,7 +32,6 @@ from ccm_opt.io.schema import (
     VerificationTable,
     WorkspaceTable,
 )
-from ccm_opt.io.settings import FOLD, FoldSettings
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -54,6 +53,8 @@ from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, SPACE_ROD_RADIUS, cylin
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
+_FOLDED_SHARE = 0.95
+"""Share of the joint limit that a folded arm uses, so that it can still move either way. Taste."""
 _GAP_IN_DIAMETERS = 1.1
 """The axes of distant links keep at least this many link diameters (two radii) apart."""
 _LEAST_GAP_IN_LINKS = 0.1
@@ -65,7 +66,7 @@ def straight_bends(arm: Arm) -> FloatArray:
     return np.zeros(arm.links)
 
 
-def folded_bends(arm: Arm, settings: FoldSettings = FOLD) -> FloatArray:
+def folded_bends(arm: Arm) -> FloatArray:
     """The most compact serpentine: equal rows joined by half turns, alternately left and right.
 
     A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Of all (m, row length) whose
@@ -74,7 +75,6 @@ def folded_bends(arm: Arm, settings: FoldSettings = FOLD) -> FloatArray:
 
     Args:
         arm: the arm.
-        settings: share of the joint limit, and gap.
 
     Returns:
         Joint bends, shape (links,) [rad].
@@ -83,7 +83,7 @@ def folded_bends(arm: Arm, settings: FoldSettings = FOLD) -> FloatArray:
         ProblemError: when no serpentine fits the joint limit and the radius.
     """
     gap = max(_GAP_IN_DIAMETERS * 2.0 * arm.radius, _LEAST_GAP_IN_LINKS * arm.link_length)
-    candidates = sorted(_serpentines(arm, settings.limit_share), key=lambda bends: _diagonal(arm, bends))
+    candidates = sorted(_serpentines(arm, _FOLDED_SHARE), key=lambda bends: _diagonal(arm, bends))
     for bends in candidates:
         if self_distance(arm, bends) >= gap:
             return bends

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -23,14 +24,13 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.core.polygons import mitred
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.dxf import read_dxf
-from ccm_opt.io.found_shapes import Disc, DrawingContent, Line, Reader, Region, Shape
+from ccm_opt.io.found_shapes import IMPORT, Disc, DrawingContent, Line, Reader, Region, Shape
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath
 from ccm_opt.io.outlines import as_walls, room_of, with_holes
 from ccm_opt.io.rings import filled, polygons_of
 from ccm_opt.io.schema import SceneTable
-from ccm_opt.io.settings import IMPORT, ImportOptions, ImportSettings
 from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
@@ -59,16 +59,13 @@ _FLAT = 1e-12
 """Outlines thinner than this share of their length and coordinates are lines. Derived: some 5000 roundings."""
 
 
-def obstacles_of(
-    shape: Shape, growth: float, wall_thickness: float, settings: ImportSettings = IMPORT
-) -> list[Obstacle]:
+def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
     """The obstacles that a placed shape stands for.
 
     Args:
         shape: in the coordinates of the result.
         growth: distance between flattened curves and the true ones; whatever is curved grows by it.
         wall_thickness: least thickness of open lines.
-        settings: tolerances of the import.
 
     Returns:
         At least one obstacle, all of the shape's name.
@@ -83,7 +80,7 @@ def obstacles_of(
         return [Obstacle(shape.name, PlaneShape(shapely.LineString(shape.points), rounding))]
     # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
     grow = shape.half_width + (growth if shape.curved else 0.0)
-    polygons = filled(shape.rings, shape.rule, settings)
+    polygons = filled(shape.rings, shape.rule)
     if grow > 0.0:
         polygons = _grown(shapely.MultiPolygon(polygons), grow, _CORNER_REACH)
     return [Obstacle(shape.name, PlaneShape(polygon)) for polygon in polygons]
@@ -166,6 +163,25 @@ def _numbers(shape: Shape) -> FloatArray:
 
 
 @dataclass(frozen=True)
+class ImportOptions:
+    """How a drawing becomes obstacles; what the keys of the problem file say.
+
+    Attributes:
+        scale: length in the result of one unit of the drawing.
+        offset: place in the result of the drawing's origin, shape (2,).
+        curve_tolerance: how far outside a curve its polygon may lie, in the unit of the result; it never lies inside.
+        wall_thickness: of open lines, in the unit of the result.
+        closed: what closed outlines are: solids with holes, lines, or, the largest of them, the room.
+    """
+
+    scale: float = 1.0
+    offset: tuple[float, float] = (0.0, 0.0)
+    curve_tolerance: float = 2.5e-4
+    wall_thickness: float = 0.0
+    closed: Literal["solid", "walls", "room"] = "solid"
+
+
+@dataclass(frozen=True)
 class ImportedScene:
     """What a drawing gave.
 
@@ -180,22 +196,19 @@ class ImportedScene:
     room: shapely.Polygon | None = None
 
 
-def import_scene(
-    path: Path, options: ImportOptions, taken: Collection[str] = (), settings: ImportSettings = IMPORT
-) -> ImportedScene:
+def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()) -> ImportedScene:
     """The obstacles of a drawing, and what was left out of it.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
         options: placement, tolerances, and what closed outlines are.
         taken: names that other obstacles have already.
-        settings: tolerances and bounds of the import.
 
     Raises:
         ProblemError: the file cannot be read, holds nothing that can be an obstacle, or holds shapes that cannot be
             used; those are listed by name.
     """
-    content = _content(path, settings)
+    content = content_of(path, READERS, "drawing", IMPORT.most_bytes)
     # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
     distance = _FLATTENING_SHARE * options.curve_tolerance
     growth = _GROWTH_SHARE * options.curve_tolerance
@@ -203,23 +216,21 @@ def import_scene(
     try:
         # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.
         with np.errstate(over="ignore", invalid="ignore"):
-            found = _placed(
-                READERS[path.suffix.lower()](content, distance / options.scale, settings), options, settings
-            )
+            found = _placed(READERS[path.suffix.lower()](content, distance / options.scale), options)
             shapes: Sequence[Shape] = found.shapes
             if options.closed == "room":
-                room, shapes = room_of(shapes, growth, distance, settings)
+                room, shapes = room_of(shapes, growth, distance)
             walls = options.closed == "walls"
-            shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance, settings)
-            obstacles = _collected(shapes, growth, options, settings)
+            shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance)
+            obstacles = _collected(shapes, growth, options)
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
-    _refuse_too_many_vertices(path, obstacles, options, settings)
+    _refuse_too_many_vertices(path, obstacles, options)
     named = with_unique_names(obstacles, taken)
     return ImportedScene(named, _summary(path, named, room, found), room)
 
 
-def _placed(found: DrawingContent, options: ImportOptions, settings: ImportSettings) -> DrawingContent:
+def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
     """The same in the coordinates of the result, what has no extent left out; at least one shape.
 
     Raises:
@@ -230,7 +241,7 @@ def _placed(found: DrawingContent, options: ImportOptions, settings: ImportSetti
     refusals: list[str] = []
     for shape in found.shapes:
         try:
-            parts = divided(_moved(shape, options), settings.largest_coordinate)
+            parts = divided(_moved(shape, options), IMPORT.largest_coordinate)
         except ProblemError as error:
             refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
             continue
@@ -238,9 +249,9 @@ def _placed(found: DrawingContent, options: ImportOptions, settings: ImportSetti
             left_out.append(LeftOut(f"'{shape.name}'", "it has no extent"))
         shapes += parts
     if refusals:
-        raise ProblemError(settings.listed(refusals))
+        raise ProblemError(IMPORT.listed(refusals))
     if not shapes:
-        listed = settings.listed([f"{item.what}: {item.reason}" for item in left_out])
+        listed = IMPORT.listed([f"{item.what}: {item.reason}" for item in left_out])
         raise ProblemError(
             "it holds no shape that could be an obstacle; "
             + (f"left out: {listed}" if listed else "draw outlines, circles or lines")
@@ -262,55 +273,61 @@ def _summary(
     )
 
 
-def _refuse_too_many_vertices(
-    path: Path, obstacles: Sequence[Obstacle], options: ImportOptions, settings: ImportSettings
-) -> None:
+def _refuse_too_many_vertices(path: Path, obstacles: Sequence[Obstacle], options: ImportOptions) -> None:
     vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
-    if vertices > settings.most_vertices:
+    if vertices > IMPORT.most_vertices:
         raise ProblemError(
-            f"{path.name} holds {vertices} vertices, at most {settings.most_vertices} can be used; simplify the "
+            f"{path.name} holds {vertices} vertices, at most {IMPORT.most_vertices} can be used; simplify the "
             f"drawing, or allow a larger curve_tolerance than {options.curve_tolerance:g}"
         )
 
 
-def _content(path: Path, settings: ImportSettings) -> bytes:
-    """The bytes of a file of a known kind."""
-    if path.suffix.lower() not in READERS:
-        kinds = ", ".join(READERS)
-        raise ProblemError(f"{path.name} is no drawing of a known kind; expected a file that ends in one of {kinds}")
+def content_of(path: Path, kinds: Collection[str], what: str, most_bytes: int, blank: bytes | None = None) -> bytes:
+    """The bytes of a file of a known kind.
 
+    Args:
+        path: of the file.
+        kinds: suffixes that are known, in small letters.
+        what: the file is, in a word.
+        most_bytes: files of more are refused unread.
+        blank: bytes of which an empty file may consist; blanks when None.
+
+    Raises:
+        ProblemError: it is of no known kind, not there, too large, empty, or cannot be read.
+    """
+    if path.suffix.lower() not in kinds:
+        raise ProblemError(
+            f"{path.name} is no {what} of a known kind; expected a file that ends in one of {', '.join(kinds)}"
+        )
     try:
         if not path.is_file():
-            what = "is a directory" if path.is_dir() else "does not exist"
-            raise ProblemError(f"{path} {what}; expected a drawing, its path relative to the problem file")
+            where = "is a directory" if path.is_dir() else "does not exist"
+            raise ProblemError(f"{path} {where}; expected a {what}, its path relative to the problem file")
         # Asked before reading, so that a huge file does not fill the memory first.
         size = path.stat().st_size
-        if size > settings.most_bytes:
+        if size > most_bytes:
             raise ProblemError(
-                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; simplify the drawing"
+                f"{path.name} has {size} bytes, at most {most_bytes} can be read; make the {what} coarser"
             )
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
-
-    if not content.strip():
-        raise ProblemError(f"{path.name} is empty; expected a drawing")
+    if not content.strip(blank):
+        raise ProblemError(f"{path.name} is empty; expected a {what}")
     return content
 
 
-def _collected(
-    shapes: Sequence[Shape], growth: float, options: ImportOptions, settings: ImportSettings
-) -> list[Obstacle]:
+def _collected(shapes: Sequence[Shape], growth: float, options: ImportOptions) -> list[Obstacle]:
     """The obstacles of all shapes; what cannot be one is refused in one error that lists them by name."""
     obstacles: list[Obstacle] = []
     refusals: list[str] = []
     for shape in shapes:
         try:
-            obstacles += obstacles_of(shape, growth, options.wall_thickness, settings)
+            obstacles += obstacles_of(shape, growth, options.wall_thickness)
         except ProblemError as error:
             refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
     if refusals:
-        raise ProblemError(settings.listed(refusals))
+        raise ProblemError(IMPORT.listed(refusals))
     return obstacles
 
 
@@ -435,8 +452,6 @@ def _imported(
     scene: SceneTable, place: Path, metres: float, listed: list[object], issues: Issues
 ) -> "ImportedScene | None":
     """What the drawing gives; what is wrong is noted."""
-    from ccm_opt.io.settings import ImportOptions  # noqa: PLC0415
-
     tolerance = scene.curve_tolerance
     if tolerance is None:
         tolerance = ImportOptions.curve_tolerance / metres  # the default is in metres

@@ -18,9 +18,8 @@ import numpy as np
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.dxf_entities import PIECES, Entity, corner_points, hatch_rings
-from ccm_opt.io.found_shapes import Disc, DrawingContent, Line, Region, Shape
+from ccm_opt.io.found_shapes import IMPORT, Disc, DrawingContent, Line, Region, Shape
 from ccm_opt.io.rings import Piece, joined_pieces
-from ccm_opt.io.settings import ImportSettings
 from ccm_opt.problem import LeftOut
 
 if TYPE_CHECKING:
@@ -122,7 +121,7 @@ class _Findings:
         self.left_out.append(LeftOut(_title(item), reason))
 
 
-def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+def read_dxf(content: bytes, distance: float) -> DrawingContent:
     """The shapes of a DXF file.
 
     A shape is named by its layer; on layer 0 by its block, or else by its type and handle.
@@ -130,7 +129,6 @@ def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> Drawi
     Args:
         content: of the file, text or binary DXF.
         distance: allowed between a curve and the polyline that replaces it [drawing units].
-        settings: bounds.
 
     Raises:
         ProblemError: the content is no DXF, holds entities that cannot be read, which are listed by name, or inserts
@@ -139,31 +137,31 @@ def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> Drawi
     found = _Findings()
     drawing = _parsed(content, found)
     try:
-        return _read(drawing, distance, found, settings)
+        return _read(drawing, distance, found)
     except ProblemError:
         raise
     except Exception as error:  # the parser lets entities pass that it cannot make sense of later
         raise ProblemError(f"the DXF file is damaged: {error} Save it again from a CAD program.") from error
 
 
-def _read(drawing: "Drawing", distance: float, found: _Findings, settings: ImportSettings) -> DrawingContent:
-    for item in _entities(drawing, found, settings):
+def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingContent:
+    for item in _entities(drawing, found):
         try:
             _add(item, distance, found)
         except ProblemError as error:
             found.refusals.append(f"{_title(item)} cannot be an obstacle: {error}")
-        if found.points > settings.most_points:
-            raise ProblemError(f"its shapes have more than {settings.most_points} points; simplify the drawing")
+        if found.points > IMPORT.most_points:
+            raise ProblemError(f"its shapes have more than {IMPORT.most_points} points; simplify the drawing")
     found.refusals += [
         f"{kind}: {_IN_SPACE[kind]} ({number} of them); draw its outline in the plane, or export a mesh (STL) and plan "
         "with space = 3"
         for kind, number in found.in_space.items()
     ]
     if found.refusals:
-        raise ProblemError(settings.listed(found.refusals))
+        raise ProblemError(IMPORT.listed(found.refusals))
     found.left_out += _sheets(drawing)
     for layer, pieces in found.open_pieces.items():
-        found.shapes += _chained(pieces, layer, distance, settings)
+        found.shapes += _chained(pieces, layer, distance)
     return DrawingContent(tuple(found.shapes), tuple(found.left_out), _unit(drawing))
 
 
@@ -263,7 +261,7 @@ def _told_by(name: str) -> Iterator[list[str]]:
         logger.propagate = propagates
 
 
-def _entities(drawing: "Drawing", found: _Findings, settings: ImportSettings) -> Iterator[_Placed]:
+def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
     """The visible entities of the model space, blocks taken apart, each upright."""
     # Names of layers do not distinguish upper and lower case.
     reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
@@ -277,15 +275,15 @@ def _entities(drawing: "Drawing", found: _Findings, settings: ImportSettings) ->
         inserted = pending.pop()
         item = inserted.item
         if item.entity.dxftype() == "INSERT":
-            pending.extend(reversed(_parts(inserted, found, settings)))
+            pending.extend(reversed(_parts(inserted, found)))
             count += max(item.entity.mcount, 1)
         elif item.entity.dxftype() == "MLINE":
             lines = [replace(item, entity=part) for part in item.entity.virtual_entities()]
             pending.extend(_Inserted(line, inserted.depth + 1) for line in reversed(lines))
         count += 1
-        if count > settings.most_elements:
+        if count > IMPORT.most_elements:
             raise ProblemError(
-                f"it draws more than {settings.most_elements} entities, those of blocks counted as often as they are "
+                f"it draws more than {IMPORT.most_elements} entities, those of blocks counted as often as they are "
                 "inserted; simplify the drawing"
             )
         layer = item.layer.lower()
@@ -309,7 +307,7 @@ class _Inserted:
     depth: int = 0
 
 
-def _parts(inserted: _Inserted, found: _Findings, settings: ImportSettings) -> list[_Inserted]:
+def _parts(inserted: _Inserted, found: _Findings) -> list[_Inserted]:
     """The entities of a block reference; those on layer 0 take the reference's layer."""
     entity = inserted.item.entity
     block = str(entity.dxf.name)
@@ -323,10 +321,10 @@ def _parts(inserted: _Inserted, found: _Findings, settings: ImportSettings) -> l
         return []
     # Copies are counted before they are made: two numbers in a file may ask for a thousand million.
     held = 0 if definition is None else len(definition)
-    if entity.mcount * max(held, 1) > settings.most_elements:
+    if entity.mcount * max(held, 1) > IMPORT.most_elements:
         raise ProblemError(
             f"block '{block}' is inserted {entity.mcount} times with {held} entities, at most "
-            f"{settings.most_elements} entities can be drawn; simplify the drawing"
+            f"{IMPORT.most_elements} entities can be drawn; simplify the drawing"
         )
 
     def skipped(part: Entity, reason: str) -> None:
@@ -398,13 +396,13 @@ def _turn_upright(entity: Entity) -> None:
         raise ProblemError("it is not drawn in the x-y plane; turn it into that plane")
 
 
-def _chained(pieces: list[Piece], layer: str, distance: float, settings: ImportSettings) -> list[Shape]:
+def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:
     """The shapes of a layer's open pieces after joining."""
     points = np.concatenate([piece.points for piece in pieces])
     worst = float(np.abs(points).max())
-    if not worst <= settings.largest_coordinate:  # also where it is no number
+    if not worst <= IMPORT.largest_coordinate:  # also where it is no number
         raise ProblemError(
-            f"layer '{layer}' has a coordinate of {worst:.6g}; expected at most {settings.largest_coordinate:g}"
+            f"layer '{layer}' has a coordinate of {worst:.6g}; expected at most {IMPORT.largest_coordinate:g}"
         )
     gap = min(distance, _GAP * float(np.ptp(points, axis=0).max()))
     return [_shape(chain, layer) for chain in joined_pieces(pieces, gap)]

@@ -14,7 +14,6 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from ccm_opt.errors import ProblemError
@@ -28,24 +27,11 @@ from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 
-
-@dataclass(frozen=True)
-class WritingSettings:
-    """How long to wait for others who write to the same place.
-
-    Attributes:
-        patience: how long one waits for them [s]. Taste: a folder takes milliseconds, on a slow disk a second or two.
-        look: time between two looks whether they are done [s]. Taste.
-    """
-
-    patience: float = 60.0
-    look: float = 0.005
-
-
-WRITING = WritingSettings()
-"""What every folder is written by."""
-
-
+_PATIENCE = 60.0
+"""How long others who write to the same place are waited for [s]. Taste: a folder takes milliseconds, on a slow disk a
+second or two."""
+_LOOK = 0.005
+"""Time between two looks whether they are done [s]. Taste."""
 WORKSHOP = ".ccm-opt-writing"
 """Ends the name of a workshop, which begins with a dot and the name of the folder that is made in it."""
 _HERE = -100
@@ -59,7 +45,6 @@ def put_in_place(
     files: Mapping[str, bytes],
     ours: Collection[str],
     chosen: Callable[[Path], Path],
-    settings: WritingSettings = WRITING,
 ) -> Path:
     """Put a folder with these files in its place; entries of an old folder that are not ours stay.
 
@@ -69,7 +54,6 @@ def put_in_place(
         ours: names of files and folders that a run writes; they go with the old folder.
         chosen: called when nobody else writes there; gives the folder that is wanted or another one beside it, and
             raises where no place may be taken.
-        settings: how long to wait for others.
 
     Returns:
         The folder.
@@ -78,7 +62,7 @@ def put_in_place(
         OSError: it cannot be written; then the old folder is as it was.
     """
     wanted.parent.mkdir(parents=True, exist_ok=True)
-    with _alone_in(wanted.parent, settings):
+    with _alone_in(wanted.parent):
         for left in wanted.parent.glob(f".*{WORKSHOP}"):
             with suppress(OSError):  # then the next run tries again
                 _clear(left, ours)
@@ -94,7 +78,7 @@ def put_in_place(
 
 
 @contextmanager
-def _alone_in(folder: Path, settings: WritingSettings) -> Iterator[None]:
+def _alone_in(folder: Path) -> Iterator[None]:
     """Work in a folder while nobody else who asks here does; where the system knows no locks, just work.
 
     Raises:
@@ -107,7 +91,7 @@ def _alone_in(folder: Path, settings: WritingSettings) -> Iterator[None]:
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
-        end = time.monotonic() + settings.patience
+        end = time.monotonic() + _PATIENCE
         while True:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -115,7 +99,7 @@ def _alone_in(folder: Path, settings: WritingSettings) -> Iterator[None]:
             except BlockingIOError:
                 if time.monotonic() > end:
                     raise TimeoutError(errno.ETIMEDOUT, "another run has been writing there for too long") from None
-                time.sleep(settings.look)
+                time.sleep(_LOOK)
             except OSError:  # some file systems of networks know no locks
                 break
         yield

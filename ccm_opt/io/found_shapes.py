@@ -1,6 +1,6 @@
 """Shapes that a drawing holds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -9,8 +9,51 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.settings import ImportSettings
 from ccm_opt.problem import LeftOut
+
+
+@dataclass(frozen=True)
+class ImportBounds:
+    """Bounds of the import, the same for all formats.
+
+    Attributes:
+        most_bytes: larger files are refused. Taste.
+        most_vertices: larger scenes are refused. Taste: a planner would take hours with them.
+        most_points: shapes of more points in all, counted before repairs join some, are refused while they are read.
+            Derived: what more than ``most_vertices`` would remain of, but for outlines that are drawn several times.
+        most_elements: drawings of more elements, those counted as often as they are used or inserted, are refused
+            while they are expanded. Derived: an element gives one vertex at least.
+        most_nodes: files of more elements of any kind, or places in lists, are refused while they are read. Taste.
+        deepest: elements nested deeper are refused, so that nothing depends on how deep a file nests. Taste: people
+            nest a dozen deep, and programs that convert drawings some dozens.
+        reported_defects: how many defects of a drawing an error lists. Taste.
+        largest_coordinate: larger ones are refused, in the unit of the result. Derived: beyond it double precision no
+            longer resolves a millionth.
+        most_nested: pairs of rings of one shape whose boxes meet. Measured: 0.5 s for
+            as many, each ring in the next.
+    """
+
+    most_bytes: int = 32 * 2**20
+    most_vertices: int = 50_000
+    most_points: int = 100_000
+    most_elements: int = 50_000
+    most_nodes: int = 300_000
+    deepest: int = 200
+    reported_defects: int = 10
+    largest_coordinate: float = 1e9
+    most_nested: int = 500_000
+
+    def listed(self, defects: Sequence[str]) -> str:
+        """The first defects of a drawing in one sentence, with the number of the rest."""
+        shown = list(defects[: self.reported_defects])
+        if len(defects) > len(shown):
+            shown.append(f"and {len(defects) - len(shown)} more")
+        return "; ".join(shown)
+
+
+IMPORT = ImportBounds()
+"""What every drawing is held to."""
+
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
 """How rings within rings count, see ``Region``."""
@@ -115,7 +158,7 @@ class DrawingContent:
     unit: str = ""
 
 
-Reader: TypeAlias = Callable[[bytes, float, ImportSettings], DrawingContent]
+Reader: TypeAlias = Callable[[bytes, float], DrawingContent]
 """Finds the shapes in a file's bytes; curves are flattened to the given distance, in the drawing's own unit."""
 
 

@@ -8,8 +8,7 @@ import shapely
 from shapely.errors import GEOSException, ShapelyError
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.found_shapes import DrawingContent, Shape, shapes_of
-from ccm_opt.io.settings import ImportSettings
+from ccm_opt.io.found_shapes import IMPORT, DrawingContent, Shape, shapes_of
 from ccm_opt.problem import LeftOut
 
 GEOMETRIES = frozenset(
@@ -17,7 +16,7 @@ GEOMETRIES = frozenset(
 )
 
 
-def read_geojson(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+def read_geojson(content: bytes, distance: float) -> DrawingContent:
     """The shapes of a GeoJSON file.
 
     A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
@@ -25,17 +24,14 @@ def read_geojson(content: bytes, distance: float, settings: ImportSettings) -> D
     Args:
         content: of the file.
         distance: not used: the geometries have no curves.
-        settings: bounds.
 
     Raises:
         ProblemError: the content is no GeoJSON, or exceeds a bound.
     """
     del distance
     # Every place is a list of its own, so that there are at least as many brackets as places.
-    if (brackets := content.count(b"[")) > settings.most_nodes:
-        raise ProblemError(
-            f"it holds {brackets} lists, at most {settings.most_nodes} can be read; simplify the drawing"
-        )
+    if (brackets := content.count(b"[")) > IMPORT.most_nodes:
+        raise ProblemError(f"it holds {brackets} lists, at most {IMPORT.most_nodes} can be read; simplify the drawing")
     try:
         # "utf-8-sig" also skips the mark that some editors put before the text.
         data = json.loads(content.decode("utf-8-sig"))
@@ -51,11 +47,11 @@ def read_geojson(content: bytes, distance: float, settings: ImportSettings) -> D
     left_out: list[LeftOut] = []
     if "crs" in data:
         left_out.append(LeftOut("crs", "coordinates are those of a plane, as they are written"))
-    shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out, settings)]
+    shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out)]
     return DrawingContent(tuple(shapes), tuple(left_out))
 
 
-def _shapes(data: object, place: int, left_out: list[LeftOut], settings: ImportSettings) -> list[Shape]:
+def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
     """The shapes of a feature or of a bare geometry; a feature without geometry has none."""
     if not isinstance(data, Mapping):
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
@@ -67,7 +63,7 @@ def _shapes(data: object, place: int, left_out: list[LeftOut], settings: ImportS
     if geometry is None:
         left_out.append(LeftOut(f"feature '{name}'", "it has no geometry"))
         return []
-    return shapes_of(_geometry(geometry, name, settings), name, left_out)
+    return shapes_of(_geometry(geometry, name), name, left_out)
 
 
 def _name(feature: Mapping[str, object], place: int) -> str:
@@ -77,12 +73,12 @@ def _name(feature: Mapping[str, object], place: int) -> str:
     return str(given or feature.get("id") or f"feature {place}")
 
 
-def _geometry(data: object, name: str, settings: ImportSettings) -> shapely.Geometry:
+def _geometry(data: object, name: str) -> shapely.Geometry:
     kind = data.get("type") if isinstance(data, Mapping) else None
     if not isinstance(data, Mapping) or not isinstance(kind, str) or kind not in GEOMETRIES:
         raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
-    if _depth(data) > settings.deepest:
-        raise ProblemError(f"'{name}': its collections are nested more than {settings.deepest} deep; take them apart")
+    if _depth(data) > IMPORT.deepest:
+        raise ProblemError(f"'{name}': its collections are nested more than {IMPORT.deepest} deep; take them apart")
     try:
         return shapely.from_geojson(json.dumps(data))
     except (ShapelyError, RecursionError, NotImplementedError, ValueError, TypeError) as error:
@@ -105,21 +101,20 @@ def _depth(data: Mapping[object, object]) -> int:
     return depth
 
 
-def read_wkt(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+def read_wkt(content: bytes, distance: float) -> DrawingContent:
     """The shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
 
     Args:
         content: of the file; an ``SRID=…;`` in front of a geometry is skipped.
         distance: not used: the geometries have no curves.
-        settings: bounds.
 
     Raises:
         ProblemError: the text is no WKT, or exceeds a bound.
     """
     del distance
     # A comma stands between any two places.
-    if (commas := content.count(b",")) > settings.most_points:
-        raise ProblemError(f"it holds {commas} places, at most {settings.most_points} can be read; simplify it")
+    if (commas := content.count(b",")) > IMPORT.most_points:
+        raise ProblemError(f"it holds {commas} places, at most {IMPORT.most_points} can be read; simplify it")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -127,8 +122,8 @@ def read_wkt(content: bytes, distance: float, settings: ImportSettings) -> Drawi
     shapes: list[Shape] = []
     left_out: list[LeftOut] = []
     for k, piece in enumerate(_pieces(text), start=1):
-        if _wkt_depth(piece) > settings.deepest:
-            raise ProblemError(f"geometry {k}: its brackets are nested more than {settings.deepest} deep; divide it")
+        if _wkt_depth(piece) > IMPORT.deepest:
+            raise ProblemError(f"geometry {k}: its brackets are nested more than {IMPORT.deepest} deep; divide it")
         shapes += shapes_of(_wkt_geometry(piece), f"geometry {k}", left_out)
     return DrawingContent(tuple(shapes), tuple(left_out))
 

@@ -21,9 +21,8 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.arm_description import visual_radius
-from ccm_opt.io.raw_mesh import RawMesh
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
-from ccm_opt.io.settings import EXPORT, ExportSettings, MeshSettings
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
@@ -31,6 +30,11 @@ from ccm_opt.solution import JointTrajectory
 
 _FILM_RATE = 30.0
 """Keyframes of films a second [1/s]; between them players interpolate."""
+
+_ROUND_SIDES = 16
+"""Sides of cylinders and half spheres. Taste."""
+_GLASS = 0.35
+"""Opacity of bodies in space, which would hide the arm otherwise. Taste."""
 
 _FLOATS = 5126
 _WHOLE_NUMBERS = 5125
@@ -144,22 +148,21 @@ ARM = (0.9, 0.45, 0.1)
 TIP = (0.75, 0.1, 0.1)
 
 
-def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
+def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
     """A plan as a film; the sides of the room are left out, or they would hide it.
 
     Args:
         problem: arm and obstacles.
         trajectory: the motion; keyframes are taken from it at ``film_rate``, its ends included.
-        settings: sizes.
     """
     arm = problem.arm
     writer = GlbWriter()
     in_space = problem.dimension == 3
-    grey = writer.add_material("obstacle", GREY, *((settings.glass,) if in_space else ()))
-    nodes = [MovingNode(name, writer.add_mesh(*mesh, grey)) for name, mesh in _obstacles(problem, settings)]
+    grey = writer.add_material("obstacle", GREY, *((_GLASS,) if in_space else ()))
+    nodes = [MovingNode(name, writer.add_mesh(*mesh, grey)) for name, mesh in _obstacles(problem)]
     times, samples = film_times(trajectory.time)
     q = trajectory.positions[samples]
-    capsule = capsule_surface(arm.link_length, visual_radius(arm), settings.round_sides)
+    capsule = capsule_surface(arm.link_length, visual_radius(arm), _ROUND_SIDES)
     link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", ARM))
     tip_mesh = writer.add_mesh(*capsule, writer.add_material("last link", TIP))
     for k, motion in enumerate(_motions(arm, q)):
@@ -168,13 +171,13 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
     return writer.written(nodes, times)
 
 
-def _obstacles(problem: Problem, settings: ExportSettings) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
+def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
     """Names and surfaces of what stands still."""
-    scene = solid_scene(problem.workspace, problem.arm, settings)
+    scene = solid_scene(problem.workspace, problem.arm)
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
         if obstacle.solids:
-            yield obstacle.name, _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
+            yield obstacle.name, _joined([_mesh(solid, scene.half_depth) for solid in obstacle.solids])
 
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -205,12 +208,12 @@ def _motion_of(ends: FloatArray) -> tuple[FloatArray, FloatArray]:
     return places, np.column_stack((zero, -np.sin(half), zero, np.cos(half)))
 
 
-def _mesh(solid: Solid, half_depth: float, settings: ExportSettings) -> tuple[FloatArray, IntArray]:
+def _mesh(solid: Solid, half_depth: float) -> tuple[FloatArray, IntArray]:
     if isinstance(solid, Drum):
-        angles = np.linspace(0.0, 2.0 * np.pi, 2 * settings.round_sides, endpoint=False)
+        angles = np.linspace(0.0, 2.0 * np.pi, 2 * _ROUND_SIDES, endpoint=False)
         ring = solid.center + solid.radius * np.column_stack((np.cos(angles), np.sin(angles)))
         return prism_mesh(Prism(ring), half_depth)
-    return prism_mesh(solid, half_depth) if isinstance(solid, Prism) else seen_triangles(solid, settings.round_sides)
+    return prism_mesh(solid, half_depth) if isinstance(solid, Prism) else seen_triangles(solid, _ROUND_SIDES)
 
 
 def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:

@@ -12,14 +12,13 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.build import build_placement
-from ccm_opt.io.drawing import place_beside
+from ccm_opt.io.drawing import content_of, place_beside
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.keypath import KeyPath
-from ccm_opt.io.raw_mesh import RawMesh
+from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
 from ccm_opt.io.schema import SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH
-from ccm_opt.io.settings import MESHES, MeshSettings
 from ccm_opt.io.stl_obj_ply import read_obj, read_ply, read_stl
 from ccm_opt.io.three_mf import read_3mf
 from ccm_opt.scene.bodies import MeshBody
@@ -135,8 +134,6 @@ class MeshObstacles:
 
     def _refuse_too_many(self, found: Mapping[int, MeshBody]) -> None:
         """All meshes together have no more triangles than one may have."""
-        from ccm_opt.io.settings import MESHES  # noqa: PLC0415
-
         total = sum(len(body.faces) for body in found.values())
         if total > MESHES.most_triangles:
             self.issues.add(
@@ -186,7 +183,7 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> MeshFile:
     Raises:
         ProblemError: the file cannot be read, or holds no usable mesh.
     """
-    content = _content(path, settings)
+    content = content_of(path, MESH_READERS, "mesh", settings.most_bytes, b"\0 \t\r\n")
     try:
         mesh = MESH_READERS[path.suffix.lower()](content, settings)
         _refuse_unusable(mesh, settings)
@@ -195,29 +192,6 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> MeshFile:
     except (MemoryError, RecursionError) as error:
         raise ProblemError(f"{path.name}: too large or too deeply nested to be read") from error
     return MeshFile(mesh, content, hashlib.sha256(content).hexdigest())
-
-
-def _content(path: Path, settings: MeshSettings) -> bytes:
-    """The bytes of a file of a known kind."""
-    if path.suffix.lower() not in MESH_READERS:
-        kinds = ", ".join(MESH_READERS)
-        raise ProblemError(f"{path.name} is no mesh of a known kind; expected a file that ends in one of {kinds}")
-    try:
-        if not path.is_file():
-            what = "is a directory" if path.is_dir() else "does not exist"
-            raise ProblemError(f"{path} {what}; expected a mesh, its path relative to the problem file")
-        # Asked before reading, so that a huge file does not fill the memory first.
-        size = path.stat().st_size
-        if size > settings.most_bytes:
-            raise ProblemError(
-                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; export it coarser"
-            )
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if not content.strip(b"\0 \t\r\n"):
-        raise ProblemError(f"{path.name} is empty; expected a mesh")
-    return content
 
 
 def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
@@ -298,14 +272,10 @@ def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> MendedMesh:
     once = kept[~find_shells(vertices, kept).copies] if repeated(kept).any() else kept
     mended = []
     if count > len(needed):
-        mended.append(f"left out {_counted(count - len(needed), 'triangle')} without area")
+        mended.append(f"left out {counted(count - len(needed), 'triangle')} without area")
     if len(once) < len(kept):
-        mended.append(f"left out {_counted(len(kept) - len(once), 'repeated triangle')}")
+        mended.append(f"left out {counted(len(kept) - len(once), 'repeated triangle')}")
     return MendedMesh(_with_used_vertices(vertices, np.concatenate((once, needed))), tuple(mended))
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -11,9 +11,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polygons import mitred
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.dxf_entities import flatten_arc
-from ccm_opt.io.found_shapes import Disc, Line, Region, Shape
+from ccm_opt.io.found_shapes import IMPORT, Disc, Line, Region, Shape
 from ccm_opt.io.rings import repaired
-from ccm_opt.io.settings import ImportSettings
 
 _SAME = 1e-6
 """Outlines nearer to each other than this, relative to the drawing's extent, are one that is drawn twice."""
@@ -35,7 +34,7 @@ def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     return found
 
 
-def with_holes(shapes: Sequence[Shape], distance: float, settings: ImportSettings) -> list[Shape]:
+def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     """The shapes with outlines that are drawn as lines alone, and lie within others of their layer, as holes of those.
 
     What lies in a hole is solid again. Outlines that touch or cross each other are solids all.
@@ -43,7 +42,6 @@ def with_holes(shapes: Sequence[Shape], distance: float, settings: ImportSetting
     Args:
         shapes: in one unit of length.
         distance: allowed between a circle and its polygon.
-        settings: bounds.
 
     Raises:
         ProblemError: too many outlines lie within each other.
@@ -56,16 +54,14 @@ def with_holes(shapes: Sequence[Shape], distance: float, settings: ImportSetting
     for parts in layers.values():
         for k, _ in parts:
             found[k] = []
-        for k, solid in _nested(parts, settings):
+        for k, solid in _nested(parts):
             # A circle without holes stays a true one.
             untouched = len(solid.rings) == 1 and isinstance(shapes[k], Disc)
             found[k].append(shapes[k] if untouched else solid)
     return [shape for group in found for shape in group]
 
 
-def room_of(
-    shapes: Sequence[Shape], growth: float, distance: float, settings: ImportSettings
-) -> tuple[shapely.Polygon, list[Shape]]:
+def room_of(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
     """The largest outline as a room, smaller by what its curves and its line may take, and the other shapes.
 
     Raises:
@@ -83,7 +79,7 @@ def room_of(
         raise ProblemError('it has no closed outline that could be the room; give bounds, and closed = "solid"')
     taken = int(np.argmax(areas))
     outline = parts[taken]
-    polygons = repaired(shapely.Polygon(outline.rings[0]), settings)
+    polygons = repaired(shapely.Polygon(outline.rings[0]))
     shrunk = mitred(polygons[0], -(outline.half_width + (growth if outline.curved else 0.0)))
     if len(polygons) > 1 or not isinstance(shrunk, shapely.Polygon) or shrunk.is_empty or shrunk.interiors:
         raise ProblemError(f"its largest outline '{outline.name}' is no simple polygon and cannot be the room")
@@ -102,13 +98,13 @@ def _apart(shape: Disc | Region, distance: float) -> list[Region]:
     return [replace(shape, rings=(ring,)) for ring in shape.rings]
 
 
-def _nested(parts: Sequence[tuple[int, Region]], settings: ImportSettings) -> list[tuple[int, Region]]:
+def _nested(parts: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
     """The solids among outlines, each with its holes, and what each was given with."""
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
     once = _drawn_once(polygons)
     parts = [parts[k] for k in once]
     polygons = polygons[once]
-    outer, inner = _within(polygons, settings)
+    outer, inner = _within(polygons)
     depth = np.bincount(inner, minlength=len(parts))
     found = []
     for k, (owner, part) in enumerate(parts):
@@ -153,12 +149,12 @@ def _drawn_once(polygons: np.ndarray) -> list[int]:
     return [k for k in range(len(polygons)) if k not in lost]
 
 
-def _within(polygons: np.ndarray, settings: ImportSettings) -> tuple[np.ndarray, np.ndarray]:
+def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of polygons of which the second lies within the first without touching it."""
     tree = shapely.STRtree(polygons)
-    at_once = max(1, settings.most_nested // len(polygons))
+    at_once = max(1, IMPORT.most_nested // len(polygons))
     pairs = []
-    left = settings.most_nested
+    left = IMPORT.most_nested
     for k in range(0, len(polygons), at_once):
         boxed = tree.query(polygons[k : k + at_once], predicate="contains_properly")
         left -= boxed.shape[1]

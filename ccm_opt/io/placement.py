@@ -9,7 +9,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, said_unit
 from ccm_opt.io.issues import Issues
-from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.field_types import ODD_RATIO
 from ccm_opt.scene.bodies import MeshBody
@@ -18,6 +17,8 @@ from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.surfaces import box_about
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
 
+_DEPTH_ROUNDING = 1e-9
+"""Depths below this share of the room are rounding. Derived: a thousandth of the contact tolerance of the verifier."""
 _SLIPS = (1e-3, 1e3, 1.0 / 25.4, 25.4)
 """Factors by which scales are off where millimetres are taken for metres or inches, or the other way round."""
 _TINY_SHARE = 0.01
@@ -125,7 +126,7 @@ def check_base(
         depths = [_depth_inside(obstacle, base) for obstacle in workspace.obstacles]
         outside, room = -_depth_inside(Obstacle(BOUNDARY_NAME, PlaneShape(workspace.boundary)), base), BOUNDARY_NAME
         where = "the base"
-    rounding = READING.depth_rounding * size
+    rounding = _DEPTH_ROUNDING * size
     for k, depth in enumerate(depths):
         if depth > rounding:
             told = f"{where} is {file_length(depth)} inside '{workspace.obstacles[k].name}'"

@@ -18,7 +18,6 @@ from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.robot_models import triangles_stl
 from ccm_opt.io.scene_solids import told_apart
-from ccm_opt.io.settings import READING
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -38,6 +37,9 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 Table = dict[str, object]
 """A table of a problem file."""
+_BASE_TOLERANCE = 1e-9
+"""By which a curve's base may be off the arm's, as a share of its length: a problem file has one base for both.
+Derived: a thousandth of the contact tolerance of the verifier."""
 KEPT_MESHES = "meshes"
 """Folder in an output folder with the mesh files that the problem was read with."""
 
@@ -238,7 +240,7 @@ def pose_table(pose: JointPose, arm: Arm, unit: LengthUnit) -> Table:
 
 
 def _curve(curve: Configuration, arm: Arm, unit: LengthUnit) -> Table:
-    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance * arm.length):
+    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=_BASE_TOLERANCE * arm.length):
         raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
     segments = [
         {

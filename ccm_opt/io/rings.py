@@ -14,8 +14,7 @@ from shapely import STRtree
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.found_shapes import FillRule
-from ccm_opt.io.settings import IMPORT, ImportSettings
+from ccm_opt.io.found_shapes import IMPORT, FillRule
 
 _MOST_MEETING = 100
 """Neighbours that an open end has within the joining distance, on average. Taste: two as a rule."""
@@ -26,13 +25,12 @@ _REPAIR_SHARE = 1e-3
 """A repair that changes the enclosed area by more than this share is refused, since something else was meant. Taste."""
 
 
-def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:
+def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:
     """The polygons that rings enclose.
 
     Args:
         rings: each of shape (k, 2), k >= 3.
         rule: how rings within rings count.
-        settings: how much a repair may change.
 
     Returns:
         Valid polygons with area, at least one; holes are kept.
@@ -41,11 +39,11 @@ def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings
         ProblemError: a ring encloses no area, or crosses itself so that its repair would change the area.
     """
     if rule == "polygon":
-        return repaired(shapely.Polygon(rings[0], rings[1:]), settings)
-    solids = [shapely.MultiPolygon(repaired(shapely.Polygon(ring), settings)) for ring in rings]
+        return repaired(shapely.Polygon(rings[0], rings[1:]))
+    solids = [shapely.MultiPolygon(repaired(shapely.Polygon(ring))) for ring in rings]
     turns = np.array([_turn(ring) for ring in rings])
     boxed = STRtree(solids).query(solids)
-    if boxed.shape[1] > settings.most_nested:
+    if boxed.shape[1] > IMPORT.most_nested:
         raise ProblemError(f"it has {len(rings)} rings within rings, too many to fill; draw them as several shapes")
     # Rings that are far apart have nothing to do with each other, and are filled by themselves.
     linked = coo_array((np.ones(boxed.shape[1]), boxed), shape=(len(rings), len(rings)))
@@ -77,12 +75,11 @@ def _filled_inwards(
     return shapely.union_all(parts)
 
 
-def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:
+def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     """A polygon as valid polygons.
 
     Args:
         polygon: any; its outline may cross itself.
-        settings: how much a repair may change.
 
     Returns:
         Valid polygons with area, at least one, that differ from the given one by at most ``repair_share`` of its area;
@@ -94,7 +91,7 @@ def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> lis
     if polygon.is_valid and polygon.area > 0.0:
         return [polygon]
     why = shapely.is_valid_reason(polygon)
-    if _is_tangled(polygon, settings):
+    if _is_tangled(polygon):
         raise ProblemError(
             f"the outline crosses or touches itself more than {_MOST_CROSSINGS} times, too often to be "
             "repaired; list the corners in order round the shape"
@@ -122,17 +119,17 @@ def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
     return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 0.0]
 
 
-def _is_tangled(polygon: shapely.Polygon, settings: ImportSettings) -> bool:
+def _is_tangled(polygon: shapely.Polygon) -> bool:
     """Whether so many pairs of edges meet besides neighbours that a repair, which takes their square, would not end."""
     outlines = [_without_repeats(shapely.get_coordinates(ring)) for ring in (polygon.exterior, *polygon.interiors)]
     edges = np.asarray(
         shapely.linestrings(np.concatenate([np.stack((ring[:-1], ring[1:]), axis=1) for ring in outlines]))
     )
     tree = STRtree(edges)
-    at_once = max(1, settings.most_nested // len(edges))
+    at_once = max(1, IMPORT.most_nested // len(edges))
     # Each edge meets itself and its two neighbours, and every other pair is met from both sides.
     left = 3 * len(edges) + 2 * _MOST_CROSSINGS
-    boxed = left + settings.most_nested
+    boxed = left + IMPORT.most_nested
     for k in range(0, len(edges), at_once):
         ours, theirs = tree.query(edges[k : k + at_once])
         boxed -= len(ours)

@@ -21,7 +21,6 @@ from ccm_opt.io.schema import (
     SpacePoseTable,
     Table,
 )
-from ccm_opt.io.settings import READING, ReadingSettings
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 
 KNOWN = frozenset(
@@ -131,6 +130,11 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
             issues.add(path, "only allowed with a goal for the whole arm; for a goal of the tip the feed is planned")
 
 
+_LENGTH_TOLERANCE = 1e-6
+"""Relative difference allowed between the total length of a pose's segments and the arm's. Taste: lengths are written
+with six digits or more."""
+ANGLE_TOLERANCE = 1e-9
+"""By which bends may pass a limit [rad]. Derived: degrees are rounded when they become radians."""
 LEAST_ACROSS = 1e-6
 """Part of ``up`` that must lie across the direction; less is rounding of one along it."""
 
@@ -159,14 +163,12 @@ def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> N
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
-def check_limited_points(
-    arm: ChainTable, limits: LimitsTable, issues: Issues, settings: ReadingSettings = READING
-) -> None:
+def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
     """Points whose motion is limited stand on the arm, and something of them is limited."""
     length = arm.links * arm.link_length
     for k, point in enumerate(limits.points):
         path: KeyPath = ("limits", "points", k)
-        if point.at > length * (1.0 + settings.length_tolerance):
+        if point.at > length * (1.0 + _LENGTH_TOLERANCE):
             expected = f"at most the arm's length, links * link_length = {file_length(length, 6)}"
             issues.add((*path, "at"), f"{file_length(point.at, 6)} is beyond the tip; expected {expected}")
         if point.velocity is None and point.acceleration is None:
@@ -182,7 +184,6 @@ def check_pose(
     pose: PoseTable | SpacePoseTable,
     path: KeyPath,
     issues: Issues,
-    settings: ReadingSettings = READING,
 ) -> None:
     """A pose given by joints must suit the joints, one given by segments the arm's length."""
     bends: Sequence[Any] = pose.joints_deg or []
@@ -193,13 +194,13 @@ def check_pose(
         key = "base_limit_deg" if k == 0 else "joint_limit_deg"
         limit = arm.base_limit_deg if k == 0 else arm.joint_limit_deg
         for *which, value in [(*pair,) for pair in enumerate(bend)] if isinstance(bend, list) else [(bend,)]:
-            if abs(value) > limit + settings.angle_tolerance:
+            if abs(value) > limit + ANGLE_TOLERANCE:
                 passed = f"{math.degrees(value):g} deg passes {key} = {math.degrees(limit):g}"
                 issues.add((*path, "joints_deg", k, *which), passed)
     if isinstance(pose, PoseTable) and pose.segments is not None:
         total = sum(segment.length for segment in pose.segments)
         length = arm.links * arm.link_length
-        if abs(total - length) > settings.length_tolerance * length:
+        if abs(total - length) > _LENGTH_TOLERANCE * length:
             issues.add(
                 (*path, "segments"),
                 f"the segments are {file_length(total, 9)} long together; expected the arm's length, "

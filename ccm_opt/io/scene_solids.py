@@ -14,7 +14,6 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.io.settings import EXPORT, ExportSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body, BoxBody
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
@@ -44,6 +43,15 @@ def _unlike(name: str, taken: set[str]) -> str:
     return free
 
 
+_DEPTH = 4.0
+"""Of extruded obstacles behind and before the plane, in radii of the arm: as the viewer shows them. Taste."""
+_LEAST_DEPTH = 0.02
+"""The same at least, as a share of the arm's length; arms without a radius need it. Taste."""
+_ROOM_WALL = 0.05
+"""Thickness of the walls around the room, as a share of the arm's length. Taste."""
+_THIN_WALL = 1e-6
+"""Thickness of walls that have none, likewise. Derived: what a contact may be off by unless the problem says otherwise,
+since engines know no walls without thickness."""
 _SQUARE = 1e-9
 """Prisms whose corners miss right angles by less than this, relative to their sides, are boxes."""
 
@@ -112,16 +120,15 @@ class SolidScene:
     thinnest: float
 
 
-def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPORT) -> SolidScene:
+def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
     """The scene of an arm.
 
     Args:
         workspace: obstacles and the room.
         arm: whose size gives the depth of the solids and the thickness of walls that have none.
-        settings: sizes.
     """
-    thickness = settings.room_wall * arm.length
-    thinnest = settings.thin_wall * arm.length
+    thickness = _ROOM_WALL * arm.length
+    thinnest = _THIN_WALL * arm.length
     everything: list[tuple[str, tuple[Solid, ...]]]
     if workspace.dimension == 3:
         everything = [(each.name, (each.body,)) for each in workspace.obstacles]
@@ -136,7 +143,7 @@ def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPOR
         everything = [(each.name, tuple(_solids(each, 0.5 * thinnest))) for each in (*workspace.obstacles, outside)]
     names = told_apart([name for name, _ in everything])
     obstacles = tuple(SolidObstacle(*name, solids) for name, (_, solids) in zip(names, everything, strict=True))
-    depth = max(settings.depth * arm.radius, settings.least_depth * arm.length)
+    depth = max(_DEPTH * arm.radius, _LEAST_DEPTH * arm.length)
     return SolidScene(obstacles, depth, thinnest)
 
 

@@ -26,8 +26,7 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.raw_mesh import RawMesh, counted, triangles_of
-from ccm_opt.io.settings import MeshSettings
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted, triangles_of
 
 _START = 84
 """Bytes of a binary file in front of its triangles: 80 of free text, and their number."""

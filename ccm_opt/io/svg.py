@@ -14,8 +14,7 @@ from svgelements import Ellipse, Path, Rect
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.found_shapes import Disc, DrawingContent, Drawn, FillRule, Line, Region, Shape
-from ccm_opt.io.settings import ImportSettings
+from ccm_opt.io.found_shapes import IMPORT, Disc, DrawingContent, Drawn, FillRule, Line, Region, Shape
 from ccm_opt.io.svg_paths import Affine, Subpath, View, length_of, path_subpaths, polyline, subpaths_of
 from ccm_opt.io.svg_placing import Node, Picture, Place, parsed_document
 
@@ -24,7 +23,7 @@ _LONGEST_PATH = 2_000_000
 write them, with all sixteen digits."""
 
 
-def read_svg(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
+def read_svg(content: bytes, distance: float) -> DrawingContent:
     """The shapes of an SVG file.
 
     A shape is named by the ``use`` that draws it, or its inkscape:label, title or id, or those of the nearest group
@@ -33,14 +32,13 @@ def read_svg(content: bytes, distance: float, settings: ImportSettings) -> Drawi
     Args:
         content: of the file.
         distance: allowed between a curve and the polyline that replaces it [user units].
-        settings: bounds.
 
     Raises:
         ProblemError: the content is no SVG, refers to something that is not there, holds path data that cannot be
             read, or draws more than the bounds allow.
     """
-    picture = Picture(parsed_document(content, settings), settings)
-    outlines = _Outlines(picture.view, settings)
+    picture = Picture(parsed_document(content))
+    outlines = _Outlines(picture.view)
     shapes: list[Shape] = []
     points = 0
     for place in picture.places:
@@ -53,22 +51,21 @@ def read_svg(content: bytes, distance: float, settings: ImportSettings) -> Drawi
             picture.leave_out(place.node, "it draws nothing: it has no extent")
         shapes += found
         points += sum(shape.size for shape in found)
-        if points > settings.most_points:
+        if points > IMPORT.most_points:
             raise ProblemError(
-                f"its shapes have more than {settings.most_points} points, those counted as often as they are used; "
+                f"its shapes have more than {IMPORT.most_points} points, those counted as often as they are used; "
                 "simplify the drawing"
             )
     if picture.refusals:
-        raise ProblemError(settings.listed(picture.refusals))
+        raise ProblemError(IMPORT.listed(picture.refusals))
     return DrawingContent(tuple(shapes), tuple(picture.left_out))
 
 
 class _Outlines:
     """The subpaths of elements in their own coordinates, read once however often they are drawn."""
 
-    def __init__(self, view: View, settings: ImportSettings) -> None:
+    def __init__(self, view: View) -> None:
         self._view = view
-        self._settings = settings
         self._known: dict[int, list[Subpath]] = {}
 
     def of(self, node: Node) -> list[Subpath]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.settings import ImportSettings
+from ccm_opt.io.found_shapes import IMPORT
 from ccm_opt.io.svg_paths import Affine, View, fitted_view, length_of, numbers_in, transform_of
 from ccm_opt.problem import LeftOut
 
@@ -48,17 +48,16 @@ class Node:
     text: str = ""
 
 
-def parsed_document(content: bytes, settings: ImportSettings) -> Node:
+def parsed_document(content: bytes) -> Node:
     """The outermost element of an SVG file.
 
     Args:
         content: of the file.
-        settings: bounds.
 
     Raises:
         ProblemError: the content is no XML, no SVG, or exceeds a bound.
     """
-    builder = _Builder(settings)
+    builder = _Builder()
     parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
     parser.buffer_text = True
     parser.StartElementHandler = builder.start
@@ -84,8 +83,7 @@ def parsed_document(content: bytes, settings: ImportSettings) -> Node:
 class _Builder:
     """Receives what the parser finds; ``root`` is the tree in the end."""
 
-    def __init__(self, settings: ImportSettings) -> None:
-        self.settings = settings
+    def __init__(self) -> None:
         self.root: Node | None = None
         self.namespace = ""
         self.open: list[Node] = []
@@ -96,10 +94,10 @@ class _Builder:
     def start(self, name: str, attributes: dict[str, str]) -> None:
         """Add an element to the one that is open."""
         self.count += 1
-        if self.count > self.settings.most_nodes:
-            raise ProblemError(f"it holds more than {self.settings.most_nodes} elements; simplify the drawing")
-        if len(self.open) >= self.settings.deepest:
-            raise ProblemError(f"its elements are nested more than {self.settings.deepest} deep; ungroup some")
+        if self.count > IMPORT.most_nodes:
+            raise ProblemError(f"it holds more than {IMPORT.most_nodes} elements; simplify the drawing")
+        if len(self.open) >= IMPORT.deepest:
+            raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
         namespace, _, tag = name.rpartition(_SEPARATOR)
         if self.root is None:
             self.namespace = namespace
@@ -125,7 +123,7 @@ class _Builder:
         if value is None:
             return
         self.entity_length += len(value)
-        if "&" in value or self.references * self.entity_length > self.settings.most_bytes:
+        if "&" in value or self.references * self.entity_length > IMPORT.most_bytes:
             raise ProblemError("its entities would make it too large to read; save it as plain SVG")
 
 
@@ -322,8 +320,7 @@ class Picture:
         view: the picture's size.
     """
 
-    def __init__(self, root: Node, settings: ImportSettings) -> None:
-        self.settings = settings
+    def __init__(self, root: Node) -> None:
         self.places: list[Place] = []
         self.left_out: list[LeftOut] = []
         self.refusals: list[str] = []
@@ -346,13 +343,13 @@ class Picture:
         while pending:
             place = pending.pop()
             count += 1
-            if count > self.settings.most_elements:
+            if count > IMPORT.most_elements:
                 raise ProblemError(
-                    f"it draws more than {self.settings.most_elements} elements, those counted as often as they are "
+                    f"it draws more than {IMPORT.most_elements} elements, those counted as often as they are "
                     "used; simplify the drawing"
                 )
-            if place.depth > self.settings.deepest:
-                raise ProblemError(f"it draws elements more than {self.settings.deepest} deep; ungroup some")
+            if place.depth > IMPORT.deepest:
+                raise ProblemError(f"it draws elements more than {IMPORT.deepest} deep; ungroup some")
             try:
                 inner = self._drawn(place, outermost=place is root)
             except ProblemError as error:

@@ -27,6 +27,7 @@ from ccm_opt.io.keypath import KeyPath, lookup
 from ccm_opt.io.mesh_obstacles import MeshObstacles
 from ccm_opt.io.placement import check_base, check_drawing, check_meshes, odd_mesh_size
 from ccm_opt.io.rules import (
+    ANGLE_TOLERANCE,
     check_alternatives,
     check_arm,
     check_limit_lists,
@@ -45,7 +46,6 @@ from ccm_opt.io.schema import (
     SpaceWorkspaceTable,
     Table,
 )
-from ccm_opt.io.settings import READING
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
@@ -266,7 +266,7 @@ def _check_built_pose(
     # A list of the wrong length is reported elsewhere.
     given: Sequence[Any] = pose.joints_deg or []
     for k, (held, bends) in enumerate(zip(arm.held(at), given, strict=False)):
-        if held and np.max(np.abs(bends)) > READING.angle_tolerance:
+        if held and np.max(np.abs(bends)) > ANGLE_TOLERANCE:
             words = f"this joint is still inside the guide tube of the feed axis; expected {straight}"
             issues.add((*path, "joints_deg", k), words)
 

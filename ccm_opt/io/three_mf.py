@@ -20,8 +20,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.raw_mesh import RawMesh, counted
-from ccm_opt.io.settings import MeshSettings
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted
 
 _MICROSOFT = "http://schemas.microsoft.com/3dmanufacturing"
 _CORE = f"{_MICROSOFT}/core/2015/02"

@@ -26,9 +26,8 @@ from tests.soak.mutations import mutated
 from tests.space_files import three_mf
 
 with atheris.instrument_imports(include=["ccm_opt.io"]):
-    from ccm_opt.io.drawing import READERS, import_scene
+    from ccm_opt.io.drawing import READERS, ImportOptions, import_scene
     from ccm_opt.io.mesh_obstacles import MESH_READERS, mended_mesh, read_mesh_file
-    from ccm_opt.io.settings import ImportOptions
 
 OPTIONS = ImportOptions(scale=0.001)
 LONGEST = 5

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from ccm_opt import load_problem
 from ccm_opt.errors import CcmError
-from ccm_opt.io.drawing import import_scene
+from ccm_opt.io.drawing import ImportOptions, import_scene
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
-from ccm_opt.io.settings import ImportOptions
 from tests.conftest import PROBLEMS
 from tests.fuzz.seeds import seeds
 from tests.soak.mutations import mutated
