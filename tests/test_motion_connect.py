@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.draws import HeadingTree
 from ccm_opt.planning.motion import Motion
-from ccm_opt.planning.rrt_connect import CONNECT
+from ccm_opt.planning.rrt_connect import CONNECT, PointTree
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
 from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, Turn, find_motion
 from ccm_opt.problem import JointPose, Problem
@@ -130,7 +129,7 @@ def test_a_motion_is_free_up_to_the_first_pose_that_is_refuted() -> None:
 def test_a_tree_knows_its_nearest_nodes_and_what_hangs_on_a_node(seed: int) -> None:
     """The nearest node is that of all distances; a cut leaves what does not hang on the node, with its ways."""
     rng = np.random.default_rng(seed)
-    tree = HeadingTree.empty(3)
+    tree = PointTree.empty(3)
     tree.add(rng.normal(size=(2, 3)), np.array([-1, -1]))
     for _ in range(40):
         tree.add(rng.normal(size=(1, 3)), rng.integers(len(tree), size=1))
@@ -199,7 +198,7 @@ def test_the_seed_decides() -> None:
     assert other is not None
     np.testing.assert_array_equal(once.configurations, again.configurations)
     assert once.configurations.shape != other.configurations.shape or not np.array_equal(
-        once.configurations, other.headings
+        once.configurations, other.configurations
     )
 
 

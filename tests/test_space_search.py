@@ -14,10 +14,8 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import Objective
-from ccm_opt.planning.settings import SpaceConnectSettings
-from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceTipPose
-from ccm_opt.planning.space_goal_poses import goal_poses
+from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
@@ -264,7 +262,7 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
         if len(goals) == 3:
             break
     assert goals
-    poses = Connect(stepper, stepper.pose(v), goals, rng, SpaceConnectSettings()).path(task.deadline)
+    poses = CurveDraws(stepper, stepper.pose(v), goals).way(rng, 8000, task.deadline)
     assert poses is not None
     judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))
 

@@ -1,16 +1,24 @@
-"""Poses drawn at the goal and elsewhere, and the tree that they grow."""
+"""RRT-Connect in the link headings, and the poses that it draws at the goal and elsewhere.
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+A straight motion in the coordinates of the curve is one in the link headings too.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.core.polyline import wrap
-from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths, wrap
+from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.rrt_connect import CONNECT, ConnectSearch, PointTree
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings
-from ccm_opt.planning.step import GoalPose
+from ccm_opt.planning.shortcuts import Shortcuts, dense
+from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.robot.arm import Arm
 
 _GOAL_DRAWS = 64
@@ -50,90 +58,15 @@ _BUMP = 0.8
 """Standard deviation of a turn aside [rad]. Taste."""
 
 
-@dataclass
-class HeadingTree:
-    """Poses that are reached from a root by straight motions; several roots are allowed.
-
-    Attributes:
-        headings: of all nodes, with room to spare, shape (capacity, links) [rad].
-        parents: number of each node's parent, -1 for a root, shape (capacity,).
-        count: number of nodes.
-    """
-
-    headings: FloatArray
-    parents: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    count: int = 0
-
-    @classmethod
-    def empty(cls, links: int) -> "HeadingTree":
-        """A tree without nodes."""
-        return cls(np.zeros((0, links)))
-
-    def __len__(self) -> int:
-        return self.count
-
-    @property
-    def nodes(self) -> FloatArray:
-        """Link headings of the nodes, shape (nodes, links) [rad]."""
-        return self.headings[: self.count]
-
-    def add(self, headings: FloatArray, parents: IntArray) -> IntArray:
-        """Add nodes; their numbers.
-
-        Args:
-            headings: shape (m, links) [rad].
-            parents: number of each one's parent or -1, shape (m,).
-        """
-        numbers = np.arange(self.count, self.count + len(headings))
-        if self.count + len(headings) > len(self.headings):
-            self._grow(len(headings))
-        self.headings[numbers] = headings
-        self.parents[numbers] = parents
-        self.count += len(headings)
-        return numbers
-
-    def nearest(self, targets: FloatArray) -> IntArray:
-        """Number of the node nearest to each target by the squared turns of the links, (m, links) to (m,)."""
-        # |a − b|² without the part that is the same for all nodes.
-        nodes = self.nodes
-        squares = np.einsum("kn,kn->k", nodes, nodes)
-        return np.asarray(np.argmin(squares - 2.0 * (targets @ nodes.T), axis=1))
-
-    def way_to(self, node: int) -> list[int]:
-        """Numbers of the nodes from the root to a node."""
-        way = []
-        while node >= 0:
-            way.append(node)
-            node = int(self.parents[node])
-        return way[::-1]
-
-    def cut(self, node: int) -> None:
-        """Take out a node and all that hang on it; the others are numbered anew."""
-        gone = np.zeros(self.count + 1, dtype=bool)
-        gone[node] = True
-        # A parent stands before its children; the last place stands for the parent of roots, number -1.
-        for k in range(node + 1, self.count):
-            gone[k] = gone[self.parents[k]]
-        kept = np.flatnonzero(~gone[:-1])
-        number = np.full(self.count + 1, -1)
-        number[kept] = np.arange(len(kept))
-        self.headings[: len(kept)] = self.headings[kept]
-        self.parents[: len(kept)] = number[self.parents[kept]]
-        self.count = len(kept)
-
-    def _grow(self, least: int) -> None:
-        """Room for twice as many nodes, so that adding some seldom copies all."""
-        capacity = max(256, 2 * (self.count + least))
-        headings = np.zeros((capacity, self.headings.shape[1]))
-        parents = np.full(capacity, -1, dtype=np.intp)
-        headings[: self.count] = self.nodes
-        parents[: self.count] = self.parents[: self.count]
-        self.headings = headings
-        self.parents = parents
-
-
 _RANK = 1e-6
 """Singular values below this share of the largest count as none."""
+
+
+_BATCH = (4, 32)
+"""Targets that are drawn at once, at least and at most. Taste: a plain scene is solved by a few extensions, a hard one
+by tens of thousands, which NumPy does together."""
+_KEYFRAME_TURN = 0.15
+"""Most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +81,7 @@ class TargetDraws:
         limits: bounds of the bends that are drawn, shape (links,) [rad].
         base: least and greatest bend of the first joint that is drawn [rad].
         settings: numbers.
+        batch: targets that are drawn at once, at least and at most.
     """
 
     arm: Arm
@@ -156,6 +90,7 @@ class TargetDraws:
     limits: FloatArray
     base: tuple[float, float]
     settings: ConnectSettings
+    batch: tuple[int, int] = _BATCH
 
     @property
     def longest(self) -> float:
@@ -188,7 +123,7 @@ class TargetDraws:
         high = min(limits[0], float(bends[:, 0].max()) + _WINDING)
         return cls(arm, projector, (space.offset, blended), limits, (low, high), settings)
 
-    def draw(self, rng: np.random.Generator, count: int, tree: HeadingTree, other: HeadingTree) -> FloatArray:
+    def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
         """Link headings of targets for the extension of a tree, shape (count, links) [rad]; the other attracts."""
         targets = self.shapes(rng, count)
         kind = rng.random(count)
@@ -198,6 +133,11 @@ class TargetDraws:
             attracted = np.flatnonzero(kind > 1.0 - _ATTRACTED)
             targets[attracted] = other.nodes[rng.integers(len(other), size=len(attracted))]
         return targets
+
+    def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Bound on how far the tip moves, in arm lengths, shape (m,)."""
+        travel: FloatArray = np.abs(end - start).mean(axis=-1)
+        return travel
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """How far straight motions stay within the limits of the bends, as shares of the whole, shape (m,)."""
@@ -326,3 +266,110 @@ class GoalDraws:
         last[:, 0, -1] = 1.0
         turn = wrap(members[:, 2] - headings[:, -1])
         return np.concatenate((rows, last), axis=1), np.column_stack((error, turn))
+
+
+@dataclass(frozen=True)
+class Connecting:
+    """What one search by RRT-Connect is given.
+
+    Attributes:
+        task: what is looked for.
+        space: link space of the motion.
+        start: pose at the start.
+        goal: with the coordinates of a goal for the whole arm.
+        known_goals: makes poses at a goal for the tip that are known otherwise, each when it is asked for.
+    """
+
+    task: MotionTask
+    space: LinkSpace
+    start: Pose
+    goal: GoalPose
+    known_goals: Callable[[], Iterator[Pose]]
+
+    @property
+    def settings(self) -> ConnectSettings:
+        """Numbers of RRT-Connect."""
+        return self.task.settings.connect
+
+    def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
+        """A certified motion; None when several searches, or the time, do not suffice.
+
+        Args:
+            budgets: extensions that one search after the other may take.
+            seed: of every random choice.
+        """
+        task = self.task
+        check = SampledCheck.of(task.arm, task.workspace)
+        # Most searches end soon or never: each begins anew.
+        for number, budget in enumerate(budgets):
+            rng = np.random.default_rng((*seed, number))
+            way = self._search(check, rng).run(budget)
+            if way is not None:
+                shortcuts = Shortcuts(check, task.certificate.failures, self.settings.shortcuts)
+                return self._motion(shortcuts.shortened(way, rng))
+            if task.deadline.passed():
+                break
+        return None
+
+    def _motion(self, way: FloatArray) -> Motion | None:
+        """A way in the coordinates of the curve, certified once more; None when that fails."""
+        coordinates = self._coordinates(dense(way, _KEYFRAME_TURN))
+        headings = self.space.configurations(coordinates)
+        # The same motion but for rounding, and for the last bit of the way onto the goal.
+        if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(headings)):
+            return None
+        return Motion(self.space, coordinates, headings, CONNECT)
+
+    def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
+        """Trees with nothing but the start."""
+        task = self.task
+        ends = [self.start.q]
+        if self.goal.coordinates is not None:
+            ends.append(self.space.configurations(self.goal.coordinates))
+        share = task.settings.step.limit_share
+        draws = TargetDraws.within(self.space, ends, KNOTS + 1, share, self.settings)
+        trees = (PointTree.empty(task.arm.links), PointTree.empty(task.arm.links))
+        trees[0].add(self.start.q[None], np.array([-1]))
+        goals = self._goals(draws, check, rng)
+        unproved = task.certificate.failures
+        return ConnectSearch(check, draws, unproved, goals, task.deadline.passed, rng, trees)
+
+    def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
+        """Poses at the goal: that of the whole arm, or some that have the tip there."""
+        if self.goal.coordinates is not None:
+            yield self.space.configurations(self.goal.coordinates)[None]
+            return
+        drawn = GoalDraws(draws, self.goal, check).poses(rng)
+        yield next(drawn)
+        # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
+        for pose in self.known_goals():
+            yield pose.q[None]
+            yield next(drawn)
+        yield from drawn
+
+    def _coordinates(self, way: FloatArray) -> FloatArray:
+        """Coordinates of link headings of the space, the ends exact, shape (K, links) to (K, p)."""
+        space = self.space
+        start = self.start.v
+        end = self.goal.coordinates
+        if end is None:
+            end = polish(space, self.goal, self._fitted(way[-1], start))
+        arcs = arc_lengths(way)
+        line = start + (arcs / arcs[-1])[:, None] * (end - start)
+        return np.vstack((start, [self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)], end))
+
+    def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
+        """Coordinates near given ones with given link headings."""
+        space = self.space
+        missed = headings - space.configurations(near)
+        # Few links leave many curves with the same headings: the smoothest, and then what it misses.
+        change = fit_coordinates(space.matrix, missed, space.arm.length)
+        rest = missed - space.matrix @ change
+        return near + change + np.linalg.lstsq(space.matrix, rest, rcond=None)[0]
+
+    def _on_goal(self, v: FloatArray) -> bool:
+        if self.goal.coordinates is not None:
+            return True
+        final = self.space.pose(v)
+        within = np.all(np.abs(self.task.arm.bends(final.q)) <= self.task.arm.bend_limits)
+        return bool(within) and self.goal.on_goal(final) and self.goal.limits_met(final)

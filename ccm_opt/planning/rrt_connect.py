@@ -1,34 +1,19 @@
-"""RRT-Connect in the joints.
+"""RRT-Connect: two trees of straight motions that grow towards each other (J. Kuffner and S. LaValle, 2000).
 
-A straight motion in the coordinates of the curve is one in the link headings too. Extensions are rejected by samples;
-a way from start to goal is certified when the trees meet, and what of it cannot be proved is cut off.
+Where edges are rejected by samples, the way from start to goal is certified when the trees meet, and what of it cannot
+be proved is cut off.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.core.polyline import arc_lengths
-from ccm_opt.planning.draws import GoalDraws, HeadingTree, TargetDraws
-from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
-from ccm_opt.planning.motion import Motion
-from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import ConnectSettings
-from ccm_opt.planning.shortcuts import Shortcuts, dense
-from ccm_opt.planning.step import GoalPose, polish
 
 _LEAST = 0.01
 """Shortest extension that makes a node [rad]. Taste."""
-_TURN = 0.15
-"""Most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation."""
-
-_BATCH = (4, 32)
-"""Targets that are drawn at once, at least and at most; the batch doubles from round to round. Taste: a plain scene is
-solved by a few extensions, a hard one by tens of thousands, which NumPy does together."""
 _GOAL_ROUNDS = 10
 """Rounds between two searches for more poses at the goal. Taste."""
 _MOST_GOALS = 40
@@ -37,8 +22,127 @@ _MOST_GOALS = 40
 _DOUBLINGS = 16
 """More doublings of a batch than there ever are."""
 
+CONNECT = "RRT-Connect"
+"""Name of what is found, among the names of candidates."""
+
 Unproved = Callable[[FloatArray], IntArray]
-"""Sorted intervals of a motion, link headings of shape (K, links) [rad], that are not certified."""
+"""Sorted intervals of a motion through points, shape (K, n), that are not certified."""
+
+
+@dataclass
+class PointTree:
+    """Points that are reached from a root by straight motions; several roots are allowed.
+
+    Attributes:
+        points: all nodes, with room to spare, shape (capacity, n).
+        parents: number of each node's parent, -1 for a root, shape (capacity,).
+        count: number of nodes.
+    """
+
+    points: FloatArray
+    parents: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    count: int = 0
+
+    @classmethod
+    def empty(cls, dimension: int) -> "PointTree":
+        """A tree without nodes."""
+        return cls(np.zeros((0, dimension)))
+
+    def __len__(self) -> int:
+        return self.count
+
+    @property
+    def nodes(self) -> FloatArray:
+        """The nodes, shape (nodes, n)."""
+        return self.points[: self.count]
+
+    def add(self, points: FloatArray, parents: IntArray) -> IntArray:
+        """Add nodes; their numbers.
+
+        Args:
+            points: shape (m, n).
+            parents: number of each one's parent or -1, shape (m,).
+        """
+        numbers = np.arange(self.count, self.count + len(points))
+        if self.count + len(points) > len(self.points):
+            self._grow(len(points))
+        self.points[numbers] = points
+        self.parents[numbers] = parents
+        self.count += len(points)
+        return numbers
+
+    def nearest(self, targets: FloatArray) -> IntArray:
+        """Number of the node nearest to each target, (m, n) to (m,)."""
+        # |a − b|² without the part that is the same for all nodes.
+        nodes = self.nodes
+        squares = np.einsum("kn,kn->k", nodes, nodes)
+        return np.asarray(np.argmin(squares - 2.0 * (targets @ nodes.T), axis=1))
+
+    def way_to(self, node: int) -> list[int]:
+        """Numbers of the nodes from the root to a node."""
+        way = []
+        while node >= 0:
+            way.append(node)
+            node = int(self.parents[node])
+        return way[::-1]
+
+    def cut(self, node: int) -> None:
+        """Take out a node and all that hang on it; the others are numbered anew."""
+        gone = np.zeros(self.count + 1, dtype=bool)
+        gone[node] = True
+        # A parent stands before its children; the last place stands for the parent of roots, number -1.
+        for k in range(node + 1, self.count):
+            gone[k] = gone[self.parents[k]]
+        kept = np.flatnonzero(~gone[:-1])
+        number = np.full(self.count + 1, -1)
+        number[kept] = np.arange(len(kept))
+        self.points[: len(kept)] = self.points[kept]
+        self.parents[: len(kept)] = number[self.parents[kept]]
+        self.count = len(kept)
+
+    def _grow(self, least: int) -> None:
+        """Room for twice as many nodes, so that adding some seldom copies all."""
+        capacity = max(256, 2 * (self.count + least))
+        points = np.zeros((capacity, self.points.shape[1]))
+        parents = np.full(capacity, -1, dtype=np.intp)
+        points[: self.count] = self.nodes
+        parents[: self.count] = self.parents[: self.count]
+        self.points = points
+        self.parents = parents
+
+
+class Check(Protocol):
+    """Says how far straight motions are free."""
+
+    def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far straight motions come before something is in the way, as shares of the whole, shape (m,)."""
+        ...
+
+
+class Draws(Protocol):
+    """Draws targets, and knows how far motions to them lead."""
+
+    @property
+    def batch(self) -> tuple[int, int]:
+        """Targets that are drawn at once, at least and at most; the batch doubles from round to round."""
+        ...
+
+    @property
+    def longest(self) -> float:
+        """Longest extension, by ``travel``."""
+        ...
+
+    def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far straight motions lead, shapes (m, n) to (m,) [rad]."""
+        ...
+
+    def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far straight motions stay within the limits of the joints, as shares of the whole, shape (m,)."""
+        ...
+
+    def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
+        """Targets for the extension of a tree, shape (count, n); the other may attract."""
+        ...
 
 
 @dataclass
@@ -46,33 +150,31 @@ class ConnectSearch:
     """Two trees in the making.
 
     Attributes:
-        check: the cheap one.
+        check: says how far motions are free; perhaps by samples.
         draws: of targets.
-        unproved: the certificate.
-        goals: poses at the goal, link headings of shape (m, links) [rad] at a time; may end.
+        unproved: the certificate of a whole way.
+        goals: poses at the goal, shape (m, n) at a time; may end.
         over: whether the time is up.
         rng: source of every random choice.
-        settings: numbers.
         trees: from the start, and from poses at the goal.
         extensions: taken so far.
         rounds: of extensions.
-        found: link headings of a certified motion, shape (K, links) [rad]; None as long as there is none.
+        found: points of a certified motion, shape (K, n); None as long as there is none.
     """
 
-    check: SampledCheck
-    draws: TargetDraws
+    check: Check
+    draws: Draws
     unproved: Unproved
     goals: Iterator[FloatArray]
     over: Callable[[], bool]
     rng: np.random.Generator
-    settings: ConnectSettings
-    trees: tuple[HeadingTree, HeadingTree]
+    trees: tuple[PointTree, PointTree]
     extensions: int = 0
     rounds: int = 0
     found: FloatArray | None = None
 
     def run(self, budget: int) -> FloatArray | None:
-        """Extend the trees in turn; link headings of a certified motion, shape (K, links) [rad], or None.
+        """Extend the trees in turn; points of a certified motion, shape (K, n), or None.
 
         Args:
             budget: extensions that may be taken from now on.
@@ -99,7 +201,7 @@ class ConnectSearch:
 
     def _extend(self, side: int) -> None:
         """Extend a tree towards random targets, and the other tree towards the new nodes."""
-        low, high = _BATCH
+        low, high = self.draws.batch
         count = min(high, low << min(self.rounds, _DOUBLINGS))
         tree = self.trees[side]
         targets = self.draws.draw(self.rng, count, tree, self.trees[1 - side])
@@ -110,7 +212,7 @@ class ConnectSearch:
 
         # All or nothing: nodes where an extension was stopped would all lie in contact, with little way on from there.
         free = self.check.free_shares(start, end) >= 1.0
-        free &= self._travel(start, end) > _LEAST
+        free &= self.draws.travel(start, end) > _LEAST
         added = tree.add(end[free], parents[free])
         if len(added) and len(self.trees[1 - side]):
             self._connect(side, added)
@@ -130,14 +232,14 @@ class ConnectSearch:
             return
         # The shortest of the ways that join the trees.
         ways = [self._joined(side, int(nodes[k]), int(nearest[k]))[0] for k in arrived]
-        best = arrived[int(np.argmin([self._travel(way[:-1], way[1:]).sum() for way in ways]))]
+        best = arrived[int(np.argmin([self.draws.travel(way[:-1], way[1:]).sum() for way in ways]))]
         self._settle(side, int(nodes[best]), int(nearest[best]))
 
-    def _add_steps(self, tree: HeadingTree, node: int, target: FloatArray, share: float) -> None:
+    def _add_steps(self, tree: PointTree, node: int, target: FloatArray, share: float) -> None:
         """Nodes at whole steps towards a target, as many as lie in the free share of the way."""
         start = tree.nodes[node].copy()
         longest = self.draws.longest
-        step = longest / max(float(self._travel(start, target)), longest)
+        step = longest / max(float(self.draws.travel(start, target)), longest)
         for k in range(1, int(share / step) + 1):
             added = tree.add((start + k * step * (target - start))[None], np.array([node]))
             node = int(added[0])
@@ -169,122 +271,6 @@ class ConnectSearch:
     def _shortened(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Ends of straight motions, none of which is too long or leaves the limits of the bends."""
         longest = self.draws.longest
-        share = longest / np.maximum(self._travel(start, end), longest)
+        share = longest / np.maximum(self.draws.travel(start, end), longest)
         share = np.minimum(share, self.draws.within_limits(start, end))
         return start + share[:, None] * (end - start)
-
-    def _travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Bound on how far the tip moves, in arm lengths, shape (m,)."""
-        travel: FloatArray = np.abs(end - start).mean(axis=-1)
-        return travel
-
-
-CONNECT = "RRT-Connect"
-"""Name of what is found, among the names of candidates."""
-
-
-@dataclass(frozen=True)
-class Connecting:
-    """What one search by RRT-Connect is given.
-
-    Attributes:
-        task: what is looked for.
-        space: link space of the motion.
-        start: pose at the start.
-        goal: with the coordinates of a goal for the whole arm.
-        known_goals: makes poses at a goal for the tip that are known otherwise, each when it is asked for.
-    """
-
-    task: MotionTask
-    space: LinkSpace
-    start: Pose
-    goal: GoalPose
-    known_goals: Callable[[], Iterator[Pose]]
-
-    @property
-    def settings(self) -> ConnectSettings:
-        """Numbers of RRT-Connect."""
-        return self.task.settings.connect
-
-    def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
-        """A certified motion; None when several searches, or the time, do not suffice.
-
-        Args:
-            budgets: extensions that one search after the other may take.
-            seed: of every random choice.
-        """
-        task = self.task
-        check = SampledCheck.of(task.arm, task.workspace)
-        # Most searches end soon or never: each begins anew.
-        for number, budget in enumerate(budgets):
-            rng = np.random.default_rng((*seed, number))
-            way = self._search(check, rng).run(budget)
-            if way is not None:
-                shortcuts = Shortcuts(check, task.certificate.failures, self.settings.shortcuts)
-                return self._motion(shortcuts.shortened(way, rng))
-            if task.deadline.passed():
-                break
-        return None
-
-    def _motion(self, way: FloatArray) -> Motion | None:
-        """A way in the coordinates of the curve, certified once more; None when that fails."""
-        coordinates = self._coordinates(dense(way, _TURN))
-        headings = self.space.configurations(coordinates)
-        # The same motion but for rounding, and for the last bit of the way onto the goal.
-        if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(headings)):
-            return None
-        return Motion(self.space, coordinates, headings, CONNECT)
-
-    def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
-        """Trees with nothing but the start."""
-        task = self.task
-        ends = [self.start.q]
-        if self.goal.coordinates is not None:
-            ends.append(self.space.configurations(self.goal.coordinates))
-        share = task.settings.step.limit_share
-        draws = TargetDraws.within(self.space, ends, KNOTS + 1, share, self.settings)
-        trees = (HeadingTree.empty(task.arm.links), HeadingTree.empty(task.arm.links))
-        trees[0].add(self.start.q[None], np.array([-1]))
-        goals = self._goals(draws, check, rng)
-        unproved = task.certificate.failures
-        return ConnectSearch(check, draws, unproved, goals, task.deadline.passed, rng, self.settings, trees)
-
-    def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Poses at the goal: that of the whole arm, or some that have the tip there."""
-        if self.goal.coordinates is not None:
-            yield self.space.configurations(self.goal.coordinates)[None]
-            return
-        drawn = GoalDraws(draws, self.goal, check).poses(rng)
-        yield next(drawn)
-        # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
-        for pose in self.known_goals():
-            yield pose.q[None]
-            yield next(drawn)
-        yield from drawn
-
-    def _coordinates(self, way: FloatArray) -> FloatArray:
-        """Coordinates of link headings of the space, the ends exact, shape (K, links) to (K, p)."""
-        space = self.space
-        start = self.start.v
-        end = self.goal.coordinates
-        if end is None:
-            end = polish(space, self.goal, self._fitted(way[-1], start))
-        arcs = arc_lengths(way)
-        line = start + (arcs / arcs[-1])[:, None] * (end - start)
-        return np.vstack((start, [self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)], end))
-
-    def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
-        """Coordinates near given ones with given link headings."""
-        space = self.space
-        missed = headings - space.configurations(near)
-        # Few links leave many curves with the same headings: the smoothest, and then what it misses.
-        change = fit_coordinates(space.matrix, missed, space.arm.length)
-        rest = missed - space.matrix @ change
-        return near + change + np.linalg.lstsq(space.matrix, rest, rcond=None)[0]
-
-    def _on_goal(self, v: FloatArray) -> bool:
-        if self.goal.coordinates is not None:
-            return True
-        final = self.space.pose(v)
-        within = np.all(np.abs(self.task.arm.bends(final.q)) <= self.task.arm.bend_limits)
-        return bool(within) and self.goal.on_goal(final) and self.goal.limits_met(final)

@@ -518,7 +518,7 @@ class SpaceConnectSettings:
     """Of the sampler, RRT-Connect in the unknowns of the curve.
 
     Attributes:
-        draws: of targets, at most, each time that it begins.
+        draws: extensions at most, each time that it begins.
         base_share: share of the draws in which the base alone is turned anywhere, and the curve is that between the
             start and a goal.
     """

@@ -1,19 +1,21 @@
-"""Poses at the goal, swings between them, and withdrawals.
+"""Poses at the goal, trees and swings between them, and withdrawals.
 
 A curled arm sweeps what is beside it wherever its base turns it; a straight one passes what it can be pointed past. So
 trees that hardly ever meet between two curled poses meet soon between the same poses unbent.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.settings import SpaceConnectSettings
-from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import (
     SpaceStalled,
     SpaceTipPose,
@@ -23,7 +25,7 @@ from ccm_opt.planning.space_continuation import (
     terms_to_goal,
 )
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
-from ccm_opt.planning.space_sweep import pieces
+from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, in_pieces, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -94,6 +96,104 @@ def _free(stepper: SpaceStepper, pose: Pose) -> bool:
     return stepper.certificate.safe(pose.q, pose.q)
 
 
+_EXTENSION = 2.0
+"""Longest edge, in the norm of turns of the links [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveDraws:
+    """Draws and certifies edges for RRT-Connect in the unknowns of a curve.
+
+    Points are unknowns times a root of the metric in which links turn, so that their distances are those of the turns.
+
+    Attributes:
+        stepper: in whose unknowns trees grow.
+        start: where the motion begins.
+        goals: poses at the goal.
+        base_share: share of targets that have the base turned alone.
+        batch: targets that are drawn at once; one, for each edge is certified by itself.
+    """
+
+    stepper: SpaceStepper
+    start: Pose
+    goals: list[Pose]
+    base_share: float = 0.0
+    batch: tuple[int, int] = (1, 1)
+    longest: float = _EXTENSION
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """Takes unknowns to points, shape (p, p)."""
+        metric = self.stepper.space.metric(self.start)
+        return np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
+
+    @cached_property
+    def goal_points(self) -> FloatArray:
+        """The goals, shape (m, p)."""
+        return np.stack([goal.v for goal in self.goals]) @ self.root
+
+    def way(self, rng: np.random.Generator, draws: int, deadline: Deadline) -> list[Pose] | None:
+        """Poses from the start to one of the goals; None where so many draws or the time end first."""
+        trees = (PointTree.empty(len(self.root)), PointTree.empty(len(self.root)))
+        trees[0].add((self.start.v @ self.root)[None], np.array([-1]))
+        search = ConnectSearch(self, self, self._unproved, iter((self.goal_points,)), deadline.passed, rng, trees)
+        found = search.run(draws)
+        if found is None:
+            return None
+        return [self.stepper.pose(v) for v in in_pieces(self.stepper, self._between_ends(found))]
+
+    def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Norm of the turns of the links, shape (m,) [rad]."""
+        return np.asarray(np.linalg.norm(end - start, axis=-1))
+
+    def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """All of every edge: the check asks for the limits."""
+        del end
+        return np.ones(len(start))
+
+    def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far straight motions are certified, in whole extensions, as shares of the whole, shape (m,)."""
+        return np.array([self._free_share(*edge) for edge in zip(start, end, strict=True)])
+
+    def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
+        """Points between and around the start and the goals, shape (count, p)."""
+        del tree, other
+        return np.stack([self._drawn(rng) for _ in range(count)])
+
+    def _free_share(self, start: FloatArray, end: FloatArray) -> float:
+        step = self.longest / max(float(np.linalg.norm(end - start)), self.longest)
+        shares = np.append(np.arange(0.0, 1.0, step), 1.0)
+        places = self._unknowns(start + shares[:, None] * (end - start))
+        for share, edge in zip(shares, pairwise(places), strict=False):
+            if not edge_is_safe(self.stepper, *edge, self.stepper.settings.certificate.step_depth):
+                return float(share) + 0.5 * step  # half an extension is none, and what was certified stays whole
+        return 1.0
+
+    def _drawn(self, rng: np.random.Generator) -> FloatArray:
+        goal = self.goals[int(rng.integers(len(self.goals)))]
+        middle = self.start.v + rng.uniform(-0.2, 1.2) * (goal.v - self.start.v)
+        if self.base_share > 0.0 and rng.uniform() < self.base_share:
+            # The base points anywhere.
+            most = np.minimum(self.stepper.curve.arm.base_limit, (np.pi, 0.5 * np.pi))
+            return np.concatenate((rng.uniform(-most, most), middle[2:])) @ self.root
+        spread = rng.normal(size=len(middle))
+        apart = float(np.linalg.norm((goal.v - self.start.v) @ self.root))
+        size = rng.uniform(0.1, 1.0) * max(apart, 1.0)
+        return np.asarray(middle @ self.root + size * spread / np.sqrt(len(middle)))
+
+    def _unproved(self, way: FloatArray) -> IntArray:
+        """Edges of a way that are not certified between its exact ends."""
+        return failing_edges(self.stepper, self._between_ends(way))
+
+    def _between_ends(self, way: FloatArray) -> FloatArray:
+        """Unknowns of a way, those of its ends exact, shape (K, p)."""
+        goal = self.goals[int(np.argmin(np.linalg.norm(self.goal_points - way[-1], axis=1)))]
+        return np.vstack((self.start.v, self._unknowns(way[1:-1]), goal.v))
+
+    def _unknowns(self, points: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.solve(self.root.T, points.T).T)
+
+
 def swung(
     stepper: SpaceStepper,
     start: Pose,
@@ -114,8 +214,8 @@ def swung(
     """
     unbent = unbent_from(stepper, start, deadline)
     of_goals = [unbent_from(stepper, goal, deadline) for goal in goals]
-    trees = Connect(stepper, unbent[-1], [poses[-1] for poses in of_goals], rng, settings)
-    between = trees.path(deadline)
+    trees = CurveDraws(stepper, unbent[-1], [poses[-1] for poses in of_goals], settings.base_share)
+    between = trees.way(rng, settings.draws, deadline)
     if between is None:
         return None
     bent = next(poses for poses in of_goals if np.array_equal(poses[-1].v, between[-1].v))

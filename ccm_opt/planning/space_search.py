@@ -16,9 +16,8 @@ from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search import Attempt, Failure, first_found
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
-from ccm_opt.planning.space_connect import Connect
 from ccm_opt.planning.space_continuation import SpaceGuide, SpaceStalled, SpaceTipPose, follow, settle
-from ccm_opt.planning.space_goal_poses import goal_poses, swung, withdrawn
+from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
@@ -349,7 +348,7 @@ class _Search:
             return None
         first = stepper.pose(start)
         self._announce("a sampler", first)
-        poses = Connect(stepper, first, goals, rng, settings).path(task.deadline)
+        poses = CurveDraws(stepper, first, goals, settings.base_share).way(rng, settings.draws, task.deadline)
         if poses is None:
             self._failed("a sampler", "no tree met the other", stepper, first, goals[0].tip)
             return None

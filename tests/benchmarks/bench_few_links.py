@@ -14,7 +14,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
-from ccm_opt.planning.rrt_connect import Connecting
+from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.problem import JointPose, Problem
