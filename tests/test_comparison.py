@@ -18,10 +18,11 @@ import pytest
 import shapely
 
 from ccm_opt.cli import comparing
-from ccm_opt.cli.comparing import CompareOptions, compare_methods, comparison_page
+from ccm_opt.cli.comparing import CompareOptions, compare_methods
 from ccm_opt.compare import methods as method_code
 from ccm_opt.compare import running
 from ccm_opt.compare.comparison_files import comparison_json, runs_csv, write_problems
+from ccm_opt.compare.comparison_page import comparison_page
 from ccm_opt.compare.methods import METHODS, check_methods, code_of, method_named
 from ccm_opt.compare.running import Comparison, compare
 from ccm_opt.compare.runs import Run, Task, execute, failed_run, open_journal

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.cli.comparing import ShownQuantity, probability
+from ccm_opt.compare.comparison_page import ShownQuantity, probability
 from ccm_opt.compare.methods import check_methods, method_named
 from ccm_opt.compare.runs import QUANTITIES
 from ccm_opt.compare.suites import clutter

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ccm_opt.compare.comparison_page import comparison_page
+from ccm_opt.compare.running import Comparison
+from ccm_opt.compare.runs import Run
 from ccm_opt.errors import Diagnosis, Finding
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
-from ccm_opt.viz.comparison_page import ComparedMethod, ComparedPair, ComparedQuantity, ComparedRun, comparison_html
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.page import report_html
 
@@ -67,16 +69,15 @@ def test_the_page_of_a_failure_draws_its_reason(small_problem: Problem, tmp_path
 
 def test_the_page_of_a_comparison_draws_its_curves(tmp_path: Path) -> None:
     """There is a step for every solved run, and a point for every problem that both methods solve."""
-    methods = [ComparedMethod("a", 2, (0.2, 1.0)), ComparedMethod("b", 1, (0.0, 0.9))]
-    runs = [
-        ComparedRun("one", "a", "solved", solved=True, figures={"cpu_s": 0.5}),
-        ComparedRun("one", "b", "solved", solved=True, figures={"cpu_s": 2.0}),
-        ComparedRun("two", "a", "solved", solved=True, figures={"cpu_s": 1.0}),
-        ComparedRun("two", "b", "no plan", solved=False, reason="why"),
-    ]
-    quantities = [ComparedQuantity("cpu_s", "CPU time", "s")]
-    pairs = [ComparedPair("a", "b", "Both solve 1.")]
-    dom = rendered(comparison_html(["one", "two"], methods, quantities, runs, pairs), tmp_path)
+    one = (
+        Run("1", "one", "nlp", "solved", figures={"cpu_s": 0.5}),
+        Run("2", "one", "nlp-paul", "solved", figures={"cpu_s": 2.0}),
+    )
+    two = (
+        Run("3", "two", "nlp", "solved", figures={"cpu_s": 1.0}),
+        Run("4", "two", "nlp-paul", "no plan", reason="why"),
+    )
+    dom = rendered(comparison_page(Comparison(("one", "two"), ("nlp", "nlp-paul"), (one, two))), tmp_path)
     assert 'data-ready="comparison"' in dom
     first, second = (found.count("V") for found in re.findall(r'<path class="curve"[^>]* d="([^"]*)"', dom))
     assert (first, second) == (2, 1)

@@ -5,7 +5,6 @@ They fit into eighty columns with two methods: figures stand in rows, methods in
 
 import itertools
 import json
-import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -30,88 +29,18 @@ from ccm_opt.compare.comparison_files import (
     write_comparison,
     write_problems,
 )
+from ccm_opt.compare.comparison_page import SHOWN, ShownQuantity, comparison_page, percents, probability, success_words
 from ccm_opt.compare.methods import DEFAULT, check_methods
 from ccm_opt.compare.running import Comparison, Pair, compare, outdated
-from ccm_opt.compare.runs import QUANTITIES, Quantity, Run, open_journal
-from ccm_opt.compare.statistics import ConfidenceInterval, FigurePair
+from ccm_opt.compare.runs import Run, open_journal
 from ccm_opt.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
-from ccm_opt.viz.comparison_page import ComparedMethod, ComparedPair, ComparedQuantity, ComparedRun, comparison_html
-from ccm_opt.viz.document import NONE, three_digits
 
 _MOST_PROBLEMS = 40
 """Problems of a comparison up to which the table of all runs is printed; of more it is in the file only."""
 
-DECIMALS = 3
-"""At most; less than half of the last one is nothing."""
-TIMES = "\N{MULTIPLICATION SIGN} "
-LEAST_P = 1e-3
-"""Smaller probabilities are as good as none."""
-
-
-@dataclass(frozen=True)
-class ShownQuantity:
-    """A figure in the unit in which it is shown.
-
-    Attributes:
-        quantity: the figure.
-        unit: in which it is shown.
-        factor: from its own unit.
-    """
-
-    quantity: Quantity
-    unit: str
-    factor: float
-
-    @classmethod
-    def of(cls, quantity: Quantity) -> "ShownQuantity":
-        """Lengths are shown in millimetres, all else as it is."""
-        return cls(quantity, "mm", 1e3) if quantity.unit == "m" else cls(quantity, quantity.unit, 1.0)
-
-    @property
-    def title(self) -> str:
-        """With the unit."""
-        return f"{self.quantity.title} [{self.unit}]"
-
-    def value(self, figure: float) -> str:
-        """A value of the figure."""
-        return three_digits(self.factor * figure, DECIMALS)
-
-    def effect(self, item: FigurePair) -> str:
-        """By how much two methods differ: ``× 0.95`` or ``+1.2``."""
-        return self._compared(item.effect)
-
-    def interval(self, interval: ConfidenceInterval) -> str:
-        """What that may be; a dash where the problems are too few to say."""
-        if not (math.isfinite(interval.low) and math.isfinite(interval.high)):
-            return NONE
-        return f"{self._compared(interval.low, bare=True)} to {self._compared(interval.high, bare=True)}"
-
-    def _compared(self, value: float, *, bare: bool = False) -> str:
-        if not math.isfinite(value):
-            return NONE
-        # Ratios have no unit; differences have that of the figure.
-        if self.quantity.scale == "ratio":
-            return f"{'' if bare else TIMES}{three_digits(value, DECIMALS)}"
-        text = three_digits(self.factor * value, DECIMALS)
-        return f"+{text}" if value > 0.0 and float(text) else text
-
-
-def probability(value: float) -> str:
-    """A p value."""
-    if not math.isfinite(value):
-        return NONE
-    return f"< {LEAST_P:g}" if value < LEAST_P else f"{value:.2g}"
-
-
-def percents(share: float) -> str:
-    """A share."""
-    return f"{100.0 * share:.0f} %" if math.isfinite(share) else NONE
-
-
 OF_A_RUN = ("least_wall_clearance_m", "duration_s", "planning_cpu_s")
 """Figures in the table of runs, which has a row for each; the others are in the file."""
-SHOWN = tuple(ShownQuantity.of(quantity) for quantity in QUANTITIES)
 
 
 def print_comparison(comparison: Comparison, folder: Path) -> None:
@@ -177,75 +106,8 @@ def print_pair(console: Console, pair: Pair) -> None:
     console.print(table)
 
 
-def success_words(pair: Pair) -> str:
-    """How often two methods solve the same problems, in a sentence."""
-    success = pair.success
-    p_value = probability(success.p_value)
-    return (
-        f"both solve {success.both}, only the first {success.first_only}, only the second {success.second_only}, "
-        f"neither {success.neither}; difference {100 * success.difference:+.0f} % "
-        f"({100 * success.interval.low:+.0f} to {100 * success.interval.high:+.0f} %), "
-        f"McNemar p {p_value if p_value.startswith('<') else f'= {p_value}'}"
-    )
-
-
 def _outcome(run: Run) -> str:
     return run.outcome if run.solved else f"[red]{run.outcome}[/red]"
-
-
-def comparison_page(comparison: Comparison) -> str:
-    """The page of a comparison."""
-    return comparison_html(
-        comparison.problems,
-        [_method(comparison, name) for name in comparison.methods],
-        [_quantity(item) for item in QUANTITIES],
-        [_run(run) for row in comparison.runs for run in row],
-        [_pair(pair) for pair in comparison.pairs],
-    )
-
-
-def _quantity(item: Quantity) -> ComparedQuantity:
-    """Lengths in millimetres; gaps may be nothing, and so have linear axes."""
-    shown = ShownQuantity.of(item)
-    return ComparedQuantity(item.key, item.title, shown.unit, shown.factor, logarithmic=item.unit != "m")
-
-
-def _method(comparison: Comparison, name: str) -> ComparedMethod:
-    count, interval = comparison.solved(name)
-    found = {key: value for key, value in medians(comparison.runs_of(name)).items() if math.isfinite(value)}
-    return ComparedMethod(name, count, (interval.low, interval.high), found)
-
-
-def _run(run: Run) -> ComparedRun:
-    figures = {key: _without_dust(key, value) for key, value in run.figures.items() if math.isfinite(value)}
-    return ComparedRun(run.problem, run.method, run.outcome, run.solved, run.reason, figures, run.tactic)
-
-
-def _without_dust(key: str, value: float) -> float:
-    """A figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
-    tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
-    return tie * round(value / tie) if tie > 0.0 else value
-
-
-def _pair(pair: Pair) -> ComparedPair:
-    words = success_words(pair)
-    return ComparedPair(pair.first, pair.second, f"{words[:1].upper()}{words[1:]}.", [_row(it) for it in pair.figures])
-
-
-def _row(item: FigurePair) -> tuple[str, ...]:
-    """One figure of two methods in the units of the page."""
-    shown = ShownQuantity.of(item.quantity)
-    return (
-        shown.title,
-        str(item.pairs),
-        shown.value(item.first),
-        shown.value(item.second),
-        item.quantity.scale,
-        shown.effect(item),
-        shown.interval(item.interval),
-        percents(item.better),
-        probability(item.p_value),
-    )
 
 
 @dataclass(frozen=True)
