@@ -1,4 +1,4 @@
-"""What a plan survives: bounds on chains against samples, certified errors against dense sweeps and closed forms."""
+"""What a plan survives: reaches of errors against samples, certified errors against dense sweeps and closed forms."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,36 +8,27 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.chain_motion import ChainMotion
-from ccm_opt.verification.tolerance.chain_cases import ChainCases, chain_support, joined_cases, worst_errors
 from ccm_opt.verification.tolerance.error_model import (
-    DEFAULT_TOLERANCE,
     base_heading_error,
     base_position_error,
     joint_errors,
     link_length_errors,
     wall_errors,
 )
-from ccm_opt.verification.tolerance.largest_error import LargestError
-from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.tolerance.survived_errors import (
-    WallCases,
-    hidden_corners,
-    survived_error,
-    survived_errors,
-    tube_of,
-    wall_edges,
-    worst_motion,
-)
+from ccm_opt.verification.tolerance.levers import Chains, ErrorLevers, survived
+from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, tube_of, worst_motion
 from ccm_opt.verification.wall_clearance import check_walls
 
 from .arms import bare_problem, plain_arm
 from .scenes import random_headings, random_polygon, self_gap, sweep_gaps
+from .space_arms import FEED_OF_TESTS, turned_arm
 
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -73,77 +64,100 @@ def dense_poses(poses: FloatArray) -> FloatArray:
     return np.vstack([a + np.linspace(0.0, 1.0, 8)[:, None] * (b - a) for a, b in pairwise(poses)])
 
 
-@given(SEEDS, st.sampled_from((2, 5, 12, 24)), st.floats(1e-4, 0.5))
-def test_no_error_leads_a_chain_past_its_bound(seed: int, vectors: int, width: float) -> None:
-    """No errors within their widths bring the end of a chain farther along any direction than its bound says."""
+@given(SEEDS, st.sampled_from((2, 3)), st.booleans(), st.booleans(), st.floats(-4.0, -0.3))
+@settings(deadline=None)
+def test_no_error_moves_a_place_farther_along_a_direction(
+    seed: int, dimension: int, fed: bool, outwards: bool, power: float
+) -> None:
+    """As seen from the world and from a link, in the plane and in space, and with joints in a guide tube."""
     rng = np.random.default_rng(seed)
-    lengths = rng.uniform(-0.1, 0.2, (1, vectors))
-    angles = np.cumsum(rng.normal(0.0, 1.0, (1, vectors)), axis=1)
-    widths = width * rng.uniform(0.0, 1.0, (1, vectors))
-    stretches = rng.choice((0.0, 0.01)) * np.ones((1, vectors))
-    direction = rng.uniform(-4.0, 4.0, (1, 3))
-    bound = chain_support(lengths, angles, widths, stretches, direction)[0]
+    feed = FEED_OF_TESTS if fed else None
+    arm = turned_arm(rng, 6, feed=feed) if dimension == 3 else replace(plain_arm(6, 0.1), base_heading=0.7, feed=feed)
+    lower, upper = arm.limits_at(float(rng.uniform(*arm.base_range)))
+    q = rng.uniform(lower, upper)
+    size = 10.0**power
+    model = (joint_errors, link_length_errors, base_heading_error, base_position_error)[seed % 4](arm)
+    link = int(rng.integers(arm.links))
+    points, frame = posed(arm, q, link)
+    place = points[link + 1] if outwards else rng.uniform(-1.0, 1.0, dimension)
+    normal = rng.normal(size=dimension)
+    normal /= np.linalg.norm(normal)
+    chains = Chains(np.zeros(1, dtype=np.intp), np.zeros(1, dtype=np.intp), np.array([link]), fixed=True)
+    still = np.zeros((1, arm.links + 1)), np.zeros(1)
+    levers = ErrorLevers(arm, model, 1e-9)
+    reaches = levers.along(points[None], still[0], chains, place[None, None], still[1], normal[None], outwards=outwards)
+    most = size * reaches.middle[0, 0] + size**2 * reaches.bow[0, 0]
+    np.testing.assert_allclose(survived(np.array(most), reaches.middle[0, 0], reaches.bow[0, 0]), size)
+    for _ in range(20):
+        wrong, turned = with_errors(rng, arm, q, model.name, size, link)
+        # The place as the link that is off sees it stands still where all others move, but for the link's own length.
+        own = 0.0 if model.name != "link lengths" else abs(normal @ (points[link + 1] - points[link])) / arm.link_length
+        seen = wrong[link + 1] if outwards else points[link] + frame @ turned.T @ (place - wrong[link])
+        assert normal @ (seen - place) <= most - (0.0 if outwards else size * own) + 1e-9
 
-    turns = np.vstack((rng.uniform(-1.0, 1.0, (100, vectors)), rng.choice((-1.0, 1.0), (100, vectors)))) * widths
-    worst = [worst_errors(lengths, angles, widths, direction[:, k])[0] for k in range(3)]
-    headings = angles + np.cumsum(np.vstack((turns, *worst)), axis=1)
-    longer = np.abs(lengths) + stretches * rng.choice((-1.0, 1.0), headings.shape)
-    headings = np.where(lengths < 0.0, headings + np.pi, headings)
-    along = np.sum(longer[:, :, None] * np.cos(headings[:, :, None] - direction), axis=1)
-    assert np.all(along <= bound + 1e-12)
 
-
-@given(SEEDS, st.floats(1e-4, 0.5))
-def test_lengths_bring_an_end_no_farther_than_they_are_off(seed: int, width: float) -> None:
-    """However vectors turn, their stretches add to the bound no more than their sum, and no less than nothing."""
+@given(SEEDS, st.sampled_from((2, 3)), st.booleans(), st.floats(-4.0, -0.3))
+@settings(deadline=None)
+def test_no_error_moves_two_links_farther_against_each_other(
+    seed: int, dimension: int, outwards: bool, power: float
+) -> None:
+    """Ends of the outer link as the inner one sees them, and the other way round."""
     rng = np.random.default_rng(seed)
-    chain = rng.uniform(0.0, 0.2, (1, 8)), rng.uniform(-3.0, 3.0, (1, 8)), width * rng.uniform(0.0, 1.0, (1, 8))
-    stretches = rng.uniform(0.0, 0.05, (1, 8))
-    directions = rng.uniform(-4.0, 4.0, (1, 5))
-    added = chain_support(*chain, stretches, directions) - chain_support(*chain, np.zeros((1, 8)), directions)
-    assert np.all(added >= -1e-12)
-    assert np.all(added <= stretches.sum() + 1e-12)
+    arm = turned_arm(rng, 6) if dimension == 3 else plain_arm(6, 0.1)
+    q = rng.uniform(*arm.limits_at(0.0))
+    size = 10.0**power
+    model = (joint_errors, link_length_errors)[seed % 2](arm)
+    inner, outer = sorted(rng.choice(arm.links, 2, replace=False).tolist())
+    normal = rng.normal(size=dimension)
+    normal /= np.linalg.norm(normal)
+    chains = Chains(np.zeros(1, dtype=np.intp), np.array([inner + 1]), np.array([outer]), fixed=False)
+    seeing, seen = (inner, outer) if outwards else (outer, inner)
+    points, frame = posed(arm, q, seeing)
+    ends = points[seen : seen + 2]
+    still = np.zeros((1, arm.links + 1)), np.zeros(1)
+    levers = ErrorLevers(arm, model, 1e-9)
+    reaches = levers.along(points[None], still[0], chains, ends[None], still[1], normal[None], outwards=outwards)
+    for _ in range(20):
+        wrong, turned = with_errors(rng, arm, q, model.name, size, seeing)
+        moved = points[seeing] + (wrong[seen : seen + 2] - wrong[seeing]) @ turned @ frame.T - ends
+        assert np.all(moved @ normal <= size * reaches.middle[0] + size**2 * reaches.bow[0] + 1e-9)
 
 
-@given(SEEDS)
-def test_the_bound_is_exact_for_small_errors(seed: int) -> None:
-    """For small errors the bound exceeds what the worst errors reach by their square alone."""
-    rng = np.random.default_rng(seed)
-    lengths = rng.uniform(0.0, 0.2, (1, 8))
-    angles = np.cumsum(rng.normal(0.0, 1.0, (1, 8)), axis=1)
-    widths = np.full((1, 8), 1e-5)
-    direction = rng.uniform(-3.0, 3.0, 1)
-    bound = chain_support(lengths, angles, widths, np.zeros((1, 8)), direction[:, None])[0, 0]
-    turned = angles + np.cumsum(worst_errors(lengths, angles, widths, direction), axis=1)
-    reached = np.sum(lengths * np.cos(turned - direction))
-    assert reached <= bound + 1e-12
-    assert bound - reached <= lengths.sum() * (8 * 1e-5) ** 2
+def posed(arm: Arm, q: FloatArray, link: int) -> tuple[FloatArray, FloatArray]:
+    """Base, joints and tip, and the axes of one link as columns, in the arm's own dimension."""
+    points = arm.joint_positions_at(q)
+    if arm.dimension == 3:
+        return points, arm.link_rotations(q)[link]
+    x, y = (points[link + 1] - points[link]) / arm.link_length
+    return points, np.array([[x, -y], [y, x]])
 
 
-@settings(max_examples=30)
-@given(SEEDS, st.floats(-6.0, 3.0).map(lambda power: 10.0**power))
-def test_the_shortest_line_to_a_target_is_found_at_any_size(seed: int, size: float) -> None:
-    """From the end of a chain, as shapely measures it, to targets short and long; along its angle lies the target."""
-    rng = np.random.default_rng(seed)
-    count = 20
-    start = size * rng.normal(0.0, 1.0, (count, 2))
-    target = np.stack(
-        (start, start + size * 10.0 ** rng.uniform(-3.0, 0.5, (count, 1)) * rng.normal(size=(count, 2))), 1
-    )
-    nothing = np.zeros(count)
-    whole = nothing.astype(np.int64)
-    cases = ChainCases(
-        lengths=np.repeat(size * rng.uniform(-0.5, 1.0, (count, 1, 3)), 2, axis=1),
-        angles=np.repeat(rng.uniform(-3.0, 3.0, (count, 1, 3)), 2, axis=1),
-        turns=np.zeros((count, 3)), stretches=np.zeros((count, 3)), shift=nothing, target=target, growth=nothing,
-        apart=nothing, stray=nothing, joints=np.zeros((count, 3), dtype=np.int64), sense=nothing, interval=whole,
-        stretch=np.tile((0.0, 1.0), (count, 1)), link=whole, other=whole, with_link=whole > 0,
-    )  # fmt: skip
-    distance, angle = cases.shortest_directions()
-    lines = shapely.linestrings(target)
-    np.testing.assert_allclose(distance, shapely.distance(shapely.points(cases.ends()), lines), atol=1e-9 * size)
-    there = cases.ends() + distance[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    np.testing.assert_allclose(shapely.distance(shapely.points(there), lines), 0.0, atol=1e-9 * size)
+def with_errors(
+    rng: np.random.Generator, arm: Arm, q: FloatArray, name: str, size: float, link: int
+) -> tuple[FloatArray, FloatArray]:
+    """The same of an arm that is off in one way by no more than so much, at one end of it or anywhere within."""
+    draw = rng.choice((-1.0, 1.0), len(q)) if rng.random() < 0.5 else rng.uniform(-1.0, 1.0, len(q))
+    bends = arm.coordinates.joints
+    if name == "joints":
+        lower, _ = arm.limits_at(q[bends:].sum() if arm.base_axes else 0.0)
+        off = size * draw * np.where(np.arange(len(q)) < bends, lower != 0.0, arm.link_length)
+        return posed(arm, q + off, link)
+    points, frame = posed(arm, q, link)
+    if name == "link lengths":
+        along = np.diff(points, axis=0) * (1.0 + size * draw[: arm.links, None] / arm.link_length)
+        return points[0] + np.vstack((0.0 * points[:1], np.cumsum(along, axis=0))), frame
+    if name == "base position":
+        shift = rng.normal(size=arm.dimension)
+        return points + size * shift / np.linalg.norm(shift), frame
+    turn = rotation_of(rng, arm.dimension, size * rng.uniform(0.5, 1.0))
+    return arm.base + (points - arm.base) @ turn.T, turn @ frame
+
+
+def rotation_of(rng: np.random.Generator, dimension: int, angle: float) -> FloatArray:
+    """A turn by an angle about an axis drawn anyhow, shape (d, d)."""
+    axis = rng.normal(size=3) * (1.0 if dimension == 3 else np.array([0.0, 0.0, 1.0]))
+    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
+    return np.asarray(turn[:dimension, :dimension])
 
 
 @pytest.mark.planning
@@ -162,66 +176,6 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
     if found.size > 0.0:
         shift = found.size * np.array(found.worst) if found.worst else np.zeros(links)
         assert perturbed_gap(arm, workspace, poses, np.tile(shift, (len(poses), 1))) >= -1e-9
-
-
-@pytest.mark.planning
-@settings(max_examples=8, deadline=None)
-@given(st.integers(0, 10**6), st.sampled_from([4, 6]))
-def test_some_of_very_many_cases_bring_the_upper_end_down_to_the_same(seed: int, links: int) -> None:
-    """Where more cases than a few are left, a sample of them is looked at first: what is certified is the same."""
-    arm, workspace, poses = drawn_case(np.random.default_rng(seed), links)
-    motion = motion_of(poses)
-    model = joint_errors(arm)
-    usual = survived_error(bare_problem(arm, workspace), motion, model)
-    sampled = survived_error(bare_problem(arm, workspace), motion, model, replace(DEFAULT_TOLERANCE, chunk=4, sample=2))
-    # Each says that its bound could not certify more than this much above what it certifies.
-    assert sampled.size == pytest.approx(usual.size, rel=3.0 * DEFAULT_TOLERANCE.precision)
-
-
-@pytest.mark.planning
-@settings(max_examples=6, deadline=None)
-@given(SEEDS, st.sampled_from((4, 10)))
-def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int) -> None:
-    """Where nothing may be halved, the error that is certified gives way, is no larger, and touches nothing either."""
-    rng = np.random.default_rng(seed)
-    arm, workspace, poses = drawn_case(rng, links)
-    model = joint_errors(arm)
-    hasty = survived_error(bare_problem(arm, workspace), motion_of(poses), model, replace(DEFAULT_TOLERANCE, depth=0))
-    patient = survived_error(bare_problem(arm, workspace), motion_of(poses), model)
-    # The upper end is what some pose allows, as closely as it is solved; what is certified is a share less.
-    solved = 1.0 + 5.0 * DEFAULT_TOLERANCE.solved_share
-    assert hasty.size <= solved * patient.size / (1.0 - DEFAULT_TOLERANCE.precision)
-    for _ in range(4):
-        extreme = hasty.size * rng.choice((-1.0, 1.0), links)
-        assert perturbed_gap(arm, workspace, poses, np.tile(extreme, (len(poses), 1))) >= -1e-9
-
-
-@pytest.mark.planning
-@settings(max_examples=12, deadline=None)
-@given(SEEDS, st.sampled_from((4, 10)))
-def test_what_gives_way_is_told_of_the_worst_case(seed: int, links: int) -> None:
-    """Where no stretch may be halved the error falls to what its ends allow, or by half, and the worst case is told."""
-    arm, workspace, poses = drawn_case(np.random.default_rng(seed), links)
-    chain = MovingChain.through_all(ChainMotion(arm, 0.005 * np.arange(len(poses)), poses), joint_errors(arm))
-    walls = WallCases(chain, wall_edges(workspace), workspace.clearance, hidden_corners(workspace))
-    cases = walls.cases(walls.within(0.1))
-    hasty = replace(DEFAULT_TOLERANCE, depth=0)
-    giving_way = LargestError(0.1, hasty)
-    giving_way.prove(cases)
-    looking = LargestError(0.1, hasty)
-    halved = worst = np.inf
-    while len(cases := looking.undecided(cases, of_motion=True)) > 0:
-        before = looking.upper
-        looking.lower_for(joined_cases([cases.still(0.0), cases.still(1.0)]))
-        if looking.upper == before:
-            halved = looking.upper = 0.5 * before
-            worst = cases.middles().linear_errors().min()
-    assert giving_way.upper == looking.upper
-    # Where the error was halved last, and not lowered by a pose since then.
-    if giving_way.upper == halved:
-        assert giving_way.limiting is not None
-        assert giving_way.limiting.error == halved
-        assert giving_way.limiting.case.linear_errors().tolist() == [worst]
 
 
 @pytest.mark.planning
@@ -346,8 +300,7 @@ def test_the_tube_holds_the_arm_whatever_its_errors(seed: int, links: int, size:
     arm, _, poses = drawn_case(rng, links)
     arm = replace(arm, radius=0.02)
     tube = tube_of(arm, motion_of(poses), joint_errors(arm), size)
-    # Pictures show the poses halfway between samples.
-    planned = 0.5 * (poses[0] + poses[1])
+    planned = poses[1]
     wrong = planned + size * rng.uniform(-1.0, 1.0, links)
     for pose, within in ((planned, tube.planned), (planned, tube.region), (wrong, tube.region)):
         links_of_pose = shapely.linestrings(arm.joint_positions(arm.headings(pose[None]))[0])

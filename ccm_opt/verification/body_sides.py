@@ -30,6 +30,20 @@ def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tu
     Returns:
         Distances that are proved, and those of a pair of points, which no distance exceeds; each of shape (P,) [m].
     """
+    normal, upper = nearest_lines(start, end, triangles)
+    # Heights are taken from a corner, so that places far from the origin lose no digits.
+    origin = triangles[:, 0]
+    ends = np.stack((start - origin, end - origin), axis=1)
+    lowest = np.min(np.einsum("ped,pd->pe", ends, normal), axis=1)
+    highest = np.max(np.einsum("pcd,pd->pc", triangles - origin[:, None], normal), axis=1)
+    return np.maximum(lowest - highest, 0.0), upper
+
+
+def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Directions from triangles to segments between the nearest of their points, shape (P, 3), and distances, (P,) [m].
+
+    Where they touch there is no direction, but noughts.
+    """
     best = np.full(len(start), np.inf)
     apart = np.zeros_like(start)
     for difference, valid in _candidates(start, end - start, triangles):
@@ -38,13 +52,7 @@ def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tu
         best = np.where(nearer, square, best)
         apart[nearer] = difference[nearer]
     upper = np.sqrt(best)
-    normal = apart / np.where(upper > 0.0, upper, 1.0)[:, None]
-    # Heights are taken from a corner, so that places far from the origin lose no digits.
-    origin = triangles[:, 0]
-    ends = np.stack((start - origin, end - origin), axis=1)
-    lowest = np.min(np.einsum("ped,pd->pe", ends, normal), axis=1)
-    highest = np.max(np.einsum("pcd,pd->pc", triangles - origin[:, None], normal), axis=1)
-    return np.maximum(lowest - highest, 0.0), upper
+    return apart / np.where(upper > 0.0, upper, 1.0)[:, None], upper
 
 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:

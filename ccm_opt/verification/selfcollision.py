@@ -7,7 +7,15 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
 from ccm_opt.verification.consistency import UNIT, distance_rounding
-from ccm_opt.verification.stretch_proof import BLOCK, Measured, Pairs, Verdict, least_allowed_gap, prove_stretches
+from ccm_opt.verification.stretch_proof import (
+    BLOCK,
+    Measured,
+    Nearest,
+    Pairs,
+    Verdict,
+    least_allowed_gap,
+    prove_stretches,
+)
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
@@ -126,17 +134,12 @@ class LinkProof:
         # Both links are off by what their places are.
         self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
 
-    def prove(self, least: float, settings: VerificationSettings) -> Verdict:
-        """Prove that all distant links keep a gap."""
+    def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
+        """Prove that all distant links keep a gap; arguments as for ``prove_stretches``."""
         first, second = np.triu_indices(self.motion.arm.links, first_distant(self.motion.arm))
         blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
-        return self.prove_pairs(blocks, Pairs.in_all(len(blocks), first, second), least, settings)
-
-    def prove_pairs(
-        self, stretches: TimeStretches, pairs: Pairs, least: float, settings: VerificationSettings
-    ) -> Verdict:
-        """Prove that some pairs do; arguments as for ``prove_stretches``."""
-        return prove_stretches(self.motion, stretches, pairs, self.measure, least, settings)
+        pairs = Pairs.in_all(len(blocks), first, second)
+        return prove_stretches(self.motion, blocks, pairs, self.measure, least, settings, nearest=nearest)
 
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
@@ -156,7 +159,7 @@ class LinkProof:
         most[exact] = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
         low[exact] = (most - taken)[exact]
         travel[exact] = np.minimum(travel[exact], relative_travels(motion, stretches, travels, pairs.where(exact)))
-        return Measured(low, most - self.thickness, travel, exact)
+        return Measured(low - travel, most - self.thickness, travel, exact)
 
 
 def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
@@ -184,12 +187,21 @@ def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: Flo
                 chord = lengths_of(chords[at, one] - chords[at, other])
                 apart = np.maximum(apart, 0.5 * (chord + bows[at, one] + bows[at, other]))
         relative[within] = apart
-    return np.asarray(np.minimum(relative, _travels_in_frame(motion, stretches, k, i, j)))
+    return np.asarray(np.minimum(relative, travels_in_frame(motion, stretches, k, i, j)))
 
 
-def _travels_in_frame(
+def travels_in_frame(
     motion: ChainMotion, stretches: TimeStretches, k: IntArray, i: IntArray, j: IntArray
 ) -> FloatArray:
+    """How far links go from where they are at the middle as links nearer to the base see them at most, shape (P,) [m].
+
+    Args:
+        motion: of the arm.
+        stretches: of time.
+        k: numbers of the stretches, shape (P,).
+        i: of the links nearer to the base.
+        j: of the others.
+    """
     arm = motion.arm
     turns = [motion.turned(at) for at in (stretches.low, stretches.middle, stretches.high)]
     turned = np.maximum(turns[1] - turns[0], turns[2] - turns[1])
@@ -250,7 +262,8 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
         return ""
     kept, stretch = np.unique(interval, return_inverse=True)
     stretches = TimeStretches(kept.astype(np.float64), kept + 1.0)
-    verdict = LinkProof(motion, 0.0).prove_pairs(stretches, Pairs(stretch, first, second), settings.touch, settings)
+    measure = LinkProof(motion, 0.0).measure
+    verdict = prove_stretches(motion, stretches, Pairs(stretch, first, second), measure, settings.touch, settings)
     if verdict.proved:
         return ""
     near = verdict.nearest

@@ -79,11 +79,19 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether every pair is proved apart, the least gap met, and why not when it is not proved."""
+    """What a proof has come to.
+
+    Attributes:
+        proved: whether every pair is proved apart.
+        nearest: the least gap met.
+        remark: why not, where that needs words.
+        kept: gap that every pair is proved to keep [m], not less than was to be proved; -inf where that is not.
+    """
 
     proved: bool
     nearest: Nearest
     remark: str = ""
+    kept: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -91,9 +99,9 @@ class Measured:
     """What is known of pairs, each array of shape (P,) [m].
 
     Attributes:
-        least: gap at the middle of the stretch, or less.
-        most: gap at the middle, or more.
-        travel: how much of the gap may be lost in the stretch.
+        least: gap that is kept throughout the stretch.
+        most: gap at the middle of the stretch, or more.
+        travel: how much of a gap may be lost from the middle on.
         exact: whether the pair is one of two bodies, and was measured as such.
     """
 
@@ -151,16 +159,16 @@ def prove_stretches(
     """
     nearest = Nearest() if nearest is None else nearest
     ceiling = nearest.gap
+    kept = np.inf
     # Breadth first: all pairs of one depth are measured at once, where numpy is fast.
     while len(pairs):
-        cutoff = max(least, ceiling - settings.report_resolution)
+        cutoff = max(least, _told(ceiling, settings))
         known = measure(stretches, motion.poses(stretches.middle), pairs, cutoff)
         nearest = _nearer(motion, stretches, pairs, known, nearest)
         # A pose of the motion itself is too near: a counterexample, so that no halving can help.
         if nearest.gap < least:
             return Verdict(proved=False, nearest=nearest)
-        after = known.least - known.travel
-        undecided = after < least
+        undecided = known.least < least
         if np.any(undecided & known.exact & (known.travel < settings.resolution)):
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
         # Halving doubles the pairs; a motion that would need more memory than that is refused, never waved through.
@@ -169,12 +177,18 @@ def prove_stretches(
 
         # What is proved may still hold the least gap, which the report wants more exactly.
         ceiling = min(ceiling, nearest.gap, float(np.min(known.most)))
-        vague = after < ceiling - settings.report_resolution
+        vague = known.least < _told(ceiling, settings)
         vague &= ~known.exact | (known.travel > 0.0)
         if np.count_nonzero(vague) < settings.most_report_pairs:
             undecided |= vague
+        kept = min(kept, float(np.min(known.least[~undecided], initial=np.inf)))
         stretches, pairs = _divided(stretches, pairs.where(undecided), known.travel[undecided], opened)
-    return Verdict(proved=nearest.gap >= least, nearest=nearest)
+    return Verdict(proved=nearest.gap >= least, nearest=nearest, kept=kept)
+
+
+def _told(ceiling: float, settings: VerificationSettings) -> float:
+    """Gaps from which on nothing is told more exactly, where a known one is met [m]."""
+    return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 
 def _nearer(motion: ChainMotion, stretches: TimeStretches, pairs: Pairs, known: Measured, nearest: Nearest) -> Nearest:

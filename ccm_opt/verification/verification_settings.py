@@ -40,6 +40,7 @@ class VerificationSettings:
         half_turn_rounding: by which bends may fall short of half a turn and still count as one, by rounding [rad].
         resolution: travel below which a stretch of time is not halved again.
         report_resolution: the least gap that is reported is at most this much above the true one. Taste.
+        report_share: the same as a share of that gap, where that is more. Taste: none.
         most_report_pairs: pairs at one level of halving beyond which the report is no longer refined; the proof is.
         most_pairs: undecided pairs at one level of halving beyond which the verifier gives up, and refuses. Derived:
             some 200 MB of arrays.
@@ -67,6 +68,7 @@ class VerificationSettings:
     half_turn_rounding: float = 1e-9
     resolution: float = 1e-9
     report_resolution: float = 1e-4
+    report_share: float = 0.0
     most_report_pairs: int = 100_000
     most_pairs: int = 2_000_000
 

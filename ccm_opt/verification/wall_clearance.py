@@ -122,7 +122,15 @@ class CheckedSurfaces:
 
     def separations(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same of single edges or triangles, as exactly as they are known."""
-        parts = self.parts[node - self.offsets[-2]]
+        return self.between(start, end, self.parts_of(node))
+
+    def parts_of(self, node: IntArray) -> FloatArray:
+        """Corners of single edges or triangles, shape (P, d, d) [m]."""
+        return np.asarray(self.parts[node - self.offsets[-2]])
+
+    @staticmethod
+    def between(start: FloatArray, end: FloatArray, parts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far segments (P, d) are from edges or triangles (P, d, d), at least and at most, each (P,) [m]."""
         if parts.shape[1] == 2:
             distance = segment_distances(start, end, parts[:, 0], parts[:, 1])
             return distance, distance
@@ -310,11 +318,11 @@ class WallProof:
         self._exposed = exposed
         self._lost = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
 
-    def prove(self, least: float, settings: VerificationSettings) -> Verdict:
-        """Prove that all links keep a gap."""
+    def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
+        """Prove that all links keep a gap; arguments as for ``prove_stretches``."""
         samples = len(self.motion.time)
         # At a few moments the nearest surface is looked for alone, to know how far the search must look.
-        moments = self._of_all_links(TimeStretches.moments(samples, _PROBES), least, settings, None)
+        moments = self._of_all_links(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
         if moments.nearest.gap < least:
             return moments
         return self._of_all_links(TimeStretches.blocks(samples, BLOCK), least, settings, moments.nearest)
@@ -347,7 +355,7 @@ class WallProof:
         if arm.base_axes:
             close = np.flatnonzero(exact & (low - travel < cutoff) & (travel > 0.0))
             self._slide(stretches, pairs, close, start, end, taken, low, travel)
-        return Measured(low, most, travel, exact)
+        return Measured(low - travel, most, travel, exact)
 
     def _slide(
         self,

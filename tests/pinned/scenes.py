@@ -41,7 +41,7 @@ from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, MODELS, base_heading_error, joint_errors
+from ccm_opt.verification.tolerance.error_model import MODELS, base_heading_error, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, tube_of, worst_motion
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import verify
@@ -299,9 +299,6 @@ def given_up(scale: float) -> None:
     check_walls(ChainMotion(arm_of(scale, mount_length=0.7 * scale), time, poses), room)
     still = np.zeros_like(poses)
     trajectory = JointTrajectory(0.004 * np.arange(2), 0.02 * poses, still, still, arm.coordinates)
-    survived_error(
-        bare_problem(arm, room), trajectory, joint_errors(arm), replace(DEFAULT_TOLERANCE, most_cases=1, depth=1)
-    )
     mean = np.diff(trajectory.positions, axis=0) / 0.004
     # Either end of a cubic may lead beyond the step.
     for first, last in ((3.5, 1.0), (1.0, 3.5)):

@@ -85,33 +85,19 @@ class ToleranceSettings:
     Attributes:
         precision: share by which the certified error may stay below the least one that the bound refuses at some
             pose. Taste.
-        solved: cases at one level of halving for which the error is solved exactly. Taste.
-        solved_share: share of the gap without errors that may be left when it is solved. Derived: well below the
-            precision.
-        depth: most halvings of a stretch of time. Derived: the sag falls four-fold at each, down to rounding.
-        most_cases: undecided cases above which a smaller error is tried instead of shorter stretches. Derived: some
-            100 MB of arrays.
         least: errors below this count as none [rad, m]. Derived: far below what the verifier tells apart.
         largest_turn: errors of angles that may turn the tip by more than this, all together, are not looked at [rad].
-            Taste: convex bounds are tight up to some 0.2 rad, and an arm so far off follows no plan.
+            Taste: bounds are tight up to some 0.2 rad, and an arm so far off follows no plan.
         largest_length: the same of lengths, as a share of the arm's length. Taste.
-        sample: cases of very many that bring the upper end down before all are looked at. Taste.
-        chunk: cases handled at a time, so that the intermediate arrays stay small. Taste.
         refinements: shares tried between one that found too little and one that found nothing. Taste.
         time_share: share of the time left that a search with such room may take. Taste.
         least_time: that a search is given in any case [s]. Taste.
     """
 
     precision: float = 2e-3
-    solved: int = 12
-    solved_share: float = 2e-4
-    depth: int = 20
-    most_cases: int = 20_000
     least: float = 1e-7
     largest_turn: float = 1.2
     largest_length: float = 0.25
-    sample: int = 256
-    chunk: int = 2048
     refinements: int = 3
     time_share: float = 0.4
     least_time: float = 1.0

@@ -1,28 +1,25 @@
-"""Errors that a planar plan survives, cases of its walls, and the tube that the arm may sweep with them.
+"""Errors that a plan survives, and the tube that an arm in the plane may sweep with them.
 
-Where the room about a corner spans less than half a turn, as in the corners of a room seen from inside, a link whose
-axis is nearest to the corner in its own middle is nearer still to one of the two edges that meet there: the one at
-less than a right angle to the shortest line. The nearest points of that edge and the link involve another end of
-either, so a first touch is never at such a corner alone.
+The proof is that of the gap, with every gap told as the error that it survives: that which all pairs are proved to keep
+at all times is certified. The least that was met, at a known place and time, says that this bound could not certify
+more.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import shapely
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory, SurvivedError
-from ccm_opt.verification.chain_motion import ChainMotion
-from ccm_opt.verification.selfcollision import first_distant, segment_distances
-from ccm_opt.verification.stretch_proof import Pairs
-from ccm_opt.verification.tolerance.chain_cases import ChainCases, chain_support, joined_cases, worst_errors
+from ccm_opt.verification.body_sides import nearest_lines
+from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, carried, chain_points, lengths_of
+from ccm_opt.verification.selfcollision import LinkProof, first_distant, segment_distances, travels_in_frame
+from ccm_opt.verification.stretch_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
     MODELS,
@@ -30,214 +27,16 @@ from ccm_opt.verification.tolerance.error_model import (
     ToleranceSettings,
     largest_error,
 )
-from ccm_opt.verification.tolerance.largest_error import LargestError, Limiting, LinkCases
-from ccm_opt.verification.tolerance.levers import survived_by_levers
-from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.wall_clearance import edges_of, exposed_starts
+from ccm_opt.verification.tolerance.levers import Chains, ErrorLevers, Reaches, survived
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts, is_empty, link_axes
 
-_STRIDE = 0.4
-"""No point of the arm travels farther between the samples that are looked at first than this many link lengths.
-Measured on the problems of the package: with a quarter of it fed arms take two to three times as long, and more gains
-nothing."""
-_PROBES = 64
-"""Poses at which the nearest wall of every link, and all pairs of links, are looked up first. Taste."""
-
-
-@dataclass(frozen=True)
-class WallEdges:
-    """The walls taken apart into straight edges; a circle's centre is an edge of no length.
-
-    Attributes:
-        start: shape (E, 2) [m].
-        end: shape (E, 2) [m].
-        rounding: radius of the disc that sweeps the edge, shape (E,) [m].
-        owner: number of the wall an edge belongs to, shape (E,).
-        names: of the walls.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    rounding: FloatArray
-    owner: IntArray
-    names: tuple[str, ...]
-
-    @cached_property
-    def tree(self) -> shapely.STRtree:
-        """Spatial index of the edges' boxes, each grown by its rounding."""
-        grow = self.rounding[:, None]
-        low = np.minimum(self.start, self.end) - grow
-        high = np.maximum(self.start, self.end) + grow
-        return shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-
-    @cached_property
-    def lines(self) -> shapely.STRtree:
-        """Spatial index of the edges themselves."""
-        return shapely.STRtree(np.asarray(shapely.linestrings(np.stack((self.start, self.end), axis=1))))
-
-
-def wall_edges(workspace: Workspace) -> WallEdges:
-    """The edges of everything the arm must keep away from."""
-    edges, rounding, owner, names = edges_of(workspace)
-    return WallEdges(edges[:, 0], edges[:, 1], rounding, owner, names)
-
-
-@dataclass(frozen=True)
-class WallCases:
-    """Makes cases of an arm among walls.
-
-    Attributes:
-        chain: the arm.
-        edges: of the walls.
-        clearance: to keep from them [m].
-        hidden: which ends of the edges are corners that no link can touch alone, shape (E, 2).
-    """
-
-    chain: MovingChain
-    edges: WallEdges
-    clearance: float
-    hidden: BoolArray
-
-    @cached_property
-    def _exposed(self) -> FloatArray:
-        return exposed_starts(self.chain.arm)
-
-    @cached_property
-    def _links(self) -> IntArray:
-        return np.flatnonzero(self._exposed < 1.0)
-
-    @cached_property
-    def _apart(self) -> FloatArray:
-        return self.edges.rounding + self.chain.arm.radius + self.clearance
-
-    def nearest(self, probes: int) -> ChainCases:
-        """Those of the nearest edge to every link at some poses spread over the motion, for whole intervals."""
-        count = len(self.chain)
-        chosen = np.unique(np.linspace(0, count - 1, min(probes, count)).astype(int))
-        interval = np.repeat(chosen, len(self._links))
-        link = np.tile(self._links, len(chosen))
-        start, end = self._axes(interval, link)
-        lines = shapely.linestrings(np.stack((start, end), axis=1))
-        (found, edge), _ = self.edges.lines.query_nearest(lines, return_distance=True, all_matches=False)
-        return self.cases(Pairs(interval[found], link[found], edge))
-
-    def within(self, error: float) -> Pairs:
-        """All that an error of some size might bring together; the others are proved apart by their distance alone."""
-        count = len(self.chain)
-        interval = np.repeat(np.arange(count), len(self._links))
-        link = np.tile(self._links, count)
-        look = self._look(error)[interval, link]
-        start, end = self._axes(interval, link)
-        grow = (look + self.chain.arm.radius + self.clearance)[:, None]
-        low = np.minimum(start, end) - grow
-        high = np.maximum(start, end) + grow
-        found, edge = self.edges.tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-        # Boxes decide quickly, the distances of what they leave exactly.
-        distance = segment_distances(start[found], end[found], self.edges.start[edge], self.edges.end[edge])
-        near = distance - self._apart[edge] < look[found]
-        return Pairs(interval[found[near]], link[found[near]], edge[near])
-
-    def _look(self, error: float) -> FloatArray:
-        """How far points of links may be from their places half-way, under errors, shape (N, links) [m].
-
-        An error at one joint after the other, the first one first, moves a point on a circle about that joint by at
-        most the error times the radius; the radii grow at most by what the arm travels.
-        """
-        points = self.chain.middles
-        turns = self.chain.model.turns
-        base = np.linalg.norm(points - self.chain.arm.base, axis=2) * turns[0]
-        radii = np.linalg.norm(points[:, :, None] - points[:, None, :-1], axis=3)
-        before = np.tri(points.shape[1], points.shape[1] - 1, -1)
-        of_point = base + np.sum(radii * before * turns[1:], axis=2)
-        farther = np.maximum(of_point[:, :-1], of_point[:, 1:])
-        steady = self.chain.model.stretch * np.arange(1, len(turns)) + self.chain.model.moves_base
-        travel = self.chain.travel[:, 1:]
-        return np.asarray(travel * (1.0 + error * np.sum(turns)) + error * (farther + steady))
-
-    def _axes(self, interval: IntArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Ends of the exposed part of links half-way through intervals, each of shape (m, 2) [m]."""
-        start = self.chain.middles[interval, link]
-        end = self.chain.middles[interval, link + 1]
-        return start + self._exposed[link, None] * (end - start), end
-
-    def cases(self, pairs: Pairs) -> ChainCases:
-        """Both kinds of cases for links near edges, over whole intervals."""
-        interval = pairs.stretch
-        link = pairs.link
-        edge = pairs.other
-        first = link == self._links[0]
-        start = ~self.hidden[edge, 0]
-        end = ~self.hidden[edge, 1]
-        return joined_cases(
-            [
-                self._joints(interval, link, edge, np.ones(len(link))),
-                # The near end of a link is the far end of the one before it, but for the first that is exposed.
-                self._joints(interval[first], link[first], edge[first], self._exposed[link[first]]),
-                self._corners(interval[start], link[start], edge[start], self.edges.start),
-                self._corners(interval[end], link[end], edge[end], self.edges.end),
-            ]
-        )
-
-    def _joints(self, interval: IntArray, link: IntArray, edge: IntArray, share: FloatArray) -> ChainCases:
-        """Points at a share of links against edges, seen from the room."""
-        vector = link + 1
-        columns = self.chain.forward(np.zeros_like(vector), vector)
-        base = self.chain.arm.base
-        target = np.stack((self.edges.start[edge] - base, self.edges.end[edge] - base), axis=1)
-        cases = self.chain.cases(columns, interval, None, target, self._apart[edge], link, edge, with_link=False)
-        cases.lengths[np.arange(len(link)), :, vector] *= share[:, None]
-        return cases
-
-    def _corners(self, interval: IntArray, link: IntArray, edge: IntArray, places: FloatArray) -> ChainCases:
-        """Corners of edges against links, seen from the link: back along the arm to the base, and on to the corner."""
-        vector = link + 1
-        columns = self.chain.backward(vector, np.zeros_like(vector))
-        length = self.chain.arm.link_length
-        target = np.zeros((len(link), 2, 2))
-        target[:, 0, 0] = length * self._exposed[link]
-        target[:, 1, 0] = length
-        cases = self.chain.cases(columns, interval, vector, target, self._apart[edge], link, edge, with_link=False)
-
-        # The last vector leads from the base to the corner and has the room's heading.
-        rows = np.arange(len(link))
-        away = places[edge] - self.chain.arm.base
-        heading = self.chain.angles[interval[:, None] + np.array([0, 1]), vector[:, None]]
-        cases.lengths[rows, :, vector] = np.hypot(away[:, 0], away[:, 1])[:, None]
-        cases.angles[rows, :, vector] = np.arctan2(away[:, 1], away[:, 0])[:, None] - heading
-        cases.turns[rows, vector] = self.chain.model.turns[0]
-        cases.joints[rows, vector] = 0
-        return cases
-
-
-def hidden_corners(workspace: Workspace) -> BoolArray:
-    """Which ends of the walls' edges are such corners, in the order of ``wall_edges``, shape (E, 2)."""
-    parts = [_of_part(part) for wall in workspace.obstacles for part in shapely.get_parts(wall.core)]
-    parts.append(_of_ring(workspace.boundary.exterior, room_inside=True))
-    return np.concatenate(parts)
-
-
-def _of_part(part: shapely.Geometry) -> BoolArray:
-    if isinstance(part, shapely.Polygon):
-        holes = [_of_ring(ring, room_inside=True) for ring in part.interiors]
-        return np.concatenate([_of_ring(part.exterior, room_inside=False), *holes])
-    # The room is on both sides of a line, and all about a point.
-    edges = max(len(shapely.get_coordinates(part)) - 1, 1)
-    return np.zeros((edges, 2), dtype=bool)
-
-
-def _of_ring(ring: shapely.LinearRing, *, room_inside: bool) -> BoolArray:
-    points = shapely.get_coordinates(ring)
-    after = np.diff(points, axis=0)
-    before = np.roll(after, 1, axis=0)
-    left = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    inwards = left if shapely.is_ccw(ring) else -left
-    at_start = inwards > 0.0 if room_inside else inwards < 0.0
-    return np.stack((at_start, np.roll(at_start, -1)), axis=1)
-
-
-_CasesOf = Callable[[MovingChain], WallCases | LinkCases]
-_TINY = 1e-300
-_DIGITS = 3
-"""Digits of the shares of the worst errors that are worth telling."""
+_AT_ONCE = 4096
+"""Pairs whose levers along directions are looked at together. Taste: some 10 MB."""
+_STEP = 1e-6
+"""Turn of a joint by which slopes are taken [rad]."""
+_PLACES = 65
+"""Along a link, at which its nearest place is looked for."""
 
 
 def survived_errors(
@@ -261,95 +60,293 @@ def survived_error(
     straight have no error.
 
     Args:
-        problem: with the arm, its room and the clearance.
-        trajectory: the plan, linear between its samples.
+        problem: with the arm, its scene and the clearance.
+        trajectory: the plan, linear between its samples, which keeps the clearance.
         model: what may be wrong.
-        settings: how closely the error is sought.
+        settings: largest errors that are looked at.
         most: larger errors are not looked at [unit]; what is survived is told as this.
     """
-    if problem.dimension == 3:
-        return survived_by_levers(problem, trajectory, model, settings, most)
-    arm = problem.arm
-    workspace = problem.workspace
-    motion = ChainMotion(arm, trajectory.time, trajectory.positions)
-    edges = wall_edges(workspace)
-    search = LargestError(min(most, largest_error(arm, model, settings)), settings)
-    coarse = MovingChain.in_strides(motion, model, _STRIDE * arm.link_length)
-    fine = MovingChain.through_all(motion, model)
-
-    kinds: list[_CasesOf] = []
-    if np.any(exposed_starts(arm) < 1.0):
-        hidden = hidden_corners(workspace)
-        kinds.append(lambda chain: WallCases(chain, edges, workspace.clearance, hidden))
-    if model.with_itself and arm.self_collision and first_distant(arm) < arm.links:
-        kinds.append(LinkCases)
-    # A good upper end first: it decides how far anything has to look.
-    for kind in kinds:
-        search.tighten(kind(fine).nearest(_PROBES))
-    for kind in kinds:
-        _prove(search, kind(coarse), kind(fine))
-    return _named(model, search.certified, search.limiting, fine, edges)
-
-
-def _prove(search: LargestError, coarse: WallCases | LinkCases, fine: WallCases | LinkCases) -> None:
-    """Prove all cases over strides of the motion, and those that are left over at its samples."""
-    pairs = coarse.within(search.upper)
-    left = search.undecided(coarse.cases(pairs), of_motion=False)
-    search.prove(fine.cases(_at_samples(left, coarse.chain.at)))
+    motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
+    finely = replace(
+        DEFAULT_VERIFICATION,
+        report_resolution=0.0,
+        report_share=settings.precision,
+        most_report_pairs=DEFAULT_VERIFICATION.most_pairs,
+    )
+    numbers = finely.for_problem(problem)
+    levers = ErrorLevers(problem.arm, model, numbers.inside)
+    proofs = _proofs(motion, problem.workspace, levers)
+    largest = min(most, largest_error(problem.arm, model, settings))
+    kept = largest * levers.greatest
+    # What is told less exactly than this is nowhere less than the largest.
+    nearest = Nearest(kept / (1.0 - settings.precision))
+    limiting: _SurfacesWithErrors | _LinksWithErrors | None = None
+    for proof in proofs:
+        verdict = proof.prove(0.0, numbers, nearest)
+        if not verdict.proved:
+            return _named(model, 0.0, proof, verdict.nearest)
+        limiting = proof if verdict.nearest.gap < nearest.gap else limiting
+        nearest = verdict.nearest
+        kept = min(kept, verdict.kept)
+    size = kept / levers.greatest
+    if limiting is None or size >= largest:
+        return SurvivedError(model.name, largest, model.unit, "nothing; larger errors are not looked at", limited=False)
+    return _named(model, size, limiting, nearest)
 
 
-def _at_samples(cases: ChainCases, at: IntArray) -> Pairs:
-    """The pairs of cases over strides, for every interval between samples in these strides."""
-    pairs = np.unique(np.stack((cases.interval, cases.link, cases.other), axis=1), axis=0)
-    first = at[pairs[:, 0]]
-    counts = at[pairs[:, 0] + 1] - first
-    row = np.repeat(np.arange(len(pairs)), counts)
-    within = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return Pairs(first[row] + within, pairs[row, 1], pairs[row, 2])
+class _SurfacesWithErrors(WallProof):
+    """Gaps to surfaces, as errors that they survive, times the greatest lever.
+
+    Args:
+        motion: of the arm.
+        workspace: its scene.
+        levers: of the errors.
+    """
+
+    def __init__(self, motion: ChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
+        super().__init__(motion, CheckedSurfaces.of(workspace), exposed_starts(motion.arm))
+        self._clearance = workspace.clearance
+        self._levers = levers
+        self.unit = levers.greatest
+
+    def measure(
+        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+    ) -> Measured:
+        """What is known of the errors that the gaps of pairs survive."""
+        travels = self.motion.travels(stretches)
+        during = self._levers.to_surfaces(poses, travels, pairs) / self.unit
+        middle = self._levers.to_surfaces(poses, np.zeros_like(travels), pairs) / self.unit
+        known = super().measure(stretches, poses, pairs, cutoff * during + self._clearance)
+        least = survived(known.least - self._clearance, during)
+        most = _most_of(survived(known.most - self._clearance, middle), least, known, cutoff)
+        close = np.flatnonzero(known.exact & (least < cutoff))
+        for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
+            kept, met = self._along_lines(stretches, poses, travels, pairs.where(some))
+            least[some] = np.maximum(least[some], self.unit * kept)
+            most[some] = np.maximum(most[some], self.unit * met)
+        return Measured(least, most, known.travel, known.exact)
+
+    def _along_lines(
+        self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs
+    ) -> tuple[FloatArray, FloatArray]:
+        """Errors that are survived along the shortest lines: throughout stretches, and at their middles, (P,) each."""
+        k, link = pairs.stretch, pairs.link
+        ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
+        parts = self.surfaces.parts_of(pairs.other)
+        normals = _lines(ends, parts)
+        chains = Chains(k, np.zeros_like(link), link, fixed=True)
+        moved = np.maximum(travels[k, link], travels[k, link + 1])
+        of_ends = self._levers.along(poses, travels, chains, ends, moved, normals, outwards=True)
+        of_parts = self._levers.along(poses, travels, chains, parts, np.zeros(len(link)), normals, outwards=False)
+        taken = self.motion.arm.radius + self.surfaces.rounding.take(pairs.other) + self._clearance
+        lost = self._lost + self._travel_along(stretches, travels, pairs, normals)
+        return _survived_between(ends, parts, normals, taken, lost, of_ends, of_parts)
+
+    def _travel_along(
+        self, stretches: TimeStretches, travels: FloatArray, pairs: Pairs, normals: FloatArray
+    ) -> FloatArray:
+        """How far ends of links go along directions (P, d), shape (P,) [m]: of their chords that part alone."""
+        k = pairs.stretch
+        within = ((stretches.high - stretches.low) <= 1.0)[k]
+        chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
+        gone = np.zeros(len(k))
+        for joint in (pairs.link, pairs.link + 1):
+            chord = chords[k, joint]
+            aside = lengths_of(chord) - np.abs(np.einsum("pd,pd->p", chord, normals))
+            gone = np.maximum(gone, travels[k, joint] - 0.5 * np.where(within, aside, 0.0))
+        return gone
+
+    def where(self, near: Nearest) -> tuple[str, FloatArray]:
+        """What limits the error, in words, and its edge or triangle."""
+        return repr(self.surfaces.name_of(near.other)), self.surfaces.parts_of(np.array([near.other]))[0]
+
+
+class _LinksWithErrors(LinkProof):
+    """Gaps between links, likewise; arguments as above."""
+
+    def __init__(self, motion: ChainMotion, levers: ErrorLevers) -> None:
+        super().__init__(motion, 2.0 * motion.arm.radius)
+        self._levers = levers
+        self.unit = levers.greatest
+
+    def measure(
+        self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
+    ) -> Measured:
+        """What is known of the errors that the gaps of pairs survive."""
+        travels = self.motion.travels(stretches)
+        during = self._levers.to_links(poses, travels, pairs) / self.unit
+        middle = self._levers.to_links(poses, np.zeros_like(travels), pairs) / self.unit
+        known = super().measure(stretches, poses, pairs, cutoff * during)
+        least = survived(known.least, during)
+        most = _most_of(survived(known.most, middle), least, known, cutoff)
+        close = np.flatnonzero(known.exact & (least < cutoff))
+        for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
+            kept, met = self._along_lines(stretches, poses, travels, pairs.where(some), known.travel[some])
+            least[some] = np.maximum(least[some], self.unit * kept)
+            most[some] = np.maximum(most[some], self.unit * met)
+        return Measured(least, most, known.travel, known.exact)
+
+    def _along_lines(
+        self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """As for surfaces; what the gaps may lose by motion is known already, shape (P,) [m]."""
+        k, i, j = pairs.stretch, pairs.link, pairs.other
+        first = np.stack((poses[k, i], poses[k, i + 1]), axis=1)
+        second = np.stack((poses[k, j], poses[k, j + 1]), axis=1)
+        normals = _lines(second, first)
+        chains = Chains(k, i + 1, j, fixed=False)
+        # Directions are those of the world, or turn with either link; levers grow by this and what their joints travel.
+        turning = 2.0 * travels_in_frame(self.motion, stretches, k, i, j)
+        moved = [np.maximum(np.maximum(travels[k, link], travels[k, link + 1]), turning) for link in (j, i)]
+        of_second = self._levers.along(poses, travels, chains, second, moved[0], normals, outwards=True)
+        of_first = self._levers.along(poses, travels, chains, first, moved[1], normals, outwards=False)
+        lost = self._lost + travel
+        taken = np.full(len(k), self.thickness)
+        return _survived_between(second, first, normals, taken, lost, of_second, of_first)
+
+    @staticmethod
+    def where(near: Nearest) -> tuple[str, None]:
+        """What limits the error, in words; it is no part of a surface."""
+        return f"link {near.other + 1}", None
+
+
+def _most_of(most: FloatArray, least: FloatArray, known: Measured, cutoff: FloatArray | float) -> FloatArray:
+    """What levers alone tell of the errors that are survived at the middles of stretches, at most, shape (P,)."""
+    # Along the shortest lines more is survived than that, which counts for boxes at moments alone, as a first guess.
+    counts = np.where(known.exact, least < cutoff, known.travel == 0.0)
+    return np.where(counts, most, np.inf)
+
+
+def _lines(ends: FloatArray, parts: FloatArray) -> FloatArray:
+    """Directions from edges or triangles (P, 2 or 3, d) to segments (P, 2, d), shape (P, d)."""
+    dimension = ends.shape[2]
+    flat = [(0, 0), (0, 0), (0, 3 - dimension)]
+    # An edge is a triangle without area.
+    corners = np.pad(parts, flat)[:, [0, 1, -1]]
+    both = np.pad(ends, flat)
+    return nearest_lines(both[:, 0], both[:, 1], corners)[0][:, :dimension]
+
+
+def _survived_between(
+    ends: FloatArray,
+    parts: FloatArray,
+    normals: FloatArray,
+    taken: FloatArray,
+    lost: FloatArray,
+    of_ends: Reaches,
+    of_parts: Reaches,
+) -> tuple[FloatArray, FloatArray]:
+    """Errors with which planes across directions part segments from what they are near to, shape (P,) each.
+
+    Either the one or the other is taken to be moved by errors; the better of both counts.
+
+    Args:
+        ends: of the segments, shape (P, 2, d) [m].
+        parts: corners of what they are near to, shape (P, e, d) [m].
+        normals: directions, shape (P, d).
+        taken: gap that is no room for errors, shape (P,) [m].
+        lost: what is lost of the gap between the middle of a stretch and its ends, shape (P,) [m].
+        of_ends: how far errors move the ends.
+        of_parts: how far errors move the corners.
+
+    Returns:
+        Errors throughout stretches, and at their middles [unit].
+    """
+    # Heights are taken from a corner, so that places far from the origin lose no digits.
+    origin = parts[:, :1]
+    highs = np.einsum("ped,pd->pe", ends - origin, normals)
+    lows = np.einsum("ped,pd->pe", parts - origin, normals)
+    kept, met = [], []
+    for gaps, reaches in (
+        (highs - lows.max(axis=1, keepdims=True), of_ends),
+        (highs.min(axis=1, keepdims=True) - lows, of_parts),
+    ):
+        room = gaps - taken[:, None]
+        kept.append(survived(room - lost[:, None], reaches.during, reaches.bow).min(axis=1))
+        met.append(survived(room, reaches.middle, reaches.bow).min(axis=1))
+    return np.maximum(*kept), np.maximum(*met)
+
+
+def _proofs(
+    motion: ChainMotion, workspace: Workspace, levers: ErrorLevers
+) -> list[_SurfacesWithErrors | _LinksWithErrors]:
+    """What has to be proved: that the arm keeps off the scene, and off itself."""
+    arm = motion.arm
+    proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
+    if not is_empty(workspace) and np.any(exposed_starts(arm) < 1.0):
+        proofs.append(_SurfacesWithErrors(motion, workspace, levers))
+    if levers.model.with_itself and arm.self_collision and first_distant(arm) < arm.links:
+        proofs.append(_LinksWithErrors(motion, levers))
+    return proofs
 
 
 def _named(
-    model: ErrorModel, size: float, limiting: Limiting | None, chain: MovingChain, edges: WallEdges
+    model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
 ) -> SurvivedError:
-    if limiting is None:
-        return SurvivedError(model.name, size, model.unit, "nothing; larger errors are not looked at", limited=False)
-    case = limiting.case
-    time = chain.motion.time
-    k = int(case.interval[0])
-    when = float(time[k] + case.stretch[0, 0] * (time[k + 1] - time[k]))
-    link = int(case.link[0])
-    other = int(case.other[0])
-    body = f"link {other + 1}" if case.with_link[0] else repr(edges.names[edges.owner[other]])
-    where = f"link {link + 1} to {body} at t = {when:.4f} s"
-    worst = _worst_shares(limiting, chain.arm.links) if np.any(model.turns[1:]) else ()
-    place = _place(case, chain, edges)
-    return SurvivedError(model.name, size, model.unit, where, when, link + 1, worst, place)
+    """The error with what limits it."""
+    motion = proof.motion
+    name, part = proof.where(near)
+    where = f"link {near.link + 1} to {name} at t = {near.time:.4f} s"
+    q = np.array([np.interp(near.time, motion.time, column) for column in motion.positions.T])
+    limiting = _LimitingPair(motion.arm, near.link, near.other, part)
+    worst = limiting.worst(q, DEFAULT_VERIFICATION.inside) if np.any(model.turns[1:]) else ()
+    link = max(near.link, near.other) if part is None else near.link
+    return SurvivedError(model.name, size, model.unit, where, near.time, link + 1, worst, limiting.place(q))
 
 
-def _place(case: ChainCases, chain: MovingChain, edges: WallEdges) -> tuple[float, ...]:
-    """Half-way between the link of a case and what is nearest to it, shape (2,) [m]."""
-    points = chain.motion.poses(case.interval + case.stretch[:, 0])[0]
-    link = int(case.link[0])
-    other = int(case.other[0])
-    ends = points[other : other + 2] if case.with_link[0] else np.stack((edges.start[other], edges.end[other]))
-    line = shapely.shortest_line(shapely.LineString(points[link : link + 2]), shapely.LineString(ends))
-    return tuple(float(value) for value in shapely.get_coordinates(line).mean(axis=0))
+@dataclass(frozen=True, eq=False)
+class _LimitingPair:
+    """A link and an edge or a triangle, or two links.
 
+    Attributes:
+        arm: the arm.
+        link: number of the link from 0.
+        other: of the other link; of no matter where there is a part of a surface.
+        part: corners, shape (d, d) [m], or None for two links.
+    """
 
-def _worst_shares(limiting: Limiting, links: int) -> tuple[float, ...]:
-    """Errors of the joints, as shares of the largest, that bring the limiting link near, shape (links,)."""
-    case = limiting.case
-    widths = limiting.error * case.turns
-    errors = worst_errors(case.lengths[:, 0], case.angles[:, 0], widths, np.array([limiting.direction]))[0]
-    shares = np.zeros(links + 1)
-    used = case.joints[0] > 0
-    shares[case.joints[0, used]] = case.sense[0] * errors[used] / max(limiting.error, _TINY)
-    # Nought has no sign.
-    return tuple(float(share) + 0.0 for share in np.round(shares[1:], _DIGITS))
+    arm: Arm
+    link: int
+    other: int
+    part: FloatArray | None
+
+    def worst(self, q: FloatArray, inside: float) -> tuple[float, ...]:
+        """Signs of the errors of all bends that lead there soonest; 0 where they do not matter.
+
+        Args:
+            q: the configuration, shape (c,) [rad, m].
+            inside: a joint is held where it is farther than this inside the guide tube [m].
+        """
+        arm = self.arm
+        bends = arm.coordinates.joints
+        turned = q + _STEP * np.eye(bends, len(q))
+        distances = self.distances(np.vstack((q, turned)))
+        signs = -np.sign(distances[1:] - distances[0])
+        out = float(carried(arm, q[None])[0]) + arm.link_length * np.arange(arm.links) - arm.hole
+        held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)
+        return tuple(float(sign) + 0.0 for sign in np.where(held, 0.0, signs))
+
+    def distances(self, poses: FloatArray) -> FloatArray:
+        """Between the axes of both, or of the link and the surface, in configurations (N, c), shape (N,) [m]."""
+        points = chain_points(self.arm, poses)
+        return self._away(points, points[:, self.link], points[:, self.link + 1])
+
+    def _away(self, points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Distances of segments from the other link of poses (N, links + 1, d), or from the surface, shape (N,) [m]."""
+        if self.part is None:
+            return segment_distances(start, end, points[:, self.other], points[:, self.other + 1])
+        return CheckedSurfaces.between(start, end, np.broadcast_to(self.part, (len(start), *self.part.shape)))[1]
+
+    def place(self, q: FloatArray) -> tuple[float, ...]:
+        """The place on the link's axis that is nearest, shape (d,) [m]."""
+        points = np.repeat(chain_points(self.arm, q[None]), _PLACES, axis=0)
+        share = np.linspace(0.0, 1.0, _PLACES)[:, None]
+        along = (1.0 - share) * points[:, self.link] + share * points[:, self.link + 1]
+        return tuple(float(value) for value in along[np.argmin(self._away(points, along, along))])
 
 
 def worst_motion(trajectory: JointTrajectory, error: SurvivedError, size: float) -> FloatArray:
-    """Bends of a motion whose joints are off all the time as leads to a touch soonest, shape (T, links) [rad].
+    """Bends of a motion whose joints are off all the time as leads to a touch soonest, shape (T, bends) [rad].
 
     Args:
         trajectory: the plan.
@@ -369,7 +366,7 @@ _THIN_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Tube:
-    """What the arm may sweep.
+    """What an arm in the plane may sweep.
 
     Attributes:
         region: everything that it may sweep during the motion, its width included.
@@ -380,13 +377,8 @@ class Tube:
     planned: shapely.Geometry
 
 
-def tube_of(
-    arm: Arm,
-    trajectory: JointTrajectory,
-    model: ErrorModel,
-    size: float,
-) -> Tube:
-    """The tube of a motion at poses spread over it, bounded in some directions by the support of its joints' places.
+def tube_of(arm: Arm, trajectory: JointTrajectory, model: ErrorModel, size: float) -> Tube:
+    """The tube of a motion at poses spread over it, bounded in some directions by the reach of its joints' errors.
 
     Args:
         arm: the arm.
@@ -394,39 +386,40 @@ def tube_of(
         model: what may be wrong.
         size: of the error [unit].
     """
-    motion = ChainMotion(arm, trajectory.time, trajectory.positions)
-    chain = MovingChain.through_all(motion, model)
-    chosen = np.unique(np.linspace(0, len(chain) - 1, min(_TUBE_POSES, len(chain))).astype(int))
-    corners = np.stack([_corners(chain, chosen, k, size) for k in range(arm.links + 1)], axis=1)
+    chosen = np.unique(np.linspace(0, len(trajectory.time) - 1, _TUBE_POSES).astype(np.intp))
+    poses = chain_points(arm, trajectory.positions[chosen])
+    corners = np.stack([_corners(arm, poses, joint, model, size) for joint in range(arm.links + 1)], axis=1)
     # A link lies in the hull of the places of its ends.
     pairs = np.concatenate((corners[:, :-1], corners[:, 1:]), axis=2).reshape(-1, 2 * corners.shape[2], 2)
     hulls = shapely.convex_hull(shapely.multipoints(pairs))
-    axes = shapely.linestrings(chain.middles[chosen])
     # An arm without width is drawn as a thin line.
     radius = max(arm.radius, _THIN_SHARE * arm.length)
-    return Tube(_grown(hulls, radius), _grown(axes, radius))
+    return Tube(_grown(hulls, radius), _grown(shapely.linestrings(poses), radius))
 
 
-def _corners(chain: MovingChain, interval: IntArray, joint: int, size: float) -> FloatArray:
+def _corners(arm: Arm, poses: FloatArray, joint: int, model: ErrorModel, size: float) -> FloatArray:
     """Corners of a polygon about the places of one joint at some poses, shape (m, directions, 2) [m]."""
-    count = len(interval)
-    columns = chain.forward(np.zeros(count, dtype=np.intp), np.full(count, joint))
-    nowhere = np.zeros((count, 2, 2))
-    cases = chain.cases(
-        columns, interval, None, nowhere, np.zeros(count), interval, interval, with_link=False
-    ).middles()
     angles = np.linspace(0.0, 2.0 * np.pi, _TUBE_DIRECTIONS, endpoint=False)
-    directions = np.tile(angles, (count, 1))
-    support = chain_support(
-        cases.lengths[:, 0], cases.angles[:, 0], size * cases.turns, size * cases.stretches, directions
+    normal = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    square = np.stack((-np.sin(angles), np.cos(angles)), axis=1)
+    count = len(poses)
+    pose = np.repeat(np.arange(count), _TUBE_DIRECTIONS)
+    chains = Chains(pose, np.zeros_like(pose), np.full_like(pose, joint - 1), fixed=True)
+    levers = ErrorLevers(arm, model, DEFAULT_VERIFICATION.inside)
+    reaches = levers.along(
+        poses,
+        np.zeros(poses.shape[:2]),
+        chains,
+        poses[pose, joint][:, None],
+        np.zeros(len(pose)),
+        np.tile(normal, (count, 1)),
+        outwards=True,
     )
-    support = support + size * chain.model.moves_base
+    support = (size * reaches.middle + size**2 * reaches.bow).reshape(count, -1) + (poses[:, joint]) @ normal.T
     # Neighbouring sides, at ν and ν + ω, meet at h n + (h' − h cos ω) / sin ω t, with t square to n.
     step = 2.0 * np.pi / _TUBE_DIRECTIONS
     along = (np.roll(support, -1, axis=1) - support * np.cos(step)) / np.sin(step)
-    normal = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    square = np.stack((-np.sin(angles), np.cos(angles)), axis=1)
-    return np.asarray(chain.arm.base + support[..., None] * normal + along[..., None] * square)
+    return np.asarray(support[..., None] * normal + along[..., None] * square)
 
 
 def _grown(shapes: Any, radius: float) -> shapely.Geometry:
