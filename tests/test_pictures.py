@@ -17,8 +17,8 @@ from ccm_opt.cli.drawing import STILL_FIGURES, drawn_files
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.folder import WRITTEN_FILES, write_solution
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
-from ccm_opt.robot.frames import joint_positions_3d
+from ccm_opt.io.reading_back import load_motion
+from ccm_opt.io.record_file import recorded_curves, recorded_nearest
 from ccm_opt.solution import Solution
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.viz import films as video
@@ -173,15 +173,15 @@ def test_a_video_needs_its_encoder(plan: DrawnPlan, monkeypatch: pytest.MonkeyPa
 def test_a_folder_has_all_that_pictures_show(measured: Solution, folder: Path) -> None:
     """Curves, least gap and simulated arm come back from the folder as they were."""
     problem = measured.problem
-    curves = recorded_curves(folder, problem)
+    motion = load_motion(folder, problem.arm)
+    curves = recorded_curves(motion.arrays, problem.arm)
     assert len(curves) == len(measured.path.curves)
     arc = np.linspace(0.0, problem.arm.length, 9)
     for one, other in zip(curves, measured.path.curves, strict=True):
         np.testing.assert_allclose(one.positions_at(arc), other.positions_at(arc), atol=1e-12)
     assert measured.room is not None
     assert recorded_nearest(folder) == measured.room.nearest
-    expected = joint_positions_3d(problem.arm, measured.simulation.angles, np.zeros(len(measured.trajectory.time)))
-    np.testing.assert_allclose(recorded_simulation(folder, problem), expected, atol=1e-12)
+    np.testing.assert_array_equal(motion.simulated_angles, measured.simulation.angles)
 
 
 @pytest.mark.planning

@@ -27,7 +27,6 @@ from ccm_opt.io.solution_json import room_data
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.problem import Problem
-from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.room_over_time import room_over_time
@@ -111,13 +110,6 @@ def _room(problem: Problem, motion: SavedMotion, own: tuple[Check, ...]) -> Room
     return room_over_time(problem, motion.trajectory, problem.wanted_gap, own)
 
 
-def _curves(folder: Path, problem: Problem) -> tuple[Configuration, ...]:
-    """The curves behind the keyframes, of which an arm in space has none in its folder."""
-    if problem.dimension == 3:
-        return ()
-    return recorded_curves(folder, problem)
-
-
 def _checks_of_record(
     folder: Path,
     problem: Problem,
@@ -132,7 +124,7 @@ def _checks_of_record(
 
     record = WrittenRecord(
         motion.keyframes,
-        _curves(folder, problem),
+        recorded_curves(motion.arrays, problem.arm),
         motion.simulated_angles,
         motion.simulated_torques,
         motion.simulated_base,

@@ -75,7 +75,7 @@ class SavedMotion:
         simulated_angles: of the simulated arm, shape (T, 3 * links) [rad].
         simulated_torques: likewise, shape (T, 3 * links) [N m].
         simulated_base: positions of the axes that carry its base, shape (T, axes) [m].
-        room_arrays: gaps over time by name, each of shape (N,); none where nobody measured them.
+        arrays: all of the file but the names, as they stand there.
     """
 
     trajectory: JointTrajectory
@@ -84,7 +84,12 @@ class SavedMotion:
     simulated_angles: FloatArray
     simulated_torques: FloatArray
     simulated_base: FloatArray
-    room_arrays: Mapping[str, FloatArray]
+    arrays: Mapping[str, FloatArray]
+
+    @property
+    def room_arrays(self) -> Mapping[str, FloatArray]:
+        """Gaps over time by name, each of shape (N,); none where nobody measured them."""
+        return {name: self.arrays[name] for name in ROOM_SHAPES if name in self.arrays}
 
 
 def load_problem_data(folder: Path) -> Mapping[str, object]:
@@ -177,7 +182,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         numbers["simulated_angles"],
         numbers["simulated_torques"],
         _columns(numbers, of_base, "simulated_feed"),
-        {name: numbers[name] for name in of_room},
+        numbers,
     )
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion

@@ -14,9 +14,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.files import read_plain
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.folder import ARRAYS, RECORD
-from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.robot.segment import CurvatureSegment
 from ccm_opt.solution import Check, NearPlace, SurvivedError
 
@@ -149,34 +148,33 @@ def _number(value: object) -> float | None:
     return number
 
 
-def recorded_curves(folder: Path, problem: Problem) -> tuple[Configuration, ...]:
-    """The curves behind a plan's keyframes, in order.
+def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configuration, ...]:
+    """The curves behind a plan's keyframes, in order; none in space, where a folder has none.
 
     Args:
-        folder: an output folder.
-        problem: whose base the curves begin at.
+        arrays: of the motion.
+        arm: whose base the curves begin at.
 
     Raises:
-        ProblemError: the folder's arrays are not those of curves.
+        ProblemError: the arrays are not those of curves.
     """
+    if "base_headings" not in arrays:
+        return ()
+    headings = arrays["base_headings"]
+    lengths, curvatures, knots = (arrays[f"segment_{what}"] for what in ("lengths", "curvatures", "knots"))
+    feeds = arrays.get("keyframe_feeds", np.zeros(len(headings)))
+    base = arm.base + feeds[:, None] * (arm.direction if arm.feed else np.zeros(2))
     try:
-        with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
-            offsets = arrays["segments_offsets"]
-            lengths = arrays["segment_lengths"]
-            curvatures = arrays["segment_curvatures"]
-            knots = arrays["segment_knots"]
-            headings = arrays["base_headings"]
-            feeds = arrays["keyframe_feeds"] if "keyframe_feeds" in arrays.files else np.zeros(len(headings))
-        base = problem.arm.base + feeds[:, None] * (problem.arm.direction if problem.arm.feed else np.zeros(2))
         turns = _turns(lengths, curvatures, knots)
+        spans = pairwise(arrays["segments_offsets"].astype(np.intp).tolist())
         return tuple(
             _curve(
                 place, float(heading) + np.cumsum(turns[a:b]) - turns[a:b], lengths[a:b], curvatures[a:b], knots[a:b]
             )
-            for place, heading, (a, b) in zip(base, headings, pairwise(offsets.tolist()), strict=True)
+            for place, heading, (a, b) in zip(base, headings, spans, strict=True)
         )
-    except (OSError, ValueError, KeyError, IndexError) as error:
-        raise ProblemError(f"{folder / ARRAYS}: the curves in it are not readable: {error}") from error
+    except (ValueError, IndexError) as error:
+        raise ProblemError(f"{ARRAYS}: the curves in it are not readable: {error}") from error
 
 
 def _curve(
@@ -195,30 +193,6 @@ def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> Fl
     ]
     shares = np.array(of_kinds).reshape(-1, 5)[kind.ravel()]
     return np.asarray(lengths * np.einsum("sk,sk->s", shares, curvatures))
-
-
-def recorded_simulation(folder: Path, problem: Problem) -> FloatArray | None:
-    """Joints and tip of the simulated arm in space, shape (T, links + 1, 3) [m]; None where there is no simulation.
-
-    Args:
-        folder: an output folder.
-        problem: whose arm it is.
-
-    Raises:
-        ProblemError: the folder's arrays are not readable.
-    """
-    try:
-        with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
-            angles = np.asarray(arrays["simulated_angles"], dtype=np.float64)
-            samples = len(arrays["time"])
-            carried = np.asarray(
-                arrays["simulated_feed"] if "simulated_feed" in arrays.files else np.zeros(len(angles))
-            )
-    except (OSError, ValueError, KeyError) as error:
-        raise ProblemError(f"{folder / ARRAYS}: the simulation in it is not readable: {error}") from error
-    if angles.shape != (samples, 3 * problem.arm.links) or carried.shape != (samples,):
-        return None
-    return joint_positions_3d(problem.arm, angles, carried)
 
 
 def recorded_nearest(folder: Path) -> NearPlace | None:

@@ -8,9 +8,10 @@ from ccm_opt.core.arguments import expect
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.folder import solution_files, write_folder
-from ccm_opt.io.reading_back import load_any_problem, load_motion
-from ccm_opt.io.record_file import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
+from ccm_opt.io.record_file import recorded_curves, recorded_nearest
 from ccm_opt.problem import Problem
+from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.solution.solution import present_with
 
@@ -29,12 +30,14 @@ class SavedPlan:
         problem: what it solves.
         trajectory: the motion in time.
         joints: the same for the drives.
+        motion: all of its arrays.
     """
 
     folder: Path
     problem: Problem
     trajectory: JointTrajectory
     joints: JointStates = field(repr=False)
+    motion: SavedMotion = field(repr=False)
 
     def __repr__(self) -> str:
         return f"<SavedPlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
@@ -56,7 +59,7 @@ def load(folder: str | Path) -> SavedPlan:
     place = Path(folder)
     problem = load_any_problem(place)
     motion = load_motion(place, problem.arm)
-    return SavedPlan(place, problem, motion.trajectory, motion.joints)
+    return SavedPlan(place, problem, motion.trajectory, motion.joints, motion)
 
 
 def save(solution: Solution, folder: str | Path) -> Path:
@@ -122,14 +125,15 @@ def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
     if not isinstance(plan, SavedPlan):
         return DrawnPlan.from_solution(plan)
-    planar = plan.problem if plan.problem.dimension == 2 else None
+    arm, motion = plan.problem.arm, plan.motion
+    simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base.sum(axis=1))
     return DrawnPlan(
         problem=plan.problem,
         trajectory=plan.trajectory,
-        points=plan.problem.arm.joint_positions_at(plan.trajectory.positions),
-        curves=() if planar is None else recorded_curves(plan.folder, planar),
+        points=arm.joint_positions_at(plan.trajectory.positions),
+        curves=recorded_curves(motion.arrays, arm),
         nearest=recorded_nearest(plan.folder),
-        simulated=None if planar is None else recorded_simulation(plan.folder, planar),
+        simulated=simulated if arm.dimension == 2 else None,
     )
 
 
