@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.curve_frames import bend_matrix
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
@@ -43,18 +43,33 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
     """
     random = np.random.default_rng(seed)
     arm = space_arm(links, 1.0 / links, 0.012, **changes)
-    space = CurveSpace.of(arm)
+    curve = curve_directions(arm)
     for _ in range(2000):
         workspace = Workspace(
             bounds=None, obstacles=tuple(_obstacle(random, number) for number in range(bodies)), clearance=0.002
         )
         tree = SurfaceTree.of(workspace.soup)
         low, high = arm.limits_at(arm.base_range[1])
-        q = np.clip(space.matrix @ random.normal(0.0, 0.3, space.dimension), 0.9 * low, 0.9 * high)
+        q = np.clip(curve @ random.normal(0.0, 0.3, curve.shape[1]), 0.9 * low, 0.9 * high)
         problem = problem_at(arm, workspace, q)
         if 1e-4 < SpaceGoalPoses(problem, tree).gap(q) < most_gap:
             return Clutter(problem, tree, q)
     raise AssertionError("no free pose in this clutter")
+
+
+def curve_directions(arm: Arm, knots: int = 11) -> FloatArray:
+    """Unit changes of a configuration by the turn at the base and the curvature at knots, both ways, and by the feed.
+
+    Shape (c, p).
+    """
+    turns = bend_matrix(arm.links, knots)
+    each = knots + 1
+    fed = len(arm.base_axes)
+    matrix = np.zeros((len(arm.coordinates), 2 * each + fed))
+    matrix[0 : 2 * arm.links : 2, :each] = turns
+    matrix[1 : 2 * arm.links : 2, each : 2 * each] = -turns
+    matrix[2 * arm.links :, 2 * each :] = np.eye(fed)
+    return np.asarray(matrix / np.linalg.norm(matrix, axis=0))
 
 
 def problem_at(arm: Arm, workspace: Workspace, q: FloatArray) -> Problem:

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
-from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import (
     DynamicsFunction,
     DynamicsKind,
     ForwardDynamics,
     InverseDynamics,
+    MassMatrix,
     joint_states,
 )
 from ccm_opt.errors import ProblemError

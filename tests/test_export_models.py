@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, MassMatrix, joint_states
 from ccm_opt.io.robot_models import FRAME_INERTIA, FRAME_MASS, UNLIMITED_EFFORT, mjcf_text, urdf_text
 from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.frames import joint_names, joint_positions_3d, revolute_angles

@@ -12,7 +12,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
-from ccm_opt.robot.mapping import MappingName, curve_points, map_curve, mean_headings, shape_error
+from ccm_opt.robot.mapping import MappingName, curve_points, map_curve, shape_error
 
 from .arms import plain_arm
 
@@ -38,7 +38,7 @@ def random_curve(seed: int, segments: int = 2, bend: float = 4.0) -> Configurati
 def test_links_keep_their_length_and_the_tip_is_exact(method: MappingName, seed: int, links: int) -> None:
     """Every mapped link has its length to 1e-12 and the tip of the arm is the tip of the curve."""
     arm, curve = arm_of(links), random_curve(seed)
-    joints = arm.joint_positions(map_curve(arm, curve, method))
+    joints = arm.joint_positions_at(map_curve(arm, curve, method))
     np.testing.assert_allclose(np.linalg.norm(np.diff(joints, axis=0), axis=1), arm.link_length, atol=1e-12)
     np.testing.assert_allclose(joints[-1], curve.tip[0], atol=1e-11)
 
@@ -48,7 +48,7 @@ def test_links_keep_their_length_and_the_tip_is_exact(method: MappingName, seed:
 def test_even_joints_lie_on_the_curve(seed: int) -> None:
     """Section 5.3: even joints are on the curve, equidistant along it, and elbows lie on the side it bulges to."""
     arm, curve = arm_of(24), random_curve(seed)
-    joints = arm.joint_positions(map_curve(arm, curve, "even-joints"))
+    joints = arm.joint_positions_at(map_curve(arm, curve, "even-joints"))
     points = curve_points(curve, 24)
     np.testing.assert_allclose(joints[::2], points[::2], atol=1e-11)
     chords = np.diff(points[::2], axis=0)
@@ -68,7 +68,7 @@ def test_even_joint_shape_error_of_a_circle(curvature: float) -> None:
 def test_least_squares_minimises_its_objective(seed: int) -> None:
     """A general constrained minimiser (SLSQP) finds no better headings than the mapping's own iteration."""
     arm, curve = arm_of(12), random_curve(seed, 1)
-    points, mean = curve_points(curve, 12), mean_headings(curve, 12)
+    points, mean = curve_points(curve, 12), curve.mean_headings(12)
 
     def cost(headings: FloatArray) -> float:
         inner = (arm.joint_positions(headings) - points)[1:-1] / arm.link_length
@@ -77,7 +77,7 @@ def test_least_squares_minimises_its_objective(seed: int) -> None:
     def miss(headings: FloatArray) -> FloatArray:
         return (arm.joint_positions(headings)[-1] - points[-1]) / arm.link_length
 
-    ours = map_curve(arm, curve, "least-squares")
+    ours = arm.headings(map_curve(arm, curve, "least-squares"))
     oracle = minimize(cost, mean, constraints={"type": "eq", "fun": miss}, method="SLSQP", options={"ftol": 1e-12})
     assert oracle.success
     assert cost(ours) <= oracle.fun * (1.0 + 1e-6)
@@ -87,8 +87,8 @@ def test_least_squares_minimises_its_objective(seed: int) -> None:
 def test_straight_curve_maps_to_the_straight_arm(method: MappingName) -> None:
     """A straight curve gives equal link headings, although a straight arm cannot shorten to first order."""
     curve = Configuration.chain(np.zeros(2), 0.4, [1.0], [np.zeros(5)])
-    headings = map_curve(arm_of(24), curve, method)
-    np.testing.assert_allclose(headings, 0.4, atol=1e-6)
+    arm = arm_of(24)
+    np.testing.assert_allclose(arm.headings(map_curve(arm, curve, method)), 0.4, atol=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -96,7 +96,7 @@ def test_nearly_straight_curve_maps(method: MappingName) -> None:
     """A curve bent by a millionth still maps, with its tip exact."""
     curve = Configuration.chain(np.zeros(2), 0.0, [1.0], [np.array([1e-6, 2e-6, -1e-6, 0.0, 1e-6])])
     arm = arm_of(24)
-    joints = arm.joint_positions(map_curve(arm, curve, method))
+    joints = arm.joint_positions_at(map_curve(arm, curve, method))
     np.testing.assert_allclose(joints[-1], curve.tip[0], atol=1e-8)
 
 
@@ -106,7 +106,7 @@ def test_least_squares_settles_on_nearly_straight_curves(values: list[float], ex
     """However little a curve bends, the iteration ends with the tip on it; rounding decides where steps end."""
     curve = Configuration.chain(np.zeros(2), 2.9, [1.0], [10.0**exponent * np.array(values)])
     arm = arm_of(links)
-    joints = arm.joint_positions(map_curve(arm, curve, "least-squares"))
+    joints = arm.joint_positions_at(map_curve(arm, curve, "least-squares"))
     np.testing.assert_allclose(joints[-1], curve.tip[0], atol=1e-8)
 
 
@@ -128,7 +128,7 @@ def test_least_squares_is_smooth(seed: int) -> None:
 def test_mean_headings_are_exact_means() -> None:
     """The mean heading of a link is the integral of the curve's heading over it, divided by its length."""
     curve = random_curve(3)
-    means = mean_headings(curve, 12)
+    means = curve.mean_headings(12)
     for link in (0, 5, 11):
         ends = (link / 12, (link + 1) / 12)
         oracle = quad(lambda s: float(curve.heading_at(np.array([s]))[0]), *ends, limit=100)[0] * 12

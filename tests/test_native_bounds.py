@@ -25,7 +25,6 @@ from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
-from ccm_opt.robot.curve_space import CurveSpace, chain_at
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder
@@ -90,8 +89,6 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
     arm = snake(LINKS)
     arm.joint_positions_at(q)
     chain = pose_with(arm, other[:2], q, np.outer(other, [1.0, 2.0]))
-    space = CurveSpace.of(arm)
-    chain_at(space, np.resize(q, space.dimension))
     motion = LinkMotion(arm)
     motion.bows(arm.link_rotations(other), q)
     motion.near_pairs(chain.points, 0.1)

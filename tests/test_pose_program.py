@@ -15,8 +15,8 @@ from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import PoseQuestion
 from ccm_opt.ik.pose_task import JointRegions, PoseTask
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.curve_space import CurveSpace
 from tests.space_arms import FEED_OF_TESTS, planar_twin, turned_arm
+from tests.space_clutter import curve_directions
 
 SEEDS = st.integers(0, 2**32 - 1)
 DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
@@ -41,8 +41,8 @@ def question(dimension: int, seed: int, *, fed: bool = False, loaded: bool = Fal
     arm = random_arm(random, dimension, feed=FEED_OF_TESTS if fed else None)
     q = random.uniform(-0.3, 0.3, len(arm.coordinates))
     if dimension == 3:  # near a curve, which the offsets lead to
-        space = CurveSpace.of(arm, 9)
-        q = space.configurations(random.normal(0.0, 0.3, space.dimension))
+        curve = curve_directions(arm, 9)
+        q = curve @ random.normal(0.0, 0.3, curve.shape[1])
     q = np.clip(q, arm.lower_limits, arm.upper_limits)
     points, rotations = arm.joint_positions_at(q), arm.link_rotations(q)
     joint = np.array([3, 6])

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, MassMatrix, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.controller import gains, hermite, inertia_at_most, step_reference

@@ -12,19 +12,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.curve_space import CurveSpace
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
-from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.mapping import curve_points, map_curve, shape_error
 from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.robot.space_mapping import (
-    curve_of_coordinates,
-    curve_points_in_space,
-    map_space_curve,
-    mean_directions,
-    nearest_space_curve,
-    shape_error_in_space,
-)
 from tests.space_arms import FEED_OF_TESTS, planar_twin, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -76,8 +67,8 @@ def test_in_the_plane_the_mapping_is_the_planes(method: MappingName, seed: int) 
     values = [random.normal(0.0, 2.0 / arm.length, 5) for _ in range(3)]
     flat = Configuration.chain(np.zeros(2), 0.3, lengths, values)
     curve = SpaceConfiguration.from_plane(flat, arm.base, arm.base_rotation)
-    wanted = flat_arm.bends(map_curve(flat_arm, flat, method))
-    found = map_space_curve(arm, curve, method)
+    wanted = map_curve(flat_arm, flat, method)
+    found = map_curve(arm, curve, method)
     np.testing.assert_allclose(found[0::2], wanted, atol=2e-6)
     np.testing.assert_allclose(found[1::2], 0.0, atol=1e-8)
 
@@ -93,8 +84,8 @@ def test_a_mapping_does_not_care_how_the_arm_is_turned(seed: int) -> None:
     other = curve_for(np.random.default_rng(seed), turned)
     methods: tuple[MappingName, ...] = ("even-joints", "least-squares")
     for method in methods:
-        found = map_space_curve(turned, other, method)
-        np.testing.assert_allclose(found, map_space_curve(plain, curve, method), atol=1e-6)
+        found = map_curve(turned, other, method)
+        np.testing.assert_allclose(found, map_curve(plain, curve, method), atol=1e-6)
 
 
 @given(SEEDS)
@@ -104,14 +95,14 @@ def test_even_joints_lie_on_the_curve_and_the_tip_of_the_smooth_mapping_too(seed
     random = np.random.default_rng(seed)
     arm = turned_arm(random, 24)
     curve = curve_for(random, arm)
-    points = curve_points_in_space(curve, 24)
-    even = map_space_curve(arm, curve, "even-joints")
+    points = curve_points(curve, 24)
+    even = map_curve(arm, curve, "even-joints")
     np.testing.assert_allclose(arm.joint_positions_at(even)[::2], points[::2], atol=1e-9)
-    smooth = map_space_curve(arm, curve, "least-squares")
+    smooth = map_curve(arm, curve, "least-squares")
     np.testing.assert_allclose(arm.joint_positions_at(smooth)[-1], points[-1], atol=1e-9)
     sharpest = float(np.linalg.norm(curve.curvature_at(np.linspace(0.0, curve.length, 200)), axis=1).max())
-    assert shape_error_in_space(arm, curve, even) < 0.3 * sharpest * arm.link_length**2 + 1e-9
-    assert shape_error_in_space(arm, curve, smooth) < 0.3 * sharpest * arm.link_length**2 + 1e-9
+    assert shape_error(arm, curve, even) < 0.3 * sharpest * arm.link_length**2 + 1e-9
+    assert shape_error(arm, curve, smooth) < 0.3 * sharpest * arm.link_length**2 + 1e-9
 
 
 def test_the_smooth_mapping_is_scipys_minimum() -> None:
@@ -119,8 +110,8 @@ def test_the_smooth_mapping_is_scipys_minimum() -> None:
     random = np.random.default_rng(4)
     arm = space_arm(6)
     curve = curve_for(random, arm, 3.0)
-    points = curve_points_in_space(curve, 6)
-    means = mean_directions(curve, 6)
+    points = curve_points(curve, 6)
+    means = curve.mean_directions(6)
     weight = DEFAULT_MAPPING.regularisation * arm.link_length**2
 
     def cost(q: FloatArray) -> float:
@@ -128,40 +119,18 @@ def test_the_smooth_mapping_is_scipys_minimum() -> None:
         cosines = np.clip(np.sum(arm.link_rotations(q)[:, :, 0] * means, axis=1), -1.0, 1.0)
         return 1e4 * float(np.sum(apart[1:-1] ** 2) + weight * np.sum(np.arccos(cosines) ** 2))
 
-    found = map_space_curve(arm, curve, "least-squares")
+    found = map_curve(arm, curve, "least-squares")
     tip = {"type": "eq", "fun": lambda q: 10.0 * (arm.joint_positions_at(q)[-1] - points[-1])}
     start = found + random.normal(0.0, 0.01, 12)
     best = minimize(cost, start, method="SLSQP", constraints=[tip], options={"ftol": 1e-14, "maxiter": 500})
     np.testing.assert_allclose(arm.joint_positions_at(best.x), arm.joint_positions_at(found), atol=2e-5)
 
 
-@given(SEEDS, st.booleans())
-@settings(max_examples=10, deadline=None)
-def test_a_curve_mapped_and_brought_back_is_itself(seed: int, fed: bool) -> None:
-    """The nearest curve of a pose that follows a curve of the same family is that curve."""
-    random = np.random.default_rng(seed)
-    arm = turned_arm(random, 24, feed=FEED_OF_TESTS if fed else None)
-    space = CurveSpace.of(arm, 9)
-    v = random.normal(0.0, 0.15, space.dimension)
-    if fed:
-        v[-1] = 0.2
-    curve = curve_of_coordinates(space, v)
-    bends = bends_from_directions(arm, mean_directions(curve, 24))
-    back = nearest_space_curve(arm, arm.configuration(bends, 0.2), segments=2)
-    arc = np.linspace(0.0, curve.length, 30)
-    np.testing.assert_allclose(back.positions_at(arc), curve.positions_at(arc), atol=1e-5 * arm.length)
-
-
 def test_curves_that_do_not_fit_the_arm_are_refused() -> None:
-    """Another length, another beginning, an odd number of links for even joints, and knots of no whole segments."""
+    """Another length, and an odd number of links for even joints."""
     arm = space_arm(5)
     curve = curve_for(np.random.default_rng(0), arm)
     with pytest.raises(ProblemError, match="even number"):
-        map_space_curve(arm, curve, "even-joints")
+        map_curve(arm, curve, "even-joints")
     with pytest.raises(ProblemError, match="m long but"):
-        map_space_curve(space_arm(4), curve, "least-squares")
-    elsewhere = space_arm(5, base=np.ones(3))
-    with pytest.raises(ProblemError, match="off the base"):
-        map_space_curve(elsewhere, curve, "least-squares")
-    with pytest.raises(ProblemError, match="knots"):
-        curve_of_coordinates(CurveSpace.of(arm, 11), np.zeros(24))
+        map_curve(space_arm(4), curve, "least-squares")

@@ -487,7 +487,7 @@ def test_a_start_on_a_curve_accepts_its_mappings_and_nothing_far_from_it(mapping
     curve = Configuration.chain(
         arm.base, 0.0, [0.3, 0.3], [np.array([0.0, 3, 4, 3, 1]), np.array([1.0, -3, -4, -3, 0])]
     )
-    start = arm.bends(map_curve(arm, curve, mapping))
+    start = map_curve(arm, curve, mapping)
     case = make_case(arm, start=start, end=0.5 * start)
     problem = replace(case[0], start=JointPose.along(arm, curve))
     assert not failures(verify(problem, *case[1:]))

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero
@@ -21,13 +22,26 @@ from ccm_opt.ik.lifted_curve import JointsAmongPieces, LiftedCurve
 from ccm_opt.ik.row_program import repeated_rows
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve
-from ccm_opt.robot.curve_space import bend_matrix
 from ccm_opt.robot.segment import PIECES, Knots, second_derivatives
 
 _RANK = 1e-9
 """Share of the largest singular value below which a combination of curvatures is taken to change no bend."""
 Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
 """Least and greatest values of symbols, by their names."""
+
+
+def bend_matrix(links: int, knots: int) -> FloatArray:
+    """Bends to one direction by the turn at the base and the curvature at even knots of a natural spline.
+
+    The bend of a joint is the difference of the curve's mean turns on both its links. Turns do not add in space; bends
+    do, to the first order in the length of a link.
+
+    Returns:
+        Shape (links, knots + 1), for a curve of length 1.
+    """
+    turned_twice = CubicSpline(np.linspace(0.0, 1.0, knots), np.eye(knots), bc_type="natural").antiderivative(2)
+    means = links * np.diff(turned_twice(np.linspace(0.0, 1.0, links + 1)), axis=0)
+    return np.diff(np.column_stack((np.ones(links), means)), axis=0, prepend=0.0)
 
 
 @dataclass(frozen=True)
@@ -53,7 +67,7 @@ class CurveNumbers:
             segments: curvature segments K.
         """
         knots = PIECES * segments + 1
-        matrix = bend_matrix(len(turns), 1.0, knots)
+        matrix = bend_matrix(len(turns), knots)
         sizes = np.linalg.norm(matrix, axis=0)
         values = np.linalg.pinv(matrix / sizes, rcond=_RANK) @ turns / sizes[:, None]
         return cls(np.linspace(0.0, 1.0, knots), values[1:].T, values[0])

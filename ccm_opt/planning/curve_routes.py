@@ -251,7 +251,7 @@ def guess_along(
     try:
         task = configuration_task(problem, ends, room, route, share, settings)
         configuration = find_configuration(task, attempts)
-        return map_curve(problem.arm, configuration, problem.planner.mapping)
+        return problem.arm.headings(map_curve(problem.arm, configuration, problem.planner.mapping))
     except (ConfigurationNotFound, ProblemError):
         return None
 

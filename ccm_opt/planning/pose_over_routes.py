@@ -210,7 +210,7 @@ def _configurations(
             failures.append(outcome)
             continue
         try:
-            headings = map_curve(problem.arm, outcome, problem.planner.mapping)
+            headings = problem.arm.headings(map_curve(problem.arm, outcome, problem.planner.mapping))
         except ProblemError:
             continue  # the links cannot follow this curve
         # The surplus length may swing to either side of the route: two poses of one class, and neither the better.

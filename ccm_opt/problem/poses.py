@@ -46,7 +46,7 @@ class JointPose:
         Raises:
             ProblemError: the lengths differ, or the mapping does not exist for this curve.
         """
-        return cls(arm.bends(map_curve(arm, curve, mapping)), feed, curve, mapping)
+        return cls(map_curve(arm, curve, mapping), feed, curve, mapping)
 
     @classmethod
     def of_degrees(
@@ -72,8 +72,8 @@ class JointPose:
         return cls(np.deg2rad(np.asarray(found)), carried)
 
     def headings(self, arm: Arm) -> FloatArray:
-        """Headings of the links in the plane, of a curve to the last bit its mapping; shape (links,) [rad]."""
-        return arm.headings(self.bends) if self.curve is None else map_curve(arm, self.curve, self.mapping)
+        """Headings of the links in the plane, shape (links,) [rad]."""
+        return arm.headings(self.bends)
 
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -91,6 +92,10 @@ class Curve(Protocol):
         """Points at arc lengths, shape (m,) to (m, d) [m]."""
         ...
 
+    def mean_directions(self, links: int) -> FloatArray:
+        """Mean direction over each of ``links`` equal lengths, shape (links, d)."""
+        ...
+
 
 @dataclass(frozen=True)
 class Configuration:
@@ -168,6 +173,16 @@ class Configuration:
     def heading_integral_at(self, arc: FloatArray) -> FloatArray:
         """Integral of the heading from the base to increasing arc lengths, shape of ``arc`` [rad m]; exact."""
         return integrate_headings(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
+
+    def mean_headings(self, links: int) -> FloatArray:
+        """Mean heading over each of ``links`` equal lengths, shape (links,) [rad]; exact."""
+        edges = np.linspace(0.0, self.length, links + 1)
+        means: FloatArray = np.diff(self.heading_integral_at(edges)) * (links / self.length)
+        return means
+
+    def mean_directions(self, links: int) -> FloatArray:
+        """Directions of the mean headings, shape (links, 2)."""
+        return unit_vector(self.mean_headings(links))
 
     @cached_property
     def tip(self) -> tuple[FloatArray, float]:

@@ -1,51 +1,42 @@
-"""The mapping from a curve to the joints of an arm."""
+"""The mapping from a curve to the joints of an arm, in the plane and in space."""
 
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
-from ccm_opt.core.polygons import cross
 from ccm_opt.core.polyline import vector_headings, wrap
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Configuration, Curve
+from ccm_opt.robot.inverse_kinematics import bends_from_directions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING, MappingSettings
 
 
-def even_joint_headings(
-    points: FloatArray, near: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
+def even_joint_directions(
+    points: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
 ) -> FloatArray:
-    """Link headings with every second joint on the curve.
+    """Link directions with every second joint on the curve.
 
-    The odd joint of a pair lies at distance l from both even joints, on the side to which the curve bulges: the side
-    of its point half-way between them. Where the bulge changes side the mapping jumps.
+    The odd joint of a pair lies at distance l from both even joints, to the side to which the curve bulges: that of its
+    point half-way between them. In the plane these are the two circles of the paper; where the bulge changes side the
+    mapping jumps.
 
     Args:
-        points: of the curve at the arc length of every joint, shape (links + 1, 2) [m].
-        near: mean headings of the curve per link; the result takes the nearest turn, shape (links,) [rad].
+        points: of the curve at the arc length of every joint, shape (links + 1, d) [m].
         link_length: l [m].
         settings: by how much two links' chord may be too long.
 
     Returns:
-        Shape (links,) [rad].
+        Shape (links, d).
 
     Raises:
         ProblemError: the number of links is odd, or two even joints coincide or are farther apart than two links.
     """
-    if len(near) % 2:
-        raise ProblemError(f"the even-joint mapping needs an even number of links, got {len(near)}")
-    chords, directions = _chords(points, link_length, settings.length_tolerance)
-    # Both links of a pair make the same angle with its chord: an isosceles triangle.
-    lift = np.arccos(np.clip(0.5 * chords / link_length, 0.0, 1.0)) * _bulge_side(points)
-    headings = np.column_stack((directions + lift, directions - lift)).ravel()
-    nearest: FloatArray = near + wrap(headings - near)
-    return nearest
-
-
-def _chords(points: FloatArray, link_length: float, slack: float) -> tuple[FloatArray, FloatArray]:
-    """Lengths and directions of the chords between even joints, each of shape (links / 2,) [m], [rad]."""
+    links = len(points) - 1
+    if links % 2:
+        raise ProblemError(f"the even-joint mapping needs an even number of links, got {links}")
     steps = np.diff(points[::2], axis=0)
     chords = np.linalg.norm(steps, axis=1)
-    for pair in np.flatnonzero(chords > (2.0 + slack) * link_length):
+    for pair in np.flatnonzero(chords > (2.0 + settings.length_tolerance) * link_length):
         raise ProblemError(
             f"even joints {2 * pair} and {2 * pair + 2} are {chords[pair]:.9g} m apart, two links reach only "
             f"{2.0 * link_length:.9g} m; make curve and arm equally long"
@@ -55,123 +46,130 @@ def _chords(points: FloatArray, link_length: float, slack: float) -> tuple[Float
             f"even joints {2 * pair} and {2 * pair + 2} coincide, so joint {2 * pair + 1} has no place of its own; "
             "bend the curve less or use more links"
         )
-    return chords, vector_headings(steps)
+    along = steps / chords[:, None]
+    bulge = points[1::2] - points[:-1:2]
+    bulge = bulge - np.sum(bulge * along, axis=1, keepdims=True) * along
+    size = np.linalg.norm(bulge, axis=1, keepdims=True)
+    # Where the curve bulges to no side any will do.
+    side = np.where(size > 0.0, bulge / np.where(size > 0.0, size, 1.0), _across(along)[:, 0])
+    # Both links of a pair make the same angle with its chord: an isosceles triangle.
+    cosine = np.clip(0.5 * chords / link_length, 0.0, 1.0)[:, None]
+    lift = np.sqrt(1.0 - cosine**2) * side
+    directions = np.stack((cosine * along + lift, cosine * along - lift), axis=1).reshape(links, -1)
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def _bulge_side(points: FloatArray) -> FloatArray:
-    """+1 where the curve between two even joints lies left of their chord, else -1."""
-    chord = np.diff(points[::2], axis=0)
-    half_way = points[1::2] - points[:-1:2]
-    return np.where(cross(chord, half_way) >= 0.0, 1.0, -1.0)
-
-
-def least_squares_headings(
-    points: FloatArray, mean: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
+def least_squares_directions(
+    points: FloatArray, means: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
 ) -> FloatArray:
-    """Link headings φ = argmin Σ|P_j - p(s_j)|² + ε|φ - φ̄|² subject to the tip being exact.
+    """Link directions d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the tip being exact.
 
-    Gauss-Newton on the least-squares part, Newton on the two tip equations (Nocedal and Wright, Numerical
-    Optimization, chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c by its 2×2 Schur complement.
+    Gauss–Newton in turns of the links, Newton on the equations of the tip (Nocedal and Wright, Numerical Optimization,
+    chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c by its Schur complement.
 
     Args:
-        points: of the curve at the arc length of every joint, shape (links + 1, 2) [m].
-        mean: φ̄, mean headings of the curve per link, shape (links,) [rad].
+        points: of the curve at the arc length of every joint, shape (links + 1, d) [m].
+        means: m, mean directions of the curve per link, shape (links, d).
         link_length: l [m].
         settings: ε, and when the iteration has settled.
-
-    Returns:
-        Shape (links,) [rad].
 
     Raises:
         ProblemError: the iteration does not settle.
     """
-    headings = mean.copy()
-    epsilon = settings.regularisation * link_length**2
+    directions = means.copy()
     before = np.inf
     for _ in range(settings.most_steps):
-        step, miss = _newton_step(points, headings, mean, link_length, epsilon)
-        headings = headings + step
-        length = float(np.abs(step).max())
+        step, miss = _tangent_step(points, directions, means, link_length, settings.regularisation * link_length**2)
+        size = np.linalg.norm(step, axis=1, keepdims=True)
+        directions = np.asarray(np.cos(size) * directions + np.sinc(size / np.pi) * step)
+        longest = float(size.max())
         # The tip of an arm that is nearly straight hardly moves along itself, and rounding there is many times as much
-        # in the headings: what small steps no longer lessen is that.
-        if length < settings.settled or settings.rounding > length >= before:
-            return headings
-        before = length
+        # in the turns: what small steps no longer lessen is that.
+        if longest < settings.settled or settings.rounding > longest >= before:
+            return directions
+        before = longest
     raise ProblemError(
         f"the least-squares mapping did not settle in {settings.most_steps} steps, the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"
     )
 
 
-def _newton_step(
-    points: FloatArray, headings: FloatArray, mean: FloatArray, link_length: float, epsilon: float
+def _tangent_step(
+    points: FloatArray, directions: FloatArray, means: FloatArray, l: float, epsilon: float
 ) -> tuple[FloatArray, float]:
-    """The step δ of the headings, shape (links,) [rad], and the tip's distance from the curve's tip [m]."""
-    n = len(headings)
-    unit = np.stack((np.cos(headings), np.sin(headings)))
-    residual = points[0][:, None] + link_length * np.cumsum(unit, axis=1) - points[1:].T
-    turn = link_length * np.stack((-unit[1], unit[0]))  # the derivative of one link's vector
-    below = np.arange(n)[::-1, None]
-    later = np.minimum(below, below.T).astype(np.float64)  # joints before the tip moved by both headings
-    hessian = (turn.T @ turn) * later + epsilon * np.eye(n)
-    gradient = (turn * _sums_of_later(residual)).sum(axis=0) + epsilon * (headings - mean)
-    solved = np.linalg.solve(hessian, np.column_stack((gradient, turn.T)))
-    schur = turn @ solved[:, 1:]
-    # A straight arm cannot move its tip along itself: the pseudo-inverse drops that direction.
-    multiplier = np.linalg.pinv(schur, rcond=1e-12) @ (residual[:, -1] - turn @ solved[:, 0])
-    return -solved[:, 0] - solved[:, 1:] @ multiplier, float(np.hypot(*residual[:, -1]))
-
-
-def _sums_of_later(residual: FloatArray) -> FloatArray:
-    """Sum of the residuals of all joints beyond each link but the tip, shape (2, links)."""
+    """Changes of the directions, each at right angles to its own, shape (n, d), and the tip's distance [m]."""
+    n, d = directions.shape
+    residual = points[0] + l * np.cumsum(directions, axis=0) - points[1:]
+    axes = _across(directions)
+    turn = l * axes.reshape(-1, d)
+    below = np.repeat(np.arange(n)[::-1], d - 1)[:, None]
+    later = np.minimum(below, below.T).astype(np.float64)  # joints before the tip that both links carry
+    hessian = (turn @ turn.T) * later + epsilon * np.eye(len(turn))
     inner = residual.copy()
-    inner[:, -1] = 0.0
-    return np.cumsum(inner[:, ::-1], axis=1)[:, ::-1]
+    inner[-1] = 0.0
+    carried = np.cumsum(inner[::-1], axis=0)[::-1]
+    gradient = np.einsum("nad,nd->na", axes, l * carried - epsilon * _turn_to(directions, means)).ravel()
+    solved = np.linalg.solve(hessian, np.column_stack((gradient, turn)))
+    schur = turn.T @ solved[:, 1:]
+    # A straight arm cannot move its tip along itself: the pseudo-inverse drops that direction.
+    multiplier = np.linalg.pinv(schur, rcond=1e-12) @ (residual[-1] - turn.T @ solved[:, 0])
+    step = -solved[:, 0] - solved[:, 1:] @ multiplier
+    return np.einsum("na,nad->nd", step.reshape(n, d - 1), axes), float(np.linalg.norm(residual[-1]))
 
 
-def map_curve(
-    arm: Arm, configuration: Configuration, method: MappingName, settings: MappingSettings = DEFAULT_MAPPING
-) -> FloatArray:
-    """Link headings that follow a curve, shape (links,) [rad]; every link keeps its length by construction.
+def _across(directions: FloatArray) -> FloatArray:
+    """Unit vectors across directions and each other, shape (n, d) to (n, d - 1, d)."""
+    return np.asarray(np.linalg.svd(directions[:, None, :])[2][:, 1:])
+
+
+def _turn_to(directions: FloatArray, means: FloatArray) -> FloatArray:
+    """The ways on the sphere from directions to their means: as long as the angle, across the direction, (n, d)."""
+    along = np.sum(directions * means, axis=1, keepdims=True)
+    sideways = means - along * directions
+    size = np.linalg.norm(sideways, axis=1, keepdims=True)
+    angle = np.arctan2(size, along)
+    return np.asarray(np.where(size > 0.0, angle / np.maximum(size, np.finfo(np.float64).tiny), 1.0) * sideways)
+
+
+def map_curve(arm: Arm, curve: Curve, method: MappingName, settings: MappingSettings = DEFAULT_MAPPING) -> FloatArray:
+    """Bends of the joints with which the arm follows a curve, shape (k links,) [rad]; every link keeps its length.
 
     Args:
         arm: the jointed arm; it is placed at the base of the curve.
-        configuration: a curve as long as the arm.
-        method: ``even-joints`` puts every second joint on the curve (section 5.3), ``least-squares`` brings all
-            joints near their points of the curve with the tip exact.
+        curve: as long as the arm.
+        method: ``even-joints`` puts every second joint on the curve (section 5.3), ``least-squares`` brings all joints
+            near their points of the curve with the tip exact.
         settings: tolerances, and the weight that keeps links from zigzagging.
 
     Raises:
         ProblemError: the lengths differ, or the mapping does not exist for this curve.
     """
-    if abs(configuration.length - arm.length) > settings.length_tolerance * arm.length:
+    if abs(curve.length - arm.length) > settings.length_tolerance * arm.length:
         raise ProblemError(
-            f"the curve is {configuration.length:.9g} m long but the arm {arm.length:.9g} m "
-            f"({arm.links} links of {arm.link_length:g} m); make the segment lengths add up to the arm's length"
+            f"the curve is {curve.length:.9g} m long but the arm {arm.length:.9g} m ({arm.links} links of "
+            f"{arm.link_length:g} m); make the segment lengths add up to the arm's length"
         )
-    points = curve_points(configuration, arm.links)
-    headings = mean_headings(configuration, arm.links)
+    points = curve_points(curve, arm.links)
     if method == "even-joints":
-        return even_joint_headings(points, headings, arm.link_length, settings)
-    return least_squares_headings(points, headings, arm.link_length, settings)
+        directions = even_joint_directions(points, arm.link_length, settings)
+    else:
+        directions = least_squares_directions(points, curve.mean_directions(arm.links), arm.link_length, settings)
+    if isinstance(curve, Configuration):  # of the plane: a heading is that of the curve, whole turns included
+        means = curve.mean_headings(arm.links)
+        return arm.bends(means + wrap(vector_headings(directions) - means))
+    return bends_from_directions(arm, directions).ravel()
 
 
-def mean_headings(configuration: Configuration, links: int) -> FloatArray:
-    """Mean heading of the curve over each of ``links`` equal lengths, shape (links,) [rad]; exact."""
-    edges = np.linspace(0.0, configuration.length, links + 1)
-    means: FloatArray = np.diff(configuration.heading_integral_at(edges)) * (links / configuration.length)
-    return means
+def curve_points(curve: Curve, links: int) -> FloatArray:
+    """Points of the curve at equal arc lengths, base and tip included, shape (links + 1, d) [m]."""
+    return curve.positions_at(np.linspace(0.0, curve.length, links + 1))
 
 
-def curve_points(configuration: Configuration, links: int) -> FloatArray:
-    """Points of the curve at equal arc lengths, base and tip included, shape (links + 1, 2) [m]."""
-    return configuration.positions_at(np.linspace(0.0, configuration.length, links + 1))
-
-
-def shape_error(arm: Arm, configuration: Configuration, headings: FloatArray) -> float:
+def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
     """Greatest distance of a joint from its own point of the curve, max |P_j - p(s_j)| [m].
 
     For curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
     """
-    joints = arm.joint_positions(headings) - arm.base + configuration.base
-    return float(np.linalg.norm(joints - curve_points(configuration, arm.links), axis=1).max())
+    points = curve_points(curve, arm.links)
+    joints = arm.joint_positions_at(arm.configuration(bends, 0.0)) - arm.base + points[0]
+    return float(np.linalg.norm(joints - points, axis=1).max())

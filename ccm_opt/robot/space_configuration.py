@@ -18,6 +18,8 @@ from ccm_opt.robot.rigid_motions import carried, chained
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots
 
 _NODES = np.polynomial.legendre.leggauss(3)[0]
+_LINK_NODES, _LINK_WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Gauss points over a link; the direction is a smooth function but for knots, where its third derivative jumps."""
 MOST_TURN = 0.05
 """Most that a curve turns in one step of its integration [rad]; the sixth order then errs by less than 1e-12."""
 LEAST_STEPS = 40
@@ -211,6 +213,28 @@ class SpaceConfiguration:
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Positions at increasing arc lengths in [0, L], shape (m, 3) [m]."""
         return self.frames_at(arc)[1]
+
+    def mean_directions(self, links: int) -> FloatArray:
+        """Mean direction over each of ``links`` equal lengths, shape (links, 3).
+
+        The mean is that of the turns from the frame in the middle: in the plane that of the headings.
+        """
+        length = self.length / links
+        middles = length * (np.arange(links) + 0.5)
+        arcs = middles[:, None] + 0.5 * length * np.append(_LINK_NODES, 0.0)
+        order = np.argsort(arcs.ravel())
+        frames = np.empty((links * arcs.shape[1], 3, 3))
+        frames[order] = self.frames_at(arcs.ravel()[order])[0]
+        frames = frames.reshape(links, -1, 3, 3)
+        middle = frames[:, -1]
+        local = np.einsum("nij,nki->nkj", middle, frames[:, :-1, :, 0])
+        sideways = np.linalg.norm(local[..., 1:], axis=-1)
+        angle = np.arctan2(sideways, local[..., 0])
+        turns = local[..., 1:] * (angle / np.maximum(sideways, np.finfo(np.float64).tiny))[..., None]
+        mean = 0.5 * np.einsum("k,nkd->nd", _LINK_WEIGHTS, turns)
+        size = np.linalg.norm(mean, axis=1)
+        ahead = np.concatenate((np.cos(size)[:, None], np.sinc(size / np.pi)[:, None] * mean), axis=1)
+        return np.asarray(np.einsum("nij,nj->ni", middle, ahead))
 
     @cached_property
     def tip(self) -> tuple[FloatArray, FloatArray]:

@@ -22,8 +22,13 @@ from ccm_opt import load_problem, solve
 from ccm_opt.core import native
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
-from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, ForwardDynamics, InverseDynamics, joint_states
+from ccm_opt.dynamics.runtime.inverse_dynamics import (
+    DynamicsFunction,
+    ForwardDynamics,
+    InverseDynamics,
+    MassMatrix,
+    joint_states,
+)
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
 from ccm_opt.io.robot_models import mjcf_text, urdf_text

@@ -83,9 +83,9 @@ def mapping(options: argparse.Namespace) -> None:
 def _fit(curves: Sequence[Configuration], links: int, method: MappingName) -> tuple[str, str]:
     """Medians over the curves of the greatest distance and of the greatest bend."""
     arm = plain_arm(links, 1.0 / links, base=np.zeros(2))
-    headings = [map_curve(arm, curve, method) for curve in curves]
-    errors = [shape_error(arm, curve, each) for curve, each in zip(curves, headings, strict=True)]
-    bends = [np.max(np.abs(np.diff(each))) for each in headings]
+    mapped = [map_curve(arm, curve, method) for curve in curves]
+    errors = [shape_error(arm, curve, each) for curve, each in zip(curves, mapped, strict=True)]
+    bends = [np.max(np.abs(each[1:])) for each in mapped]
     return f"{1e3 * float(np.median(errors)):.3f}", f"{np.rad2deg(float(np.median(bends))):.1f}"
 
 

@@ -5,7 +5,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.curve_space import ChainState
 from ccm_opt.robot.rigid_motions import bend_rotations
 
 
@@ -34,42 +33,6 @@ def rotations_by_numpy(arm: Arm, q: FloatArray) -> FloatArray:
         latest = latest @ turns[..., link, :, :]
         rotations[..., link, :, :] = latest
     return rotations
-
-
-class ChainByNumpy:
-    """As ``chain_at``, but for rounding.
-
-    Args:
-        arm: the arm.
-        matrix: B, shape (c, p).
-        offset: q₀, shape (c,).
-    """
-
-    def __init__(self, arm: Arm, matrix: FloatArray, offset: FloatArray) -> None:
-        self._arm = arm
-        self._matrix = matrix
-        self._offset = offset
-
-    def at(self, v: FloatArray) -> ChainState:
-        """The arm at coordinates of shape (p,).
-
-        A joint turns what is beyond it about the z axis of the link before and about its own y axis:
-        Ω_j = Ω_(j−1) + z B_a + y B_b, and its link carries the next joint along: dP_(j+1) = dP_j + l Ω_j × t_j.
-        """
-        arm = self._arm
-        bends = 2 * arm.links
-        q = self._matrix @ v + self._offset
-        rotations = rotations_by_numpy(arm, q)
-        about_z = np.concatenate((arm.base_rotation[None, :, 2], rotations[:-1, :, 2]))
-        about_y = rotations[:, :, 1]
-        turns = (
-            about_z[:, :, None] * self._matrix[0:bends:2, None] + about_y[:, :, None] * self._matrix[1:bends:2, None]
-        )
-        omega = np.cumsum(turns, axis=0)
-        jacobian = np.zeros((arm.links + 1, 3, len(v)))
-        np.cumsum(arm.link_length * np.cross(omega, rotations[:, :, :1], axis=1), axis=0, out=jacobian[1:])
-        jacobian += np.multiply.outer(arm.direction, self._matrix[bends:].sum(axis=0))
-        return ChainState(q, positions_of_links(arm, q, rotations), rotations, omega, jacobian)
 
 
 def space_chain_by_numpy(arm: Arm, q: FloatArray, slopes: FloatArray) -> Pose:

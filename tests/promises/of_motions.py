@@ -123,14 +123,14 @@ def arc(arm: Arm, curvature: float) -> Configuration:
 def bowed(start: float, wanted: float) -> Case:
     """A motion from one bow, and the bow that it should begin at."""
     arm = plain_arm(12, 0.05)
-    begin = arm.bends(map_curve(arm, arc(arm, start), "least-squares"))
+    begin = map_curve(arm, arc(arm, start), "least-squares")
     return fixed(0.5 * begin, arm, begin).asked(start=JointPose.along(arm, arc(arm, wanted)))
 
 
 def ending_bowed(end: float, wanted: float) -> Case:
     """A motion to one bow, and the bow that it should end at."""
     arm = plain_arm(12, 0.05)
-    there = arm.bends(map_curve(arm, arc(arm, end), "least-squares"))
+    there = map_curve(arm, arc(arm, end), "least-squares")
     case = fixed(there, arm, 0.5 * there)
     return case.asked(goal=JointPose.along(arm, arc(arm, wanted)))
 
@@ -164,7 +164,7 @@ AT_STOP = JointPose(np.full(LINKS, 0.2))
 def stopping_bowed(wanted: float) -> Case:
     """A stop at a bow that is another."""
     arm = plain_arm(LINKS)
-    there = arm.bends(map_curve(arm, arc(arm, 1.0), "least-squares"))
+    there = map_curve(arm, arc(arm, 1.0), "least-squares")
     case = fixed(there, arm)
     motion = case.trajectory
     back = replace(motion, positions=motion.positions[::-1], velocities=-motion.velocities[::-1])

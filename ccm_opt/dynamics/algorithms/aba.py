@@ -11,15 +11,7 @@ import casadi as ca
 from ccm_opt.dynamics.algorithms import aba_free, aba_geared
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.in_plane import AT_REST, OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.link_algebra import (
-    BALL_JOINTS,
-    angles_of,
-    inward,
-    model_symbols,
-    outward,
-    per_ball,
-    sines_and_cosines,
-)
+from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, angles_of
 from ccm_opt.robot.arm import Axes
 
 
@@ -31,35 +23,6 @@ class AbaSteps(NamedTuple):
     inertia: Any
     base: Any
     acceleration: Any
-
-
-def build_aba(structure: Structure) -> Any:
-    """CasADi function ``aba(q, qd, tau, thrust, bodies, drives, world) -> (qdd, feed)``, as ``build_rnea`` does.
-
-    A base that does not slide has the acceleration 0, whatever the thrust.
-    """
-    q = ca.SX.sym("q", structure.joints)
-    qd = ca.SX.sym("qd", structure.joints)
-    tau = ca.SX.sym("tau", structure.joints)
-    thrust = ca.SX.sym("thrust")
-    bodies, drives, world = model_symbols(structure.links)
-
-    steps = aba_steps(structure)
-    trig = sines_and_cosines(per_ball(q))
-    rates = per_ball(qd)
-    _, (motion,) = outward(steps.velocity, ca.DM.zeros(3), [trig, rates])
-    columns = [trig, motion, per_ball(tau), rates, bodies, drives]
-    whole_arm, (solved,) = inward(steps.inertia, steps.tip(world), columns)
-    at_base, feed = steps.base(whole_arm, thrust, world)
-    _, (accelerations,) = outward(steps.acceleration, at_base, [trig, motion, solved, bodies])
-
-    return ca.Function(
-        "aba",
-        [q, qd, tau, thrust, bodies, drives, world],
-        [ca.vec(accelerations), feed],
-        ["q", "qd", "tau", "thrust", "bodies", "drives", "world"],
-        ["qdd", "feed"],
-    )
 
 
 def aba_steps(structure: Structure) -> AbaSteps:

@@ -1,4 +1,4 @@
-"""Algebra of links and ball joints, and sweeps along the chain.
+"""Algebra of links and ball joints.
 
 Angles (a, b, c) = (θ1, θ2, θ3); every vector is given in the frame of the child link, whose x axis lies along the link.
 With R = Rz(a) Ry(b) Rx(c) or Rz(a) Ry(b) Rz(c) the relative angular velocity is w = S(q) q̇, and the ball's moment n
@@ -6,15 +6,10 @@ gives the revolute torques τ = Sᵀ n (Featherstone, Rigid Body Dynamics Algori
 closed form; its determinant is −cos b (zyx) or −sin b (zyz).
 
 A link is symmetric about the x axis of its frame, which leaves few terms of each product.
-
-The compiled runtime has the same two loops in C (``runtime/recursion.c``), so these serve its interpreted stand-in, the
-mass matrix and the tests. Written-out expressions grow linearly with the arm and build in 0.12 s for 1152 joints; loops
-folded by CasADi (``mapaccum``) build faster, but its virtual machine takes twice as long for every call of them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 
@@ -206,67 +201,9 @@ def unpack(packed: Any) -> Any:
     return ca.vertcat(*(ca.horzcat(*row) for row in rows))
 
 
-class ModelSymbols(NamedTuple):
-    """Symbols of an arm's numbers, one column a link; see ``ArmModel``.
-
-    Attributes:
-        bodies: shape (4, links).
-        drives: shape (6, links).
-        world: shape (5,).
-    """
-
-    bodies: Any
-    drives: Any
-    world: Any
-
-
-def model_symbols(links: int) -> ModelSymbols:
-    """Symbols of the numbers of an arm with so many links."""
-    return ModelSymbols(ca.SX.sym("bodies", 4, links), ca.SX.sym("drives", 6, links), ca.SX.sym("world", 5))
-
-
-def per_ball(column: Any) -> Any:
-    """View of a column of all revolutes, (3 * links,), with one ball a column, (3, links)."""
-    return ca.reshape(column, 3, column.shape[0] // 3)
-
-
-def sines_and_cosines(angles: Any) -> Any:
-    """Sines over cosines of the angles of every ball, shape (6, links) for angles (3, links)."""
-    return ca.vertcat(ca.sin(angles), ca.cos(angles))
-
-
 def angles_of(trigonometry: Any) -> Angles:
-    """The sines and cosines of one ball from its column of ``sines_and_cosines``."""
+    """The sines and cosines of one ball from one column of both."""
     return Angles(trigonometry[:3], trigonometry[3:])
-
-
-def outward(step: Any, state: Any, columns: Sequence[Any]) -> tuple[Any, list[Any]]:
-    """Run ``step(state, *columns) -> (state, *outputs)`` from base to tip.
-
-    Args:
-        step: CasADi function of one link.
-        state: start state at the base.
-        columns: inputs with one column a link.
-
-    Returns:
-        The state at the tip, and the outputs, one column a link.
-    """
-    links = columns[0].shape[1]
-    outputs_of_links = []
-    for k in range(links):
-        state, *outputs = step(state, *(column[:, k] for column in columns))
-        outputs_of_links.append(outputs)
-    return state, [ca.horzcat(*column) for column in zip(*outputs_of_links, strict=True)]
-
-
-def inward(step: Any, state: Any, columns: Sequence[Any]) -> tuple[Any, list[Any]]:
-    """Run a step from tip to base; inputs and outputs keep their order from base to tip."""
-    state, outputs = outward(step, state, [_reversed(column) for column in columns])
-    return state, [_reversed(output) for output in outputs]
-
-
-def _reversed(columns: Any) -> Any:
-    return columns[:, ::-1]
 
 
 def base_step(state: Any, mass: Any, bias: Any) -> Any:

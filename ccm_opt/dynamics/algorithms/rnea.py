@@ -19,47 +19,8 @@ import casadi as ca
 
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.in_plane import OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.link_algebra import (
-    BALL_JOINTS,
-    angles_of,
-    centripetal,
-    inward,
-    model_symbols,
-    outward,
-    per_ball,
-    sines_and_cosines,
-)
+from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, angles_of, centripetal
 from ccm_opt.robot.arm import Axes
-
-
-def build_rnea(structure: Structure) -> Any:
-    """CasADi function ``rnea(q, qd, qdd, feed, bodies, drives, world) -> (tau, thrust)``.
-
-    ``q``, ``qd``, ``qdd`` and ``tau`` are columns of 3 * links, ``feed`` is the acceleration of the base along the base
-    heading and ``thrust`` the force along it; ``bodies`` (4, links), ``drives`` (6, links) and ``world`` (5,) are those
-    of ``ArmModel``.
-    """
-    q = ca.SX.sym("q", structure.joints)
-    qd = ca.SX.sym("qd", structure.joints)
-    qdd = ca.SX.sym("qdd", structure.joints)
-    feed = ca.SX.sym("feed")
-    bodies, drives, world = model_symbols(structure.links)
-
-    steps = rnea_steps(structure)
-    trig = sines_and_cosines(per_ball(q))
-    rates = per_ball(qd)
-    rate_changes = per_ball(qdd)
-    tip, (loads,) = outward(steps.outward, steps.base(world, feed), [trig, rates, rate_changes, bodies])
-    columns = [trig, loads, rates, rate_changes, bodies, drives]
-    force, (torques,) = inward(steps.inward, steps.tip(tip, world), columns)
-
-    return ca.Function(
-        "rnea",
-        [q, qd, qdd, feed, bodies, drives, world],
-        [ca.vec(torques), force[0]],
-        ["q", "qd", "qdd", "feed", "bodies", "drives", "world"],
-        ["tau", "thrust"],
-    )
 
 
 class RneaSteps(NamedTuple):

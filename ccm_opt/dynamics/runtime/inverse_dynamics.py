@@ -212,6 +212,31 @@ class InverseDynamics:
         return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
 
+class MassMatrix:
+    """Mass matrix of an arm, payload and rotors included.
+
+    Its columns are what unit accelerations need where nothing weighs and nothing moves yet.
+
+    Args:
+        arm: the arm.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._dynamics = InverseDynamics(arm, np.zeros(3))
+
+    def __call__(self, angles: FloatArray) -> FloatArray:
+        """Mass matrix M, shape (3 * links, 3 * links) [kg m²], at angles of shape (3 * links,) [rad]."""
+        return self.with_feed(angles)[1:, 1:]
+
+    def with_feed(self, angles: FloatArray) -> FloatArray:
+        """Mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1); units with kg and kg m."""
+        unit = np.eye(len(angles) + 1)
+        states = np.broadcast_to(angles, (len(unit), len(angles)))
+        torques, forces = self._dynamics.efforts(states, np.zeros_like(states), unit[:, 1:], unit[:, 0])
+        columns = np.column_stack((forces, torques))
+        return np.asarray(0.5 * (columns + columns.T))
+
+
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
     """A planar trajectory as motion and efforts of all drives: the revolutes, and the axes that carry the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)

@@ -38,8 +38,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.compiled_loop import LoopParameters
+from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix
 from ccm_opt.problem import Disturbances, Limits, SimulationOptions
 from ccm_opt.robot.arm import Arm
 
