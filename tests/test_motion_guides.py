@@ -15,21 +15,15 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
 from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
-from ccm_opt.planning.hairpin import Hairpin, fold_track
+from ccm_opt.planning.hairpin import fold_track
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import CachedItems
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.retraction import Withdrawal
 from ccm_opt.planning.search_run import first_candidates
 from ccm_opt.planning.settings import (
     GoalSettings,
-    GuideSettings,
-    HairpinSettings,
-    InterpolationSettings,
     SearchSettings,
     StepSettings,
-    TipLedSettings,
-    WithdrawalSettings,
 )
 from ccm_opt.planning.spline_path import certified_spline, clamped_spline
 from ccm_opt.planning.step import GoalPose, Stepper, polish
@@ -299,38 +293,6 @@ def test_a_tracks_heading_is_its_tangent_unwrapped(seed: int, first: float) -> N
     np.testing.assert_allclose(np.diff(headings), np.diff(turns), atol=1e-9)
     assert np.cos(headings[0] - turns[0]) == pytest.approx(1.0)
     assert abs(headings[0] - first) <= np.pi + 1e-9
-
-
-def test_settings_reach_every_guide() -> None:
-    """A stepper's settings decide which hairpins are tried, and every guide advances and pulls by its own part."""
-    guides = GuideSettings(
-        interpolation=InterpolationSettings(advance=0.03),
-        tip_led=TipLedSettings(advance=0.2),
-        hairpin=HairpinSettings(lengths=(6.0,), advance=0.1, leash=100.0),
-        withdrawal=WithdrawalSettings(advance=0.05),
-    )
-    scene = Scene(make_arm(), Workspace(ROOM), np.zeros(24), 1.5 + np.linspace(0.0, 1.0, 24))
-    stepper, start = make_stepper(scene)
-    stepper = replace(stepper, settings=replace(stepper.settings, guides=guides))
-    paths = motion_task(scene.problem()).tip_paths[:1]
-    tried = list(first_candidates(stepper, start, (goal_coordinates(stepper, scene.goal),), paths))
-    made = [candidate.make_guide() for candidate in tried]
-    assert sum(candidate.name.startswith("hairpin of 6,") for candidate in tried) == 1
-    for guide in made:
-        assert isinstance(guide, Interpolation | TipLed | Hairpin | Withdrawal)
-        expected = {
-            Interpolation: guides.interpolation,
-            TipLed: guides.tip_led,
-            Hairpin: guides.hairpin,
-            Withdrawal: guides.withdrawal,
-        }
-        assert guide.settings is expected[type(guide)]
-    assert {type(guide) for guide in made} == {Interpolation, TipLed, Hairpin, Withdrawal}
-
-    fold = next(guide for guide in made if isinstance(guide, Hairpin))
-    before = fold.fold_at
-    assert fold.progress(start)
-    assert before - fold.fold_at == pytest.approx(0.1 * stepper.space.nominal_length)
 
 
 def swept_angle(path: FloatArray, centre: FloatArray) -> float:

@@ -28,7 +28,6 @@ from ccm_opt.core.polyline import (
 )
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import DEFAULT_GUIDES, InterpolationSettings, TipLedSettings
 
 _COORDINATE_WEIGHT = 0.0001
 """Of the coordinates themselves, which ties down what no link heading shows. Taste."""
@@ -153,6 +152,15 @@ def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, wi
     return mean
 
 
+HEADING_WINDOW = 2.0
+"""Length over which a track's heading is smoothed, in nominal links. Measured, as the hairpin's numbers are."""
+_TIP_ADVANCE = 0.4
+"""Travel of the tip's target in one step, in nominal links. Taste."""
+_TURN_ADVANCE = 0.1
+"""Turn of the fastest link by which the target of an interpolation goes on in one step [rad]. Taste; below the step's
+own limit, so that the arm can keep up."""
+
+
 @dataclass
 class TipLed:
     """Leads the tip along a track.
@@ -161,13 +169,11 @@ class TipLed:
         space: the link space.
         track: from the tip to the goal.
         arc: where the target is on the track [m].
-        settings: advances, leashes and weights.
     """
 
     space: LinkSpace
     track: TipTrack
     arc: float = 0.0
-    settings: TipLedSettings = DEFAULT_GUIDES.tip_led
 
     @property
     def nominal_length(self) -> float:
@@ -215,7 +221,7 @@ class TipLed:
         """Move the target on if the tip keeps up."""
         if self.arc >= self.track.length or not self._keeps_up(pose):
             return False
-        self.arc = min(self.track.length, self.arc + self.settings.advance * self.nominal_length)
+        self.arc = min(self.track.length, self.arc + _TIP_ADVANCE * self.nominal_length)
         return True
 
     def finished(self, pose: Pose) -> bool:
@@ -245,14 +251,12 @@ class Interpolation:
         start: v_a, shape (p,).
         end: v_b, shape (p,).
         u: how far the target has come, in [0, 1].
-        settings: advance, leash and weights.
     """
 
     space: LinkSpace
     start: FloatArray
     end: FloatArray
     u: float = 0.0
-    settings: InterpolationSettings = DEFAULT_GUIDES.interpolation
 
     def target(self) -> FloatArray:
         """Headings the links should have now, shape (links,) [rad]."""
@@ -280,9 +284,8 @@ class Interpolation:
         if self.lag(pose) > _INTERPOLATION_LEASH or self.u >= 1.0:
             return False
         # In steps of equal turn, however far the two ends are apart.
-        advance = self.settings.advance
         whole_turn = float(np.max(np.abs(self.space.matrix @ (self.end - self.start))))
-        self.u = min(1.0, self.u + advance / max(whole_turn, advance))
+        self.u = min(1.0, self.u + _TURN_ADVANCE / max(whole_turn, _TURN_ADVANCE))
         return True
 
     def finished(self, pose: Pose) -> bool:

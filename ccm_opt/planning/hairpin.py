@@ -37,11 +37,10 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.continuation import Guide, GuideCandidate
-from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack, shortened
+from ccm_opt.planning.guides import HEADING_WINDOW, Interpolation, TipLed, TipTrack, shortened
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.passage_widths import passage_widths
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import DEFAULT_GUIDES, HairpinSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
@@ -69,6 +68,19 @@ _LONGEST_SHAPE = 1.1
 the path seems a little too long. Taste."""
 
 
+# What is measured here was chosen on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved
+# all fifteen at the first attempt, and 150 of 150 from perturbed starts; tests/benchmarks/bench_ompl.py runs them.
+FOLD_LENGTHS = (5.0, 7.0, 4.0, 9.0)
+"""Of the hairpin that are tried, in nominal links. Measured: what suits a passage lies between the least and the
+greatest."""
+FOLD_SHARE = 1.18
+"""Length of the hairpin that fits a passage, as a share of its width. Measured."""
+_ADVANCE = 0.3
+"""Travel of the fold in one step, in nominal links. Measured."""
+_LEASH = 2.5
+"""How far the tip may lag behind its target before the fold waits, in nominal links. Measured."""
+
+
 @dataclass
 class Hairpin:
     """Reference headings and tip targets for one fold.
@@ -81,7 +93,6 @@ class Hairpin:
         old: headings φ_old of the old shape, shape (links,) [rad].
         fold_length: length λ of the hairpin [m].
         fold_at: arc length f of the fold on the old shape [m]; runs from L to 0 and on while it opens at the base.
-        settings: advances, leashes and weights.
     """
 
     space: LinkSpace
@@ -90,7 +101,6 @@ class Hairpin:
     old: FloatArray
     fold_length: float
     fold_at: float
-    settings: HairpinSettings = DEFAULT_GUIDES.hairpin
 
     @property
     def nominal_length(self) -> float:
@@ -156,9 +166,9 @@ class Hairpin:
     def progress(self, pose: Pose) -> bool:
         """Let the fold travel a little if the tip keeps up."""
         # A fold that left its tip behind would ask for headings that fit no place where the arm can be.
-        if self._lag(pose) > self.settings.leash * self.nominal_length:
+        if self._lag(pose) > _LEASH * self.nominal_length:
             return False
-        self.fold_at -= self.settings.advance * self.nominal_length
+        self.fold_at -= _ADVANCE * self.nominal_length
         return True
 
     def finished(self, pose: Pose) -> bool:
@@ -236,16 +246,14 @@ def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Lengths of the hairpin in nominal links, the one that fits the passage first: width times ``passage_share``."""
+    """Lengths of the hairpin in nominal links, the one that fits the passage first."""
     arm = stepper.space.arm
-    settings = stepper.settings.guides
-    hairpin = settings.hairpin
-    widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
+    widths = passage_widths(stepper.finder.walls, path.taut, arm.length)
     # A fold turns inside the width that the arm's own thickness leaves.
     width = float(np.quantile(widths, _PASSAGE_QUANTILE)) - 2.0 * arm.radius
-    wanted = hairpin.passage_share * width / stepper.space.nominal_length
-    fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
-    others = [length for length in hairpin.lengths if abs(length - fitting) > _SAME_LENGTH]
+    wanted = FOLD_SHARE * width / stepper.space.nominal_length
+    fitting = float(np.clip(wanted, min(FOLD_LENGTHS), max(FOLD_LENGTHS)))
+    others = [length for length in FOLD_LENGTHS if abs(length - fitting) > _SAME_LENGTH]
     return fitting, *others
 
 
@@ -329,8 +337,7 @@ def fold_about_to_travel(
     last_heading = float(start.q[-1])
     window = heading_window(stepper)
     track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
-    settings = stepper.settings.guides.hairpin
-    return Hairpin(stepper.space, track, retraced, start.q, fold_length, arm.length, settings)
+    return Hairpin(stepper.space, track, retraced, start.q, fold_length, arm.length)
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
@@ -347,15 +354,15 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
     """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
-    return Interpolation(stepper.space, pose.v, goal, settings=stepper.settings.guides.interpolation)
+    return Interpolation(stepper.space, pose.v, goal)
 
 
 def led_along(stepper: Stepper, pose: Pose, taut: FloatArray) -> TipLed:
     """The tip of a pose drawn along a taut path that begins there, shape (k, 2) [m]."""
     track = TipTrack.along(taut, heading_window(stepper), float(pose.q[-1]))
-    return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)
+    return TipLed(stepper.space, track)
 
 
 def heading_window(stepper: Stepper) -> float:
     """Length over which a track's heading is smoothed [m]."""
-    return stepper.settings.guides.heading_window * stepper.space.nominal_length
+    return HEADING_WINDOW * stepper.space.nominal_length

@@ -16,8 +16,8 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import arc_lengths, points_at
 from ccm_opt.planning.continuation import Guide, GuideCandidate
-from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
-from ccm_opt.planning.hairpin import heading_window
+from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.hairpin import led_along
 from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import Stepper
@@ -192,7 +192,7 @@ def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: 
     """From before the gates straight to a pose of the whole arm."""
     del path
     del guide
-    return Interpolation(stepper.space, pose.v, whole_arm, settings=stepper.settings.guides.interpolation)
+    return Interpolation(stepper.space, pose.v, whole_arm)
 
 
 def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
@@ -201,5 +201,4 @@ def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]
     taut = path.free_space.taut_path(np.vstack((pose.points[-1], rest)), shrink=path.shrink)
-    track = TipTrack.along(taut, heading_window(stepper), float(pose.q[-1]))
-    return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)
+    return led_along(stepper, pose, taut)

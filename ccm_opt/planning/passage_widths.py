@@ -8,8 +8,10 @@ from ccm_opt.core.polygons import cross
 from ccm_opt.core.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.settings import DEFAULT_GUIDES
 from ccm_opt.scene.walls import Walls
+
+WIDTH_SAMPLES = 96
+"""Places along a path at which its passage is measured. Taste."""
 
 _LEAST_MARGIN = 0.001
 """Least planning margin, in nominal links. Taste."""
@@ -37,9 +39,8 @@ def nominal_links_asked(task: MotionTask) -> float:
     """
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
-    settings = task.settings.guides.passages
     walls = task.workspace.flat_walls
-    widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
+    widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length)
     narrowest = float(widths.min()) / task.arm.length
     if narrowest * NOMINAL_LINKS >= _NARROW:
         return NOMINAL_LINKS
@@ -69,11 +70,10 @@ def gap_beside_arm(task: MotionTask) -> float:
     """
     arm = task.arm
     walls = task.workspace.flat_walls
-    samples = task.settings.guides.passages.samples
     rooms = []
     for path in task.tip_paths:
         if path.length > 0.0:
-            half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())
+            half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length).min())
             # With a wider margin than it has at the goal the tip would never arrive.
             rooms.append(
                 min(half_width, *(_room_about(task, places) for places in (path.gate_places, path.route[-1:])))
@@ -86,10 +86,8 @@ def _room_about(task: MotionTask, places: FloatArray) -> float:
     return task.gap_about(places) + task.arm.radius + task.workspace.clearance
 
 
-def passage_widths(
-    walls: Walls, path: FloatArray, widest: float, samples: int = DEFAULT_GUIDES.passages.samples
-) -> FloatArray:
-    """Width of the passage at places evenly spread along a path, shape (samples,) [m].
+def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
+    """Width of the passage at places evenly spread along a path, shape (``WIDTH_SAMPLES``,) [m].
 
     Across the path, to the first wall on the left and on the right; a side without a wall counts ``widest``.
 
@@ -97,25 +95,24 @@ def passage_widths(
         walls: the walls.
         path: shape (k, 2) [m].
         widest: what is not looked beyond [m].
-        samples: number of places.
     """
-    places, tangent = evenly_along(path, samples)
+    places, tangent = evenly_along(path)
     # Along the normal to the first edge on either side; where there is none, as wide as is asked about.
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     place, along = _crossings(walls, places, across, widest)
-    left = np.full(samples, widest)
-    right = np.full(samples, widest)
+    left = np.full(WIDTH_SAMPLES, widest)
+    right = np.full(WIDTH_SAMPLES, widest)
     np.minimum.at(left, place, np.where(along >= 0.0, along, widest))
     np.minimum.at(right, place, np.where(along <= 0.0, -along, widest))
     widths: FloatArray = np.minimum(left + right, widest)
     return widths
 
 
-def evenly_along(path: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
-    """Places evenly spread along a path (k, 2) between its ends, and the path's directions there, each (samples, 2)."""
+def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places evenly spread along a path (k, 2) between its ends, and the path's directions there."""
     path = without_repeats(path, 0.0)
     arcs = arc_lengths(path)
-    at = np.linspace(0.0, arcs[-1], samples + 2)[1:-1]
+    at = np.linspace(0.0, arcs[-1], WIDTH_SAMPLES + 2)[1:-1]
     leg = legs_at(arcs, at)
     tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
     return path[leg] + (at - arcs[leg])[:, None] * tangent, tangent

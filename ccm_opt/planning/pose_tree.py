@@ -9,8 +9,8 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.continuation import Guide
-from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
-from ccm_opt.planning.hairpin import pulled_over
+from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.link_space import fit_coordinates
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import DEFAULT_TREES
@@ -243,7 +243,7 @@ class ExtensionSampler:
         try:
             taut = taut_round_base(self.free_space, pose.points, route, side, self.shrink)
             path = TipPath(side, route, taut, 0.0, self.free_space, self.shrink)
-            length = float(self.rng.choice(self.stepper.settings.guides.hairpin.lengths))
+            length = float(self.rng.choice(FOLD_LENGTHS))
             candidate = next(pulled_over(self.stepper, pose, None, path, (length,)), None)
         except UnreachableGoal:
             candidate = None
@@ -254,19 +254,15 @@ class ExtensionSampler:
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
         """The tip of a node along a path; a shape when there is no such path."""
         pose = tree.poses[node]
-        space = self.stepper.space
-        guides = self.stepper.settings.guides
         try:
             points = path_of_tip()
         except UnreachableGoal:
             return self.to_shape(tree)
-        track = TipTrack.along(points, guides.heading_window * space.nominal_length, float(pose.q[-1]))
-        return Extension(node, TipLed(space, track, settings=guides.tip_led))
+        return Extension(node, led_along(self.stepper, pose, points))
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
         """The whole arm of a node straight towards a pose."""
-        settings = self.stepper.settings.guides.interpolation
-        return Extension(node, Interpolation(self.stepper.space, tree.poses[node].v, target.v, settings=settings))
+        return Extension(node, Interpolation(self.stepper.space, tree.poses[node].v, target.v))
 
     def _pose(self, headings: FloatArray) -> Pose:
         """The pose of the link space that comes nearest to link headings."""

@@ -18,11 +18,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import path_length, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate
-from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
-from ccm_opt.planning.hairpin import Hairpin, fold_about_to_travel, leaving_joint
-from ccm_opt.planning.passage_widths import evenly_along, passage_widths
+from ccm_opt.planning.guides import Interpolation, TipTrack
+from ccm_opt.planning.hairpin import FOLD_LENGTHS, FOLD_SHARE, Hairpin, fold_about_to_travel, leaving_joint, led_along
+from ccm_opt.planning.passage_widths import WIDTH_SAMPLES, evenly_along, passage_widths
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import DEFAULT_GUIDES, WithdrawalSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
@@ -49,6 +48,10 @@ _NEAR_BASE = 3.0
 """Links nearer to the base along the arm than this do not count, in nominal links. Taste."""
 
 
+_ADVANCE = 0.15
+"""Travel of the fold in one step, in nominal links. Taste."""
+
+
 @dataclass
 class Withdrawal:
     """Leads a fold from where the arm leaves its new shape to the tip.
@@ -59,13 +62,11 @@ class Withdrawal:
         turns: whole turns of the base by which the way back winds the pose that is wanted [rad].
         free_from: arc length on the track before which the arm fills no passage [m]: drawn back so far, the tip can go
             on as it likes.
-        settings: advances, leashes and weights.
     """
 
     fold: Hairpin
     turns: float = 0.0
     free_from: float = 0.0
-    settings: WithdrawalSettings = DEFAULT_GUIDES.withdrawal
 
     def afresh(self) -> "Withdrawal":
         """The same with its fold where that is now, to be followed on its own."""
@@ -109,7 +110,7 @@ class Withdrawal:
         """Let the fold travel a little towards the tip if that keeps up."""
         if self._lag(pose) > _LEASH * self.fold.nominal_length:
             return False
-        self.fold.fold_at += self.settings.advance * self.fold.nominal_length
+        self.fold.fold_at += _ADVANCE * self.fold.nominal_length
         return True
 
     def _lag(self, pose: Pose) -> float:
@@ -221,8 +222,7 @@ def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
 
 def width_of_fold(stepper: Stepper) -> float:
     """Width of a passage in which a fold has room [m]."""
-    hairpin = stepper.settings.guides.hairpin
-    return 2.0 * stepper.space.arm.radius + hairpin.lengths[0] / hairpin.passage_share * stepper.space.nominal_length
+    return 2.0 * stepper.space.arm.radius + FOLD_LENGTHS[0] / FOLD_SHARE * stepper.space.nominal_length
 
 
 def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
@@ -233,13 +233,11 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
         start: the pose that counts.
         way: of the tip, shape (k, 2) [m].
     """
-    guides = stepper.settings.guides
     unit = stepper.space.nominal_length
-    samples = guides.passages.samples
     if path_length(way) <= 0.0:
-        return np.full(samples, np.inf)
-    places, _ = evenly_along(way, samples)
-    widths = passage_widths(stepper.finder.walls, way, stepper.space.arm.length, samples)
+        return np.full(WIDTH_SAMPLES, np.inf)
+    places, _ = evenly_along(way)
+    widths = passage_widths(stepper.finder.walls, way, stepper.space.arm.length)
     axis = shapely.LineString(start.points)
     apart = shapely.distance(shapely.points(places), axis)
     # Near the base the way back and the way on lie beside the same links.
@@ -274,15 +272,13 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
         return None
     fold = fold_about_to_travel(stepper, replace(end, q=wound), way, joint, route, length)
     fold.run_through()
-    settings = stepper.settings.guides.withdrawal
-    return Withdrawal(fold, turns, _free_from(stepper, start, fold.track), settings)
+    return Withdrawal(fold, turns, _free_from(stepper, start, fold.track))
 
 
 def _free_from(stepper: Stepper, start: Pose, track: TipTrack) -> float:
     """Arc length on a track from a goal pose's tip to the start's before which a fold has room beside the arm [m]."""
     confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < width_of_fold(stepper))
-    samples = stepper.settings.guides.passages.samples
-    return track.length * float(confined[0]) / samples if len(confined) else 0.0
+    return track.length * float(confined[0]) / WIDTH_SAMPLES if len(confined) else 0.0
 
 
 def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
@@ -291,10 +287,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
         raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
     remaining = np.vstack((pose.points[-1], guide.onward()))
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)
-    window = stepper.settings.guides.heading_window * stepper.space.nominal_length
-    return TipLed(
-        stepper.space, TipTrack.along(taut, window, float(pose.q[-1])), settings=stepper.settings.guides.tip_led
-    )
+    return led_along(stepper, pose, taut)
 
 
 def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
@@ -302,4 +295,4 @@ def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
     wound = end.v.copy()
     if isinstance(guide, Withdrawal):
         wound[0] += guide.turns
-    return Interpolation(stepper.space, pose.v, wound, settings=stepper.settings.guides.interpolation)
+    return Interpolation(stepper.space, pose.v, wound)

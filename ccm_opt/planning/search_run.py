@@ -19,7 +19,7 @@ from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.backward import pose_at_goal
 from ccm_opt.planning.continuation import Guide, GuideCandidate, GuideIntoSet, Stalled, follow, settle, without_pauses
 from ccm_opt.planning.guides import Interpolation
-from ccm_opt.planning.hairpin import fitting_folds, led_along, pulled_over
+from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pulled_over
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
@@ -28,7 +28,6 @@ from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
@@ -40,6 +39,8 @@ almost stands still in places cannot be timed well. Taste."""
 _PUT_OFF = 0.5
 """Probability with which a seed other than 0 puts a candidate off until the others have been tried. Taste."""
 
+_CORNER = 0.02
+"""Turn that makes a corner of a path [rad]. Taste."""
 _FEW_CORNERS = 2
 """A route with more corners bends the arm so that straight interpolation seldom works. Taste."""
 
@@ -70,7 +71,7 @@ def mouth_of_passage(stepper: Stepper, start: Pose, path: TipPath) -> float | No
     if len(filled) == 0:
         return None
     # The tip's way leads back along the arm: what it passes last is nearest to the base.
-    places, _ = evenly_along(path.taut, stepper.settings.guides.passages.samples)
+    places, _ = evenly_along(path.taut)
     axis = shapely.LineString(start.points)
     return float(shapely.line_locate_point(axis, shapely.points(places[filled])).min())
 
@@ -101,10 +102,10 @@ def first_candidates(
         yield from (tip_led(stepper, start, path) for path in sorted(tip_paths, key=lambda path: path.length))
 
     interpolated = _interpolations(stepper, start, goal_coordinates)
-    if whole_arm is not None or goes_straight(tip_paths, stepper.settings.guides):
+    if whole_arm is not None or goes_straight(tip_paths):
         yield from interpolated
 
-    first_length = stepper.settings.guides.hairpin.lengths[:1]
+    first_length = FOLD_LENGTHS[:1]
     withdrawn = _withdrawn(stepper, start, goal_coordinates, tip_paths, first_length, whole_arm=whole_arm is not None)
     # Out of a narrow place the arm comes only as it came in, and a tip that is drawn back alone buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
@@ -131,9 +132,8 @@ def first_candidates(
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
     """Straight to one pose at the goal after the other; each is made when it is asked for."""
-    settings = stepper.settings.guides.interpolation
     for k, goal in enumerate(goal_coordinates, start=1):
-        make_guide = partial(Interpolation, stepper.space, start.v, goal, settings=settings)
+        make_guide = partial(Interpolation, stepper.space, start.v, goal)
         yield GuideCandidate(f"interpolation {k}", make_guide)
 
 
@@ -152,13 +152,13 @@ def _withdrawn(
             yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
 
 
-def goes_straight(tip_paths: tuple[TipPath, ...], settings: GuideSettings = DEFAULT_GUIDES) -> bool:
+def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
     """Whether the tip's first path is straight and its route has few corners, so that interpolation probably works."""
     if not tip_paths:
         return False
     first = tip_paths[0]
-    straight = _corners(first.taut, settings.corner) == 0
-    return straight and _corners(first.route, settings.corner) <= _FEW_CORNERS
+    straight = _corners(first.taut, _CORNER) == 0
+    return straight and _corners(first.route, _CORNER) <= _FEW_CORNERS
 
 
 def _corners(path: FloatArray, least_turn: float) -> int:
@@ -175,12 +175,10 @@ def further_candidates(
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
     """Folds of other lengths, back and forth; arguments as for ``first_candidates``."""
-    others = stepper.settings.guides.hairpin.lengths[1:]
+    others = FOLD_LENGTHS[1:]
     yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
     for path in tip_paths:
-        lengths = stepper.settings.guides.hairpin.lengths
-        if whole_arm is not None:
-            lengths = fitting_folds(stepper, path)
+        lengths = FOLD_LENGTHS if whole_arm is None else fitting_folds(stepper, path)
         yield from pulled_over(stepper, start, whole_arm, path, lengths[1:])
 
 
@@ -373,8 +371,7 @@ class SearchRun:
         """Poses from near the goal onto it: settled, or for a whole-arm goal led straight into its coordinates."""
         if self.goal.coordinates is None:
             return settle(self.stepper, self.goal, pose, self.task.deadline)
-        settings = self.stepper.settings.guides.interpolation
-        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates, settings=settings)
+        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates)
         poses = follow(self.stepper, guide, pose, self.task.deadline)
         return [*poses, self.stepper.pose(self.goal.coordinates)]
 

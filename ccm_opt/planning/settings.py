@@ -69,100 +69,6 @@ DEFAULT_ENDS = EndSettings()
 
 
 @dataclass(frozen=True)
-class InterpolationSettings:
-    """Numbers of the straight interpolation of coordinates.
-
-    Attributes:
-        advance: turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own
-            limit, so that the arm can keep up.
-    """
-
-    advance: float = 0.1
-
-
-@dataclass(frozen=True)
-class TipLedSettings:
-    """Numbers of tip-led continuation, against a weight of 1 for the tip's error in nominal links.
-
-    Attributes:
-        advance: travel of the target in one step, in nominal links. Taste.
-    """
-
-    advance: float = 0.4
-
-
-@dataclass(frozen=True)
-class HairpinSettings:
-    """Numbers of the travelling hairpin, against a weight of 1 for the tip's error in nominal links.
-
-    What is measured was chosen on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved all
-    fifteen at the first attempt, and 150 of 150 from perturbed starts; ``tests/benchmarks/bench_ompl.py`` runs them.
-
-    Attributes:
-        lengths: of the hairpin that are tried, in nominal links. Measured: what suits a passage lies between the least
-            and the greatest.
-        passage_share: length of the hairpin that fits a passage, as a share of its width. Measured.
-        advance: travel of the fold in one step, in nominal links. Measured.
-        leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured.
-    """
-
-    lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
-    passage_share: float = 1.18
-    advance: float = 0.3
-    leash: float = 2.5
-
-
-@dataclass(frozen=True)
-class WithdrawalSettings:
-    """Numbers of drawing an arm back along itself.
-
-    Attributes:
-        advance: travel of the fold in one step, in nominal links. Taste.
-    """
-
-    advance: float = 0.15
-
-
-@dataclass(frozen=True)
-class PassageWidthSettings:
-    """Numbers of how passages are measured, and what follows from their width.
-
-    Attributes:
-        samples: places along a path at which its passage is measured. Taste.
-    """
-
-    samples: int = 96
-
-
-@dataclass(frozen=True)
-class GuideSettings:
-    """Numbers of the guides and of the candidates made of them.
-
-    Attributes:
-        heading_window: length over which a track's heading is smoothed, in nominal links. Measured, as the hairpin's
-            numbers are.
-        corner: turn that makes a corner of a path [rad]. Taste.
-        interpolation: of the straight interpolation of coordinates.
-        tip_led: of tip-led continuation.
-        hairpin: of the travelling hairpin.
-        withdrawal: of drawing back.
-        passages: of how passages are measured.
-    """
-
-    heading_window: float = 2.0
-    corner: float = 0.02
-    interpolation: InterpolationSettings = field(default_factory=InterpolationSettings)
-    tip_led: TipLedSettings = field(default_factory=TipLedSettings)
-    hairpin: HairpinSettings = field(default_factory=HairpinSettings)
-    withdrawal: WithdrawalSettings = field(default_factory=WithdrawalSettings)
-    passages: PassageWidthSettings = field(default_factory=PassageWidthSettings)
-
-
-DEFAULT_GUIDES = GuideSettings()
-"""What guides take when they are not given other settings."""
-
-
-@dataclass(frozen=True)
 class ConvexSettings:
     """Numbers of the sequential convex programming.
 
@@ -487,7 +393,6 @@ class MotionSettings:
         tracking: of tracking a reference motion.
         user_limits: of the user's constraints.
         search: of the search over all strategies.
-        guides: of the guides and candidates.
         tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
         connect: of RRT-Connect.
@@ -504,7 +409,6 @@ class MotionSettings:
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
     user_limits: UserLimitSettings = field(default_factory=UserLimitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
-    guides: GuideSettings = field(default_factory=GuideSettings)
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)

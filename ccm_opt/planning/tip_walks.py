@@ -20,7 +20,7 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import path_length, unit_vector
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.continuation import GuideCandidate, GuideIntoSet, Stalled, follow, settle
-from ccm_opt.planning.hairpin import led_along, pulled_over
+from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
@@ -190,7 +190,7 @@ def _straight_on(run: SearchRun, ways: TipWays) -> Iterator[GuideCandidate]:
     # The same path, mostly.
     if along_arm is None or abs(path_length(along_arm) - shortest.length) > SHORTEST:
         yield _led(run, "the shortest", shortest.taut)
-    lengths = run.stepper.settings.guides.hairpin.lengths[:1]
+    lengths = FOLD_LENGTHS[:1]
     yield from pulled_over(run.stepper, run.start, None, shortest, lengths)
 
 

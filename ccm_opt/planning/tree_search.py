@@ -264,10 +264,9 @@ class TreeSearch:
         if not len(other):
             return
         pose = tree.poses[node]
-        interpolation = self.task.steppers[-1].settings.guides.interpolation
         for target in np.argsort(other.distances(pose))[:_CONNECTIONS]:
             end = other.poses[int(target)]
-            guide = Interpolation(self.task.space, pose.v, end.v, settings=interpolation)
+            guide = Interpolation(self.task.space, pose.v, end.v)
             poses = self._led(guide, pose, _CONNECTION_PATIENCE)
             arrived = guide.finished(poses[-1])
             if arrived:

@@ -364,7 +364,7 @@ def led_between(start: FloatArray, end: FloatArray, task: MotionTask, space: Fed
     for links in task.settings.search.margins:
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
         stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
-        guide = Interpolation(space, first, last, settings=task.settings.guides.interpolation)
+        guide = Interpolation(space, first, last)
         try:
             poses = follow(stepper, guide, stepper.pose(first), task.deadline)
         except Stalled:
