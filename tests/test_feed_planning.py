@@ -16,7 +16,7 @@ from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.feed.fed_task import GuideTubeLimit
-from ccm_opt.planning.feed.feed_planner import FeedPlanner, Reshaping, reshaping_at_once
+from ccm_opt.planning.feed.feed_planner import FeedPlanner, reshaped, reshaping_at_once
 from ccm_opt.planning.feed.finishing import path_time
 from ccm_opt.planning.feed.leader_paths import ElasticBand
 from ccm_opt.planning.feed.query import FeedQuery
@@ -188,8 +188,9 @@ def test_reshaping_leaves_the_guide_alone() -> None:
         bends[-beyond + 1 : -beyond + 3] = 0.4
         start = np.zeros(arm.links)
         start[-beyond + 1 : -beyond + 3] = 0.3
-        reshaping = Reshaping(problem, Deadline.after(900.0))
-        keyframes = reshaping.keyframes(JointPose(start, feed), bends, 0.8)
+        assert problem.arm.feed is not None
+        query = FeedQuery.from_problem(problem, problem.arm.feed, Deadline.after(900.0))
+        keyframes = reshaped(query, 1.0, JointPose(start, feed), bends, 0.8)
         assert keyframes is not None
         assert np.array_equal(keyframes[:, -1], np.full(len(keyframes), feed))
         assert not keyframes[:, : arm.links - beyond].any()

@@ -43,9 +43,8 @@ _PLANNING_SHARE = 0.9
 """Share of the time limit that planning may use; timing and verification need the rest. Taste."""
 _RESHAPING_SHARE = 0.25
 """Share of the time limit that one change of shape may use. Taste."""
-_PUT_OFF = 2
-"""Motions that are put off before the shortest of them is taken, and others that are tried where one grazes walls.
-Taste: looking for one costs as much as making its path."""
+_COMPARED = 2
+"""Others that a path which lasts long or grazes walls is compared with. Taste: each costs as much as the first."""
 
 _SAME_POSE = 1e-7
 """Bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below anything that
@@ -60,51 +59,39 @@ _SEPARATION = 2
 which four control points shape, mixes the change with a moving feed."""
 
 
-@dataclass(frozen=True)
-class Reshaping:
-    """Plans motions of the part of the arm that is beyond the hole.
+def reshaped(
+    query: FeedQuery, share: float, start: JointPose, goal: FloatArray | TipGoal, outside: float
+) -> FloatArray | None:
+    """Keyframes from a pose to other bends, or to a goal of the tip, at the feed of the pose.
 
-    Attributes:
-        problem: of the whole arm, with a feed axis.
-        deadline: when to stop.
-        settings: of the planner.
+    Args:
+        query: what is asked.
+        share: of the time limit that looking for them may use.
+        start: where the motion begins.
+        goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
+        outside: arc length from which on joints may bend [m].
+
+    Returns:
+        Shape (K, links + 1), or None when no motion was found.
     """
-
-    problem: Problem
-    deadline: Deadline
-    settings: FeedPlannerSettings = DEFAULT_FEED
-
-    def keyframes(self, start: JointPose, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
-        """Keyframes from a pose to other bends, or to a goal of the tip, at the feed of the pose.
-
-        Args:
-            start: where the motion begins.
-            goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
-            outside: arc length from which on joints may bend [m].
-
-        Returns:
-            Shape (K, links + 1), or None when no motion was found.
-        """
-        part = PartBeyond.of(self.problem, start, goal, outside)
-        if part is None:
-            return None
-        planner = CurvePlanner(settings=self.settings.curve)
-        try:
-            motion = find_motion(planner.motion_task(part.problem, part.ends(self.settings), self.deadline))
-        except NoPlanFound:
-            return None
-        return self._whole(start, part.problem.arm.bends(motion.configurations), clamped=part.clamped)
-
-    def _whole(self, start: JointPose, bends: FloatArray, *, clamped: bool) -> FloatArray:
-        """Keyframes of the whole arm, the part before straight."""
-        links = self.problem.arm.links
-        first = links - bends.shape[1]
-        whole = np.zeros((len(bends), links + 1))
-        whole[:, first:links] = bends
-        if clamped:
-            whole[:, first] = 0.0
-        whole[:, -1] = start.feed
-        return whole
+    part = PartBeyond.of(query.problem, start, goal, outside)
+    if part is None:
+        return None
+    settings = query.settings
+    deadline = query.deadline.within(share * query.problem.planner.time_limit)
+    try:
+        motion = find_motion(
+            CurvePlanner(settings=settings.curve).motion_task(part.problem, part.ends(settings), deadline)
+        )
+    except NoPlanFound:
+        return None
+    bends = part.problem.arm.bends(motion.configurations)
+    keyframes = np.zeros((len(bends), query.arm.links + 1))
+    keyframes[:, part.first : -1] = bends
+    if part.clamped:
+        keyframes[:, part.first] = 0.0
+    keyframes[:, -1] = start.feed
+    return keyframes
 
 
 def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
@@ -152,7 +139,7 @@ def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> I
         pose = JointPose(bends, end.feed)
         if query.path_of(pose) is None:
             continue
-        keyframes = _reshaper(query, _RESHAPING_SHARE).keyframes(end, bends, query.feed.hole)
+        keyframes = reshaped(query, _RESHAPING_SHARE, end, bends, query.feed.hole)
         if keyframes is not None:
             rest = np.tile(pose.configuration(query.arm), (1 + _SEPARATION, 1))
             yield StraightenedEnd(np.concatenate((keyframes[:-1], rest)), pose)
@@ -190,7 +177,7 @@ def reshaping_at_once(query: FeedQuery, share: float) -> Iterator[ProposedMotion
     goal = query.problem.goal if query.goal is None else query.goal.bends
     if not isinstance(goal, TipGoal | np.ndarray):
         return
-    keyframes = _reshaper(query, share).keyframes(query.start, goal, query.feed.hole)
+    keyframes = reshaped(query, share, query.start, goal, query.feed.hole)
     if keyframes is not None:
         yield ProposedMotion(pinned(query, keyframes), (), "change shape at the start's feed")
 
@@ -214,7 +201,7 @@ def reshaping(query: FeedQuery, path: LeaderPath, share: float) -> Iterator[Prop
         before = JointPose(there[-1, :-1], feed)
         # Where the feed does not move before the change, joints may bend right up to the hole.
         outside = query.feed.hole if len(there) == 1 else query.outside
-        changed = _reshaper(query, share).keyframes(before, pose_on(arm, path, feed), outside)
+        changed = reshaped(query, share, before, pose_on(arm, path, feed), outside)
         if changed is not None:
             onward = slide(arm, path, feed, end)
             keyframes = joined_keyframes(there, changed, onward)
@@ -239,12 +226,6 @@ def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
     if query.start_path is None:
         return None
     return slide(query.arm, query.start_path, query.start.feed, feed)
-
-
-def _reshaper(query: FeedQuery, share: float) -> Reshaping:
-    """Changes of shape, none of which may use more than a share of the time limit."""
-    deadline = query.deadline.within(share * query.problem.planner.time_limit)
-    return Reshaping(query.problem, deadline, query.settings)
 
 
 _FIRST_CURVES = 5
@@ -364,48 +345,24 @@ class _FeedSearch:
             self.leader_paths = LeaderPaths(problem, problem.goal, deadline, settings)
 
     def run(self) -> JointPath:
-        """The first motion that is certified.
+        """The path of the first motion that has one, or of the best of a few.
 
         Raises:
             NoPlanFound: when none is.
         """
-        put_off: list[ProposedMotion] = []
-        best: JointPath | None = None
-        others = 0
+        found: list[JointPath] = []
         for motion in self._motions():
-            others += best is not None
-            # A motion that is much longer than it might be waits for a few others: perhaps one of them is better.
-            if self.finishing.is_long(motion):
-                put_off.append(motion)
-                path = self._first_path(put_off) if len(put_off) > _PUT_OFF else None
-            else:
-                path = self.finishing.path(motion)
-            best = self._better(best, path)
-            # So does one that grazes walls.
-            if best is not None and (others >= _PUT_OFF or not self.finishing.grazes(best)):
-                return best
+            path = self.finishing.path(motion)
+            if path is not None:
+                found.append(path)
+                # One that lasts long or grazes walls waits for a few others: perhaps one of them is better.
+                if len(found) > _COMPARED or not (self.finishing.is_long(motion) or self.finishing.grazes(path)):
+                    break
             if self.query.deadline.passed():
                 break
-        best = self._better(best, self._first_path(put_off))
-        if best is None:
+        if not found:
             raise self._nothing_found()
-        return best
-
-    def _better(self, one: JointPath | None, other: JointPath | None) -> JointPath | None:
-        """The path that is preferred, where there are two."""
-        if one is None or other is None:
-            return other if one is None else one
-        return other if self.finishing.preferred(other, one) else one
-
-    def _first_path(self, motions: list[ProposedMotion]) -> JointPath | None:
-        """The path of the quickest of some motions that have one, in which room counts too; they are used up."""
-        best: JointPath | None = None
-        for motion in sorted(motions, key=self.finishing.duration):
-            # Turns say little of how smooth a path is: one that is quicker as it stands is worth a look.
-            if best is None or self.finishing.quicker_as_it_is(motion, best):
-                best = self._better(best, self.finishing.path(motion))
-        motions.clear()
-        return best
+        return min(found, key=self.finishing.time_for_room)
 
     def _motions(self) -> Iterator[ProposedMotion]:
         """All motions to try; those that follow a leader all the time first, but where an end cannot be drawn back."""

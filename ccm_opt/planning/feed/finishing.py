@@ -123,7 +123,9 @@ class Finishing:
         plain = replace(plain, leaders=proposed.leaders)
         if self._worthwhile(found, follows=bool(proposed.leaders)):
             path = self._smooth(optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found)))
-            if path is not None and (self.task.weights != Weights() or self.preferred(path, plain)):
+            if path is not None and (
+                self.task.weights != Weights() or self.time_for_room(path) < self.time_for_room(plain)
+            ):
                 return path
         return plain
 
@@ -231,17 +233,13 @@ class Finishing:
         longer = duration_estimate(found) > _WORTH_SHORTENING * _straight_line(found)
         return longer or self.task.weights != Weights() or (not follows and lacks_room(found, self.task))
 
-    def preferred(self, one: JointPath, other: JointPath) -> bool:
-        """Whether one path is quicker than another, or has so much more room that it makes up for it."""
-        return self._time_for_room(one) < self._time_for_room(other)
-
     def grazes(self, path: JointPath) -> bool:
         """Whether a path passes walls much closer than its ends lie and than is wanted."""
         ends = self.query.arm.poses(path.spline(np.array([0.0, 1.0])))
         most = min(self.task.wanted_gap, self.task.least_gap(ends))
         return self._room(path) < _GRAZING * most
 
-    def _time_for_room(self, path: JointPath) -> float:
+    def time_for_room(self, path: JointPath) -> float:
         """The least duration of a path [s], longer by the room that it lacks: half the room counts as √2 times."""
         time = self.time(path)
         wanted = self.task.wanted_gap
@@ -249,11 +247,6 @@ class Finishing:
             return time
         share = self._room(path) / wanted
         return time * float(np.clip(share, _LEAST_ROOM, 1.0) ** -_ROOM_EXPONENT)
-
-    def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
-        """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""
-        spline = clamped_spline(proposed.keyframes)
-        return path_time(self.query.arm, self.query.problem.limits, spline) < self.time(path)
 
     def _cost(self, path: JointPath) -> float:
         """What the user's costs make of a path: their weighted means over its samples."""

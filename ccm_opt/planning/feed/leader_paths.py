@@ -78,6 +78,8 @@ _CHORD_ALLOWANCE = 1e-2
 """Share of a path's length by which the arm on it may be longer than its chords. Taste."""
 _CURVE_STRETCHES = (1.03, 1.1, 1.25, 1.5, 2.0)
 """Lengths of the continuous curve that are tried, over that of the taut path. Taste."""
+_CURVE_SPACING = 0.25
+"""Distance between the points of the continuous curve that a path is laid through, in link lengths. Taste."""
 _CURVE_ATTEMPTS = 3
 """Attempts of the configuration's NLP at one curve. Taste."""
 
@@ -297,7 +299,9 @@ class LeaderPaths:
                 return
             curve = self._curve(free_space, route, begin, end, length)
             if curve is not None:
-                yield self._path(straight, curve, f"curve {k} of {long_length(length)}")
+                spacing = _CURVE_SPACING * self.problem.arm.link_length
+                places = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length / spacing))) + 1)
+                yield self._path(straight, curve.positions_at(places), f"curve {k} of {long_length(length)}")
 
     @property
     def _band_margins(self) -> tuple[float, ...]:
@@ -323,10 +327,7 @@ class LeaderPaths:
         begin, end = self._curve_ends(straight)
         # Routes are drawn with a distance from corners; the band finds its own.
         taut = free_space.path_of_sleeve(route.sleeve, begin, end)
-        points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
-        if self._last_link > 0.0:
-            points = np.vstack((points, self.goal.position))
-        return path_through(arm, straight, points, name, self.goal.heading, self.settings.following)
+        return self._path(straight, band.smoothed(taut, (arm.base_heading, self.goal.heading)), name)
 
     def _curve_candidates(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, Route, float]]:
         """Free space, a route through it and a length of the curve, in the order they are tried."""
@@ -412,26 +413,10 @@ class LeaderPaths:
             self.refusals = (*self.refusals, refused.diagnosis.reason)
             return None
 
-    def _path(self, straight: float, curve: Configuration, name: str) -> LeaderPath:
-        """The feed axis, the curve and the last link, sampled."""
-        arm = self.problem.arm
-        spacing = arm.link_length / self.settings.following.samples_per_link
-        on_curve = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length / spacing))) + 1)
-
-        first = min(arm.base_range[0], 0.0) - arm.link_length
-        on_axis = np.arange(first, straight - 0.5 * spacing, arm.link_length)
-
-        points = [arm.base + on_axis[:, None] * arm.direction, curve.positions_at(on_curve)]
-        headings = [np.full(len(on_axis), arm.base_heading), curve.heading_at(on_curve)]
-        arcs = [on_axis, straight + on_curve]
+    def _path(self, straight: float, points: FloatArray, name: str) -> LeaderPath:
+        """The feed axis up to where points begin, a curve through these, shape (m, 2) [m], and the last link."""
+        points = points[1:]
         if self._last_link > 0.0:
-            points.append(self.goal.position[None])
-            headings.append(headings[-1][-1:])
-            arcs.append(arcs[-1][-1:] + self._last_link)
-        return LeaderPath(
-            np.concatenate(arcs),
-            np.concatenate(points),
-            np.concatenate(headings),
-            straight,
-            name,
-        )
+            points = np.vstack((points, self.goal.position))
+        arm = self.problem.arm
+        return path_through(arm, straight, points, name, self.goal.heading, self.settings.following)

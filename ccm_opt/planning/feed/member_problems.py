@@ -8,7 +8,7 @@ along their own paths first, no farther than need be: what is left to change is 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -246,19 +246,23 @@ def _with_held_links(problem: Problem, start: JointPose, first: int) -> Workspac
 
 def part_of(arm: Arm, first: int, feed: float) -> Arm:
     """The arm from one of its joints on, its base fixed where that joint is at some feed."""
-    values = {each.name: getattr(arm, each.name) for each in fields(arm)}
-    values |= {
-        "links": arm.links - first,
-        "base": arm.base + (feed + first * arm.link_length) * arm.direction,
-        "base_limit": arm.base_limit if first == 0 else arm.joint_limit,
-        "mount_length": max(arm.mount_length - first * arm.link_length, 0.0),
-        "feed": None,
-    }
-    for name in ("masses", "inertia_axial", "inertia_transverse"):
-        values[name] = values[name][first:]
-    for name in ("rotor_inertia", "friction"):
-        values[name] = values[name] if np.ndim(values[name]) == 0 else values[name][3 * first :]
-    return Arm(**values)
+
+    def of_joints(values: FloatArray | float) -> FloatArray | float:
+        return values[3 * first :] if isinstance(values, np.ndarray) and values.ndim else values
+
+    return replace(
+        arm,
+        links=arm.links - first,
+        base=arm.base + (feed + first * arm.link_length) * arm.direction,
+        base_limit=arm.base_limit if first == 0 else arm.joint_limit,
+        mount_length=max(arm.mount_length - first * arm.link_length, 0.0),
+        masses=arm.masses[first:],
+        inertia_axial=arm.inertia_axial[first:],
+        inertia_transverse=arm.inertia_transverse[first:],
+        rotor_inertia=of_joints(arm.rotor_inertia),
+        friction=of_joints(arm.friction),
+        feed=None,
+    )
 
 
 _DRAWN_BACK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
