@@ -14,7 +14,7 @@ from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
+from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.selfcollision import first_distant
 
 from .arms import plain_arm
@@ -27,7 +27,9 @@ def remarks(arm: Arm, bends: Any) -> tuple[str, ...]:
     """What is said of a motion with given poses as samples."""
     positions = np.asarray(bends, dtype=np.float64)
     one = np.ones(3 * arm.links)
-    problem = Problem("said", ROOM, arm, Limits(one, one), JointPose(positions[0]), JointPose(positions[-1]))
+    room = ROOM if arm.dimension == 2 else Workspace(bounds=None, obstacles=())
+    first, last = (JointPose.from_configuration(positions[k], arm.coordinates) for k in (0, -1))
+    problem = Problem("said", room, arm, Limits(one, one), first, last)
     still = np.zeros_like(positions)
     return left_unchecked(problem, JointTrajectory(0.005 * np.arange(len(positions)), positions, still, still))
 
@@ -79,7 +81,8 @@ def test_links_that_cross_though_they_are_near_are_named() -> None:
 )
 def test_arms_in_space_say_the_same(changes: dict[str, Any], said: tuple[str, ...]) -> None:
     """All that follows from the arm alone."""
-    told = left_unchecked_of_arm(space_arm(**changes))
+    arm = space_arm(**changes)
+    told = remarks(arm, np.zeros((2, 2 * arm.links)))
     assert len(told) == len(said)
     assert all(words in clause for words, clause in zip(said, told, strict=True))
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.kept_plan import room_in_space
+from ccm_opt.driver.kept_plan import kept_room
 from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
@@ -147,7 +147,7 @@ def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: f
     top = 4.0 * problem.default_gap
     for plan in found.plans:
         assert plan.solution is not None
-        room = room_in_space(with_gap(problem, top), plan.solution.trajectory)
+        room = kept_room(with_gap(problem, top), plan.solution.trajectory, plan.solution.checks)
         bound = possible_gap(problem, room)
         assert bound is not None
         assert min(room.nearest.gap, top) <= bound.value + problem.tolerances.position

@@ -28,8 +28,7 @@ from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, RoomRecord
-from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
-from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.viz.checks_section import checks_in_words
 
 MALFORMED = ("samples", "joint names")
@@ -57,8 +56,10 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
-    room = _room(problem, motion, own) if whole else None
-    left_out = _left_unchecked(problem, motion) if room is not None else ()
+    from ccm_opt.driver.kept_plan import kept_room  # noqa: PLC0415 - loads the simulation
+
+    room = kept_room(problem, motion.trajectory, own) if whole else None
+    left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
     of_record = [] if room is None else _checks_of_record(folder, problem, motion, recorded, own, room, left_out)
     checks = (*own, *of_terms, *of_record)
     passed = all(check.passed for check in checks)
@@ -91,23 +92,6 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         }
 
     return print_result(show, SOLVED if passed else NO_PLAN, data)
-
-
-def _left_unchecked(problem: Problem, motion: SavedMotion) -> tuple[str, ...]:
-    """What nothing was held against, a clause each."""
-    if problem.dimension == 3:
-        # Links in space that cross are refused, however near they are along the arm.
-        return left_unchecked_of_arm(problem.arm)
-    return left_unchecked(problem, motion.trajectory)
-
-
-def _room(problem: Problem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:
-    """The room that the motion keeps."""
-    if problem.dimension == 3:
-        from ccm_opt.driver.kept_plan import room_in_space  # noqa: PLC0415 - as above
-
-        return room_in_space(problem, motion.trajectory)
-    return room_over_time(problem, motion.trajectory, problem.wanted_gap, own)
 
 
 def _checks_of_record(

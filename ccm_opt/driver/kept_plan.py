@@ -21,7 +21,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.metrics import metrics
-from ccm_opt.driver.settings import DEFAULT_SETTINGS, DEFAULT_SPACE_LOOKS, Settings, SpaceLookSettings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
@@ -39,10 +39,12 @@ from ccm_opt.solution import (
     Solution,
     SurvivedError,
 )
-from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
+from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_LOOKS = 400
+"""Samples at which the room is measured in space, at most. Taste: as many as a chart shows."""
 _BEYOND_WANTED = 1.5
 """How far the room is looked at, in wanted gaps; a link at least. Taste: the chart's height."""
 
@@ -89,18 +91,25 @@ def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
     return float(shapely.length(line)) - one.rounding - other.rounding
 
 
-def room_in_space(
-    problem: Problem, trajectory: JointTrajectory, settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS
+def kept_room(
+    problem: Problem, trajectory: JointTrajectory, checks: Sequence[Check], settings: Settings = DEFAULT_SETTINGS
 ) -> RoomRecord:
-    """The record of the room that a verified motion keeps.
+    """The record of the room that a verified motion keeps, with nothing in it of what would have been possible.
 
     Args:
         problem: what was asked.
         trajectory: the motion.
-        settings: at how many samples is looked, and how far.
+        checks: of the verifier, which know its least gaps.
+        settings: of all stages.
     """
+    if problem.dimension == 3:
+        return _room_in_space(problem, trajectory)
+    return room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
+
+
+def _room_in_space(problem: Problem, trajectory: JointTrajectory) -> RoomRecord:
     rests = [0, *trajectory.stops, len(trajectory.time) - 1]
-    even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
+    even = np.linspace(0, len(trajectory.time) - 1, min(_LOOKS, len(trajectory.time))).round().astype(np.intp)
     samples = np.union1d(even, rests)
     points = problem.arm.joint_positions_at(trajectory.positions[samples])
     # Far enough that the wanted gap, or the usual one, can be told from more.
@@ -132,18 +141,9 @@ def room_of(
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
 ) -> RoomRecord:
-    """The record of the room that a verified motion keeps.
-
-    Args:
-        problem: what was asked.
-        trajectory: the motion.
-        checks: of the verifier, which know its least gaps.
-        settings: of all stages.
-    """
-    if problem.dimension == 3:
-        return room_in_space(problem, trajectory, settings.looks)
-    room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
-    if room.wanted == 0.0:
+    """The same with what bounds the room of any motion in the plane; arguments as for ``kept_room``."""
+    room = kept_room(problem, trajectory, checks, settings)
+    if room.wanted == 0.0 or problem.dimension == 3:
         return room
     if not room.short:
         # What the motion keeps is possible, and more was not wanted.
@@ -197,11 +197,6 @@ def assembled(
         tolerance: errors that it survives.
     """
     own = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
-    if problem.dimension == 3:
-        # Links in space that cross are refused, however near they are along the arm.
-        not_checked = left_unchecked_of_arm(problem.arm)
-    else:
-        not_checked = left_unchecked(problem, plan.trajectory)
     return Solution(
         problem=problem,
         path=plan.path,
@@ -215,7 +210,7 @@ def assembled(
         room=room,
         tolerance=tolerance,
         tries=plan.tries,
-        not_checked=not_checked,
+        not_checked=left_unchecked(problem, plan.trajectory),
     )
 
 

@@ -8,14 +8,13 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.arguments import expect_arguments
-from ccm_opt.driver.kept_plan import room_in_space
+from ccm_opt.driver.kept_plan import kept_room
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
-from ccm_opt.verification.room_over_time import room_over_time
 
 
 @dataclass(frozen=True)
@@ -195,11 +194,9 @@ def largest_wanted_gap(
 
 def _bound_below(most: float, plan: Solution, settings: Settings) -> PossibleGap | None:
     """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
-    if plan.problem.dimension == 3:
-        options = replace(plan.problem.planner, wanted_gap=most)
-        of_most = room_in_space(replace(plan.problem, planner=options, source=""), plan.trajectory, settings.looks)
-        return possible_gap(plan.problem, of_most, settings.diagnosis)
-    room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
+    options = replace(plan.problem.planner, wanted_gap=most)
+    asked = replace(plan.problem, planner=options, source="")
+    room = kept_room(asked, plan.trajectory, plan.checks, settings)
     return possible_gap(plan.problem, room, settings.diagnosis)
 
 

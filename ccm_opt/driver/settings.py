@@ -19,21 +19,6 @@ from ccm_opt.verification.verification_settings import VerificationSettings
 
 
 @dataclass(frozen=True)
-class SpaceLookSettings:
-    """How closely a motion in space is looked at after it was verified.
-
-    Attributes:
-        looks: samples at which the room is measured, at most. Taste: as many as a chart shows.
-    """
-
-    looks: int = 400
-
-
-DEFAULT_SPACE_LOOKS = SpaceLookSettings()
-"""Used where no other settings are given."""
-
-
-@dataclass(frozen=True)
 class Settings:
     """Settings of every stage; each class says of each number what it means and where it comes from.
 
@@ -52,7 +37,6 @@ class Settings:
         transitions: of timing by Paul's transitions.
         verification: tolerances of the verifier.
         room: how closely the room that a motion keeps is looked at.
-        looks: the same in space.
         tolerance: how closely the errors that a motion survives are sought.
         user_terms: how users' constraints are checked on the finished motion.
         simulation: of the simulation and the checks before it.
@@ -71,7 +55,6 @@ class Settings:
     transitions: PaulSettings = field(default_factory=PaulSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     room: RoomSettings = field(default_factory=RoomSettings)
-    looks: SpaceLookSettings = field(default_factory=SpaceLookSettings)
     tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
     user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)

@@ -23,8 +23,9 @@ def left_unchecked(
         A clause each.
     """
     arm = problem.arm
-    remarks = left_unchecked_of_arm(arm)
-    if not arm.self_collision:
+    remarks = _of_arm(arm)
+    # Links in space that cross are refused, however near they are along the arm.
+    if not arm.self_collision or arm.dimension == 3:
         return remarks
     motion = ChainMotion(arm, trajectory.time, trajectory.positions)
     crossing = crossing_near_links(motion, settings.for_problem(problem))
@@ -33,12 +34,8 @@ def left_unchecked(
     return (*remarks, f"{crossing}: links less than {first_distant(arm)} apart along the arm are not kept apart")
 
 
-def left_unchecked_of_arm(arm: Arm) -> tuple[str, ...]:
-    """What follows from the arm alone, in the plane and in space: its mount, and links that are not kept apart.
-
-    Returns:
-        A clause each.
-    """
+def _of_arm(arm: Arm) -> tuple[str, ...]:
+    """What follows from the arm alone: its mount, and links that are not kept apart."""
     remarks = [_of_mount(arm)]
     if not arm.self_collision:
         remarks.append("links were not kept apart from each other, since arm.self_collision is false")

@@ -8,7 +8,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.solution import PossibleGap, RoomRecord, ShortStretch, Solution, SurvivedError
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointTrajectory, NearPlace, PossibleGap, RoomRecord, ShortStretch, Solution, SurvivedError
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
@@ -122,21 +123,19 @@ def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | No
     room = solution.room
     if room is None or not room.nearest.link:
         return None
-    place = _place_of_least_gap(solution, room)
+    place = place_of_least_gap(solution.problem, solution.trajectory, room.nearest)
     return {"place": [float(value) for value in place], "words": next(room_sentences(room, units))}
 
 
-def _place_of_least_gap(solution: Solution, room: RoomRecord) -> FloatArray:
-    """Half-way between the two bodies at the time of their least gap, shape (2,) [m]."""
-    near = room.nearest
-    trajectory = solution.trajectory
+def place_of_least_gap(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
+    """Half-way between the two bodies of a least gap at its time, shape (2,) [m]."""
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
-    points = solution.problem.arm.joint_positions_at(np.array(at))
+    points = problem.arm.joint_positions_at(np.array(at))
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
     if near.second_link:
         second: shapely.Geometry = shapely.LineString(points[near.second_link - 1 : near.second_link + 1])
     else:
-        second = next(wall.core for wall in solution.problem.workspace.walls if wall.name == near.obstacle)
+        second = next(wall.core for wall in problem.workspace.walls if wall.name == near.obstacle)
     middle: FloatArray = shapely.get_coordinates(shapely.shortest_line(first, second)).mean(axis=0)
     return middle
 

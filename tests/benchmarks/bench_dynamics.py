@@ -37,8 +37,8 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
 from ccm_opt.solution import Solution
-from ccm_opt.viz.arm_drawing import ArmView
 from hatch_build import build
+from tests.benchmarks.arm_view import ArmView
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
