@@ -18,7 +18,7 @@ from ccm_opt.planning.search import TREES
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import DEFAULT_TREES, GoalSettings
 from ccm_opt.planning.strategies import TreeStrategy, find_motion
-from ccm_opt.planning.tree_search import TreeSearch, TreeTask, search_by_trees
+from ccm_opt.planning.tree_search import TreeSearch, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -50,10 +50,9 @@ NO_CANDIDATES = (TreeStrategy(),)
 """The search without its candidates."""
 
 
-def tree_task(task: MotionTask) -> TreeTask:
-    """What the search grows its trees for."""
-    runs = [SearchRun.from_task(task, margin) for margin in task.settings.search.tree_margins]
-    return runs[-1].tree_task(tuple(run.stepper for run in runs))
+def runs_of(task: MotionTask) -> list[SearchRun]:
+    """What the search grows its trees in."""
+    return [SearchRun.from_task(task, margin) for margin in task.settings.search.tree_margins]
 
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:
@@ -86,8 +85,8 @@ def test_the_trees_meet_whole_arm_goals() -> None:
 def test_a_single_tree_settles_on_the_goal() -> None:
     """Without any pose at the goal the tree from the start finds one."""
     scene = open_scene(2)
-    asked = tree_task(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
-    poses = search_by_trees(replace(asked, goal_poses=iter(())))
+    task = motion_task(scene.problem(TipGoal(scene.goal_tip.position)))
+    poses = search_by_trees(runs_of(replace(task, guesses=(), further_guesses=lambda: iter(()))))
     assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
     assert is_certified(scene, np.array([pose.q for pose in poses]))
 
@@ -98,7 +97,7 @@ def test_the_seed_decides() -> None:
     task = motion_task(clutter(5, 40).problem(), guessing=True)
 
     def grown(seed: int) -> FloatArray:
-        both = TreeSearch.from_task(tree_task(replace(task, seed=seed, deadline=CountedDeadline.of(250))))
+        both = TreeSearch.from_runs(runs_of(replace(task, seed=seed, deadline=CountedDeadline.of(250))))
         both.run()
         return np.concatenate([pose.q for tree in both.trees for pose in tree.poses])
 
@@ -110,7 +109,7 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
     """Parent and edge of every node pass the certificate, and no two nodes of a tree are nearer than the dispersion."""
     scene = clutter(5, 40)
     task = motion_task(scene.problem(), guessing=True)
-    both = TreeSearch.from_task(tree_task(replace(task, deadline=CountedDeadline.of(1000))))
+    both = TreeSearch.from_runs(runs_of(replace(task, deadline=CountedDeadline.of(1000))))
     both.run()
     for tree in both.trees:
         assert len(tree) > 10
@@ -127,7 +126,7 @@ def test_a_deadline_ends_the_search_within_a_step() -> None:
     deadline = CountedDeadline.of(400)
     task = replace(motion_task(clutter(5, 40).problem()), deadline=deadline)
     with pytest.raises(Stalled, match="until the time limit"):
-        search_by_trees(tree_task(task))
+        search_by_trees(runs_of(task))
     assert len(deadline.asked) < 410
 
 
@@ -153,7 +152,7 @@ def test_trees_are_given_up_by_count_and_not_by_the_clock() -> None:
     task = replace(motion_task(clutter(5, 40).problem()), deadline=later(900.0))
     settings = replace(task.settings, tree=replace(DEFAULT_TREES, most_extensions=3))
     with pytest.raises(Stalled, match="grown by all of 3 extensions"):
-        search_by_trees(tree_task(replace(task, settings=settings)))
+        search_by_trees(runs_of(replace(task, settings=settings)))
 
 
 def boxed_in() -> Scene:

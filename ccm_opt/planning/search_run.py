@@ -31,7 +31,6 @@ from ccm_opt.planning.search import Failure
 from ccm_opt.planning.step import GoalPose, Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
-from ccm_opt.planning.tree_search import TreeTask
 
 _PAUSES = (0.02, 1e-3)
 """Poses nearer than this to the one before are dropped [rad], the first that leaves the motion certified; a path that
@@ -377,20 +376,6 @@ class SearchRun:
 
     def _certified(self, poses: list[Pose]) -> bool:
         return len(self.task.certificate.failures(pose_headings(poses))) == 0
-
-    def tree_task(self, steppers: tuple[Stepper, ...]) -> TreeTask:
-        """What trees of poses are to join, grown with several margins."""
-        task = self.task
-        return TreeTask(
-            steppers,
-            self.start,
-            self.goal,
-            self.goal_poses(),
-            task.tip_paths,
-            task.certificate,
-            task.deadline,
-            task.seed,
-        )
 
     def goal_poses(self) -> Iterator[Pose]:
         """The goal of the whole arm, or poses of it that have the tip at the goal."""

@@ -420,9 +420,8 @@ class TreeStrategy:
         full = task.at_full_limits()
         runs = [SearchRun.from_task(full, margin) for margin in task.settings.search.tree_margins]
         narrowest = runs[-1]
-        steppers = tuple(run.stepper for run in runs)
         try:
-            poses = search_by_trees(narrowest.tree_task(steppers))
+            poses = search_by_trees(runs)
             return narrowest.motion(TREES, narrowest.certified_without_pauses(poses))
         except Stalled as stalled:
             failures.append(narrowest.failure(TREES, stalled))

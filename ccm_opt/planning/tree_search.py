@@ -11,16 +11,13 @@ from enum import IntEnum
 
 import numpy as np
 
-from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.guides import Interpolation
-from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
-from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
-from ccm_opt.planning.settings import TreeSettings
-from ccm_opt.planning.step import GoalPose, Stepper
-from ccm_opt.planning.tip_paths import TipPath
+from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.step import GoalPose
 
 _STEPS = 250
 """Of the longest extension. Taste."""
@@ -45,41 +42,6 @@ class _Root(IntEnum):
 
     START = 0
     GOAL = 1
-
-
-@dataclass(frozen=True)
-class TreeTask:
-    """What trees are grown for.
-
-    Attributes:
-        steppers: of one link space, with different margins, narrowest last; their settings are those of the search.
-        start: where the motion begins.
-        goal: where the tip or the whole arm has to be.
-        goal_poses: draws poses at the goal.
-        tip_paths: classes of tip motions, at least one.
-        certificate: that every edge must pass.
-        deadline: when to stop.
-        seed: of every random choice.
-    """
-
-    steppers: tuple[Stepper, ...]
-    start: Pose
-    goal: GoalPose
-    goal_poses: Iterator[Pose]
-    tip_paths: tuple[TipPath, ...]
-    certificate: IntervalCertificate
-    deadline: Deadline
-    seed: int = 0
-
-    @property
-    def space(self) -> LinkSpace:
-        """The link space."""
-        return self.steppers[-1].space
-
-    @property
-    def settings(self) -> TreeSettings:
-        """Numbers of the trees."""
-        return self.steppers[-1].settings.tree
 
 
 @dataclass
@@ -112,13 +74,16 @@ class LimitedGuide:
         return self.guide.describe(pose)
 
 
-def search_by_trees(task: TreeTask) -> list[Pose]:
+def search_by_trees(runs: list[SearchRun]) -> list[Pose]:
     """Grow both trees until they meet; the poses from start to goal.
+
+    Args:
+        runs: of one task with different margins, the narrowest last; its poses and goal count.
 
     Raises:
         Stalled: when the time is up or nothing new is reached; its pose is the one nearest to the goal.
     """
-    search = TreeSearch.from_task(task)
+    search = TreeSearch.from_runs(runs)
     search.run()
     if not search.found:
         raise Stalled(search.ended(), [search.nearest_to_goal()])
@@ -130,7 +95,8 @@ class TreeSearch:
     """Two trees in the making.
 
     Attributes:
-        task: what they are grown for.
+        runs: of one task with different margins, the narrowest last.
+        goal_poses: draws poses at the goal.
         rng: source of every random choice.
         trees: from the start, and from poses at the goal.
         samplers: of their extensions.
@@ -139,7 +105,8 @@ class TreeSearch:
         found: poses from start to goal, empty as long as there are none.
     """
 
-    task: TreeTask
+    runs: list[SearchRun]
+    goal_poses: Iterator[Pose]
     rng: np.random.Generator
     trees: tuple[PoseTree, PoseTree]
     samplers: tuple[ExtensionSampler, ExtensionSampler]
@@ -148,22 +115,32 @@ class TreeSearch:
     found: list[Pose] = field(default_factory=list)
 
     @classmethod
-    def from_task(cls, task: TreeTask) -> "TreeSearch":
+    def from_runs(cls, runs: list[SearchRun]) -> "TreeSearch":
         """The start alone, before any extension."""
+        run = runs[-1]
+        task = run.task
         rng = np.random.default_rng(task.seed)
-        stepper = task.steppers[-1]
         free_space = task.tip_paths[0].free_space
         shrink = task.tip_paths[0].shrink
         # Both sides of a route share it; the arm from the goal is led to where the arm lies at the start.
         routes = tuple({id(path.route): path.route for path in task.tip_paths}.values())
-        from_start = ExtensionSampler(stepper, free_space, routes, shrink, rng)
-        from_goal = ExtensionSampler(stepper, free_space, (task.start.points,), shrink, rng)
+        from_start = ExtensionSampler(run.stepper, free_space, routes, shrink, rng)
+        from_goal = ExtensionSampler(run.stepper, free_space, (run.start.points,), shrink, rng)
 
-        length = task.space.arm.length
-        heading_weight = task.settings.heading_weight
-        trees = (PoseTree(length, heading_weight), PoseTree(length, heading_weight))
-        trees[_Root.START].add_root(task.start)
-        return cls(task, rng, trees, (from_start, from_goal))
+        heading_weight = task.settings.tree.heading_weight
+        trees = (PoseTree(task.arm.length, heading_weight), PoseTree(task.arm.length, heading_weight))
+        trees[_Root.START].add_root(run.start)
+        return cls(runs, run.goal_poses(), rng, trees, (from_start, from_goal))
+
+    @property
+    def task(self) -> MotionTask:
+        """What is looked for."""
+        return self.runs[-1].task
+
+    @property
+    def goal(self) -> GoalPose:
+        """Where the motion ends, in the coordinates of the runs."""
+        return self.runs[-1].goal
 
     def run(self) -> None:
         """Extend the trees in turn."""
@@ -177,12 +154,12 @@ class TreeSearch:
     @property
     def _exhausted(self) -> bool:
         """Whether the trees reach nothing new, or are as large as they may become."""
-        settings = self.task.settings
+        settings = self.task.settings.tree
         return self.rejected >= _SATURATED or self.extensions >= settings.most_extensions
 
     def _draw_root(self) -> None:
         """Add a pose at the goal, if there is another, and try to reach it at once."""
-        pose = next(self.task.goal_poses, None)
+        pose = next(self.goal_poses, None)
         if pose is not None:
             root = self.trees[_Root.GOAL].add_root(pose)
             self._connect(_Root.GOAL, root)
@@ -192,7 +169,7 @@ class TreeSearch:
         tree = self.trees[side]
         other = self.trees[1 - side]
         extension = self.samplers[side].draw(tree, other)
-        settings = self.task.settings
+        settings = self.task.settings.tree
         poses = self._led(extension.guide, tree.poses[extension.node], settings.patience)
         added = self._keep(tree, extension.node, self._certified(poses))
         if not added:
@@ -207,11 +184,10 @@ class TreeSearch:
 
     def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
         """The poses of one extension, with a planning margin drawn at random."""
-        task = self.task
         # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
-        stepper = task.steppers[int(self.rng.integers(len(task.steppers)))]
+        stepper = self.runs[int(self.rng.integers(len(self.runs)))].stepper
         try:
-            return follow(stepper, LimitedGuide(guide, _STEPS), pose, task.deadline, patience)
+            return follow(stepper, LimitedGuide(guide, _STEPS), pose, self.task.deadline, patience)
         except Stalled as stalled:
             return stalled.poses
 
@@ -224,7 +200,7 @@ class TreeSearch:
 
     def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:
         """Add the poses that are apart from all nodes; numbers of the new nodes."""
-        settings = self.task.settings
+        settings = self.task.settings.tree
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1
@@ -240,16 +216,16 @@ class TreeSearch:
 
     def _settle(self, node: int) -> None:
         """Draw the tip of a node that is near the goal onto it."""
-        task = self.task
-        if task.goal.coordinates is not None:
+        run = self.runs[-1]
+        if self.goal.coordinates is not None:
             return  # a goal of the whole arm is the other tree's root, which is connected to
         tree = self.trees[_Root.START]
         pose = tree.poses[node]
-        distance, _ = task.goal.errors(pose)
-        if distance > _SETTLING_DISTANCE * task.space.nominal_length:
+        distance, _ = self.goal.errors(pose)
+        if distance > _SETTLING_DISTANCE * run.stepper.space.nominal_length:
             return
         try:
-            poses = settle(task.steppers[-1], task.goal, pose, task.deadline)
+            poses = settle(run.stepper, self.goal, pose, self.task.deadline)
         except Stalled as stalled:
             # Poses near the goal are worth keeping, whatever kept the tip off it.
             self._keep(tree, node, self._certified(stalled.poses))
@@ -266,7 +242,7 @@ class TreeSearch:
         pose = tree.poses[node]
         for target in np.argsort(other.distances(pose))[:_CONNECTIONS]:
             end = other.poses[int(target)]
-            guide = Interpolation(self.task.space, pose.v, end.v)
+            guide = Interpolation(self.runs[-1].stepper.space, pose.v, end.v)
             poses = self._led(guide, pose, _CONNECTION_PATIENCE)
             arrived = guide.finished(poses[-1])
             if arrived:
@@ -296,4 +272,4 @@ class TreeSearch:
 
     def nearest_to_goal(self) -> Pose:
         """The pose reached from the start whose tip is nearest to the goal."""
-        return min(self.trees[_Root.START].poses, key=lambda pose: self.task.goal.errors(pose)[0])
+        return min(self.trees[_Root.START].poses, key=lambda pose: self.goal.errors(pose)[0])
