@@ -14,12 +14,12 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import Objective
+from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_smooth_path import certified_path
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Weights
@@ -69,8 +69,9 @@ def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
         return float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum())
 
     assert length(better.configurations) < length(motion.configurations)
-    spline = certified_path(task, better)
-    assert spline is not None
+    path = smooth_path(better, task)
+    assert path is not None
+    spline = path.spline
     judged(task, BALLS, SpaceMotion(motion.curve, better.unknowns, np.asarray(spline(np.linspace(0.0, 1.0, 300))), ""))
 
 
@@ -136,8 +137,9 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
         dense = np.concatenate([a + share * (b - a) for a, b in pairwise(q)])
         held = arm.held_bends(dense[:, -1])
         assert np.all(dense[:, :40][held] == 0.0)
-    spline = certified_path(task, motion)
-    assert spline is not None
+    path = smooth_path(motion, task)
+    assert path is not None
+    spline = path.spline
     dense = np.asarray(spline(np.linspace(0.0, 1.0, 3000)))
     assert np.all(np.abs(dense[:, :40][arm.held_bends(dense[:, -1])]) < 1e-12)
 
@@ -152,8 +154,9 @@ def test_a_fed_arm_does_not_slow_down_where_joints_leave_its_tube() -> None:
     end[1:4] = 0.3
     unknowns = np.linspace(start, end, 12)
     motion = SpaceMotion(curve, unknowns, np.stack([curve.configuration(v) for v in unknowns]), "")
-    spline = certified_path(task, motion)
-    assert spline is not None
+    path = smooth_path(motion, task)
+    assert path is not None
+    spline = path.spline
     rates = np.asarray(spline(np.linspace(0.3, 0.7, 400), 1))[:, -1]
     assert rates == pytest.approx(np.mean(rates), rel=1e-6)
     assert np.any(spline(0.7)[:40] != 0.0)
@@ -197,8 +200,9 @@ def test_a_smooth_path_bends_no_joint_beyond_its_limit() -> None:
     limit = task.arm.upper_limits[:40]
     assert np.all(np.abs(motion.configurations[:, :40]) < limit)
     assert np.any(np.abs(motion.curve.configurations(dense)[:, :40]) > 1.1 * limit)
-    spline = certified_path(task, motion)
-    assert spline is not None
+    path = smooth_path(motion, task)
+    assert path is not None
+    spline = path.spline
     q = np.asarray(spline(np.linspace(0.0, 1.0, 4000)))
     assert np.all(np.abs(q[:, :40]) <= limit + 1e-12)
     assert np.max(np.abs(q[:, :40]) / limit) > 0.9
@@ -221,9 +225,9 @@ def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:
 
     def kept_on_path(wanted: float) -> float:
         task = replace(task_of(arm, soup, None, goal_pose=configurations[-1]), wanted_gap=wanted)
-        path = certified_path(task, SpaceMotion(curve, unknowns, configurations, ""))
+        path = smooth_path(SpaceMotion(curve, unknowns, configurations, ""), task)
         assert path is not None
-        return least_gaps(arm, soup, np.asarray(path(np.linspace(0.0, 1.0, 400))))[0]
+        return least_gaps(arm, soup, np.asarray(path.spline(np.linspace(0.0, 1.0, 400))))[0]
 
     assert kept_on_path(0.0) < kept - 0.0005
     assert kept_on_path(2.0 * kept) > kept - 0.0001

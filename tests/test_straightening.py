@@ -7,7 +7,7 @@ import pytest
 
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.optimise import thinned, travel
+from ccm_opt.planning.optimisation.optimise import thinned
 from ccm_opt.planning.shortcuts import MANY_INTERVALS, straightened
 from ccm_opt.planning.strategies import find_motion
 from tests.scenes import clutter, motion_task, sweep_gaps, swept
@@ -28,7 +28,7 @@ def test_a_motion_to_and_fro_is_cut_short(seed: int) -> None:
     task, long = to_and_fro(seed, 8)
     assert len(thinned(long, task.certificate)[0]) - 1 > MANY_INTERVALS
     short = straightened(long, task)
-    assert travel(short) < 0.5 * travel(long)
+    assert short.travel < 0.5 * long.travel
     assert np.array_equal(short.unknowns[[0, -1]], long.unknowns[[0, -1]])
     assert short.curve.configurations(short.unknowns) == pytest.approx(short.configurations)
     assert len(task.certificate.failures(short.configurations)) == 0

@@ -17,7 +17,6 @@ from scipy.interpolate import BSpline
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
-from ccm_opt.planning import space_smooth_path
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, resolve_ends
@@ -25,6 +24,7 @@ from ccm_opt.planning.link_space import nearest_curve
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings, SpaceMotionSettings
+from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
@@ -396,7 +396,7 @@ class _InSpace:
         return self._searched.safe(before, after, depth=depth)
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        spline = space_smooth_path.certified_spline(self._task, keyframes)
+        spline = path_near_configurations(keyframes, self._task)
         return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.certificate.pair_gap)
 
 

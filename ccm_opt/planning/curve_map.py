@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
@@ -28,6 +29,9 @@ SETTLING = 1e-2
 SMOOTHNESS = 2.0
 """The same where the joints' turns that a smoother curve does not show are blended in: among bays of a wing box, blades
 and pipes motions to such an end are a twentieth shorter than with little, and roomier."""
+_FEED_A_SPAN = 0.12
+"""Of the base over a span of a path, at most; less than half of what joints stay straight beyond the guide tube, so
+that none is bent on a span on which the tube holds it [u]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +114,30 @@ class CurveMap:
         else:
             configurations, slopes = self.configurations_and_slopes(unknowns)
         return tuple(pose_with(self.arm, *each) for each in zip(unknowns, configurations, slopes, strict=True))
+
+    def drives(self, q: FloatArray) -> FloatArray:
+        """What the drives have to move in configurations: these themselves, shape (..., c)."""
+        return q
+
+    def along(self, spline: BSpline) -> BSpline:
+        """The path of configurations along a spline in the unknowns.
+
+        Configurations of a fed arm are taken at Greville's places of knots so near each other that a joint which bends
+        on one span is outside the guide tube on all that its control points shape. A joint that slides over where the
+        curve bends more than it can, between keyframes that know nothing of it, is bent as far as it can be.
+        """
+        limits = (self.arm.lower_limits, self.arm.upper_limits)
+        k = spline.k
+        if self.affine:
+            return BSpline(spline.t, np.clip(self.configurations(spline.c), *limits), k)
+        ends = spline.t[k:-k]
+        fed = np.asarray(spline(ends))[:, self.feed_column] * self.scale[self.feed_column]
+        most = _FEED_A_SPAN * self.nominal_length
+        parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
+        inner = np.concatenate([np.linspace(ends[i], ends[i + 1], part + 1)[1:] for i, part in enumerate(parts)])
+        knots = np.concatenate((np.zeros(k + 1), inner, np.ones(k)))
+        places = np.mean([knots[1 + i : len(knots) - k + i] for i in range(k)], axis=0)
+        return BSpline(knots, np.clip(self.configurations(np.asarray(spline(places))), *limits), k)
 
     def slopes(self, v: FloatArray) -> FloatArray:
         """Derivatives of the configuration by the unknowns, shape (c, p)."""

@@ -31,7 +31,6 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.optimisation.optimise import path_parameters
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.smooth_path import smooth_path
@@ -90,7 +89,7 @@ def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
     except Stalled:
         return None
     change = settled[-1].v - coordinates[-1]
-    u = path_parameters(known)
+    u = known.path_parameters
     for beginning in task.settings.optimisation.bending_from:
         share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
         moved = _certified(space, coordinates + (share**2 * (3.0 - 2.0 * share))[:, None] * change, known, task)

@@ -23,10 +23,8 @@ from ccm_opt.planning.optimisation.optimise import (
     keeps_limits,
     lacks_room,
     optimise,
-    path_parameters,
     room_of,
     shortened,
-    travel,
     with_more_room,
 )
 from ccm_opt.planning.step import Stepper
@@ -137,7 +135,7 @@ def _preferred(motions: list[Motion], task: MotionTask) -> Motion:
     kept = [motion for motion in motions if keeps_limits(motion, task)]
     most = max((room_of(motion, task) for motion in kept), default=0.0)
     roomy = [motion for motion in kept if _ROOMIER * room_of(motion, task) >= most]
-    return min(roomy, key=travel, default=motions[0])
+    return min(roomy, key=lambda motion: motion.travel, default=motions[0])
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
@@ -156,7 +154,7 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
     further = space.dimension - motion.curve.dimension
     before = np.pad(motion.unknowns, ((0, 0), (0, further)))
     change = end - before[-1]
-    u = path_parameters(motion)
+    u = motion.path_parameters
     for beginning in task.settings.optimisation.bending_from:
         share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
         coordinates = before + (share**2 * (3.0 - 2.0 * share))[:, None] * change

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.pose import Pose
@@ -127,6 +128,10 @@ class LinkSpace:
     def bends(self, headings: FloatArray) -> FloatArray:
         """Joint bends of link headings, shape (..., links) [rad]."""
         return self.arm.bends(headings[..., : self.arm.links])
+
+    def along(self, spline: BSpline) -> BSpline:
+        """The path of configurations along a spline of coordinates."""
+        return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
     def drives(self, headings: FloatArray) -> FloatArray:
         """What the drives have to move: joint bends [rad] and then what carries the base [link lengths], (..., c)."""

@@ -4,18 +4,33 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.pose import CurveUnknowns, Pose
 
 
-class Curve(Protocol):
+class Curve(CurveUnknowns, Protocol):
     """What a motion has to know of the map from unknowns to configurations."""
+
+    @property
+    def affine(self) -> bool:
+        """Whether configurations are affine in the unknowns."""
+        ...
 
     def configurations(self, v: FloatArray, /) -> FloatArray:
         """The configurations of unknowns, shape (K, p) to (K, c)."""
+        ...
+
+    def drives(self, q: FloatArray, /) -> FloatArray:
+        """What the drives have to move in configurations, shape (K, c) to (K, c)."""
+        ...
+
+    def along(self, spline: BSpline, /) -> BSpline:
+        """The path of configurations along a spline in the unknowns."""
         ...
 
 
@@ -49,6 +64,20 @@ class CurveMotion(Generic[CurveType]):
     def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
         """The motion through poses."""
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
+
+    @property
+    def path_parameters(self) -> FloatArray:
+        """Path parameters of the keyframes: its own, or their share of the joint path's length, shape (K,)."""
+        if self.u is not None:
+            return self.u
+        arcs = arc_lengths(self.curve.drives(self.configurations))
+        shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
+        return shares
+
+    @property
+    def travel(self) -> float:
+        """Length of the joint path, Σ |Δq|."""
+        return path_length(self.curve.drives(self.configurations))
 
 
 Motion: TypeAlias = CurveMotion[LinkSpace]

@@ -17,6 +17,7 @@ from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.optimisation.objective import JointSlowness
+from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import GoalPose
@@ -188,6 +189,30 @@ class MotionTask:
         finder = self.finder(0.0, self.wanted_gap)
         gaps = (finder.find(self.arm.points(pose)).gap.min(initial=finder.reach) for pose in headings)
         return float(min(gaps))
+
+    def room_lacking(self, q: FloatArray) -> FloatArray:
+        """By how much poses, shape (k, c), lack the wanted gap, shape (k,) [m]."""
+        finder = self.finder(0.0, self.wanted_gap)
+        gaps = [finder.find(self.arm.points(pose)).gap.min(initial=finder.reach) for pose in q]
+        return self.wanted_gap - np.array(gaps)
+
+    @property
+    def knot_joints(self) -> KnotJoints:
+        """What knots of a path may move."""
+        arm = self.arm
+        # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
+        rows = np.diff(np.eye(arm.links, arm.links + len(arm.base_axes)), axis=0, prepend=0.0)
+        return KnotJoints(rows, lambda q: arm.bends(q[..., : arm.links]), arm.bend_limits, self._free)
+
+    def _free(self, pose: FloatArray) -> FloatArray:
+        """1 for what a knot may turn, 0 for a clamped base, links in a guide tube and the base's way, shape (c,)."""
+        arm = self.arm
+        free = np.zeros(len(pose))
+        # Links up to the first joint outside the tube keep the heading of the tube.
+        free[: arm.links] = ~arm.held(arm.link_length * float(pose[arm.links :].sum()))
+        # A clamped base may not be turned, not even by the little that a knot is moved.
+        free[0] *= 0.0 if self.clamped else 1.0
+        return free
 
     def within_joint_limits(self, headings: FloatArray) -> bool:
         """Whether all bends of poses, shape (K, links) [rad], are within the joints' limits."""

@@ -1,80 +1,86 @@
-"""The smooth path through the keyframes of a motion in the plane."""
+"""The smooth path along a motion: a spline near its keyframes, or through knots on the limits that have equations."""
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.motion import Motion
-from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.optimise import path_parameters
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.limits.limit import LimitOf, restored_keyframes
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.motion import Curve, CurveMotion
 from ccm_opt.planning.path_on_limits import KnotJoints, certified_samples, spline_on_limits
-from ccm_opt.planning.spline_path import certified_spline, spare_kept
+from ccm_opt.planning.spline_path import (
+    DEGREE,
+    certified_spline,
+    clamped_spline,
+    drawn_near,
+    parameter_spans,
+    spare_kept,
+    uncertified_spans,
+)
+from ccm_opt.robot.arm import Arm
 
-_EQUATION_SAMPLES = 200
-"""Places of a path beside keyframes at which equations are looked at. Taste."""
+PATH_SAMPLES = 4
+"""Of a span between which it is looked whether the guide tube holds a joint that is bent."""
+_LOOKS = 5
+"""Places for every keyframe of the motion at which the room of the path is looked at."""
 
-
-def path_through_knots(motion: Motion, task: MotionTask) -> BSpline | None:
-    """The certified path through knots that meet the task's limits; None when there is none.
-
-    Args:
-        motion: certified, its keyframes on the equations.
-        task: with the limits.
-    """
-    arm = task.arm
-    # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
-    rows = np.diff(np.eye(arm.links, motion.configurations.shape[1]), axis=0, prepend=0.0)
-    joints = KnotJoints(rows, lambda q: arm.bends(q[: arm.links]), arm.bend_limits, partial(_free, task))
-    for base in _bases(motion, task):
-        spline = spline_on_limits(base, task.user_limits, joints)
-        if spline is not None and _within_limits(spline, task) and not len(_uncertified(spline, task)):
-            return spline
-    return None
-
-
-def _bases(motion: Motion, task: MotionTask) -> list[BSpline]:
-    """Smooth paths near the motion that know its path parameter, smoothest first."""
-    bases = []
-    if not task.parametric:
-        near = certified_spline(motion.configurations, task.certificate)
-        if near is not None:
-            bases.append(near)
-
-    # The second try passes through the keyframes, which lie on the equations: less smooth, but nearer to what is
-    # certified.
-    u = path_parameters(motion)
-    if len(u) > 3:
-        bases.append(make_interp_spline(u, motion.configurations, k=3))
-    return bases
+_USER_SAMPLES = 32
+"""Of a span at which users' constraints are looked at, which are not proved between; taste."""
+_LOST_ROOM = 0.02
+"""Share of the wanted gap by which a path may lack more of it than its motion does; taste."""
+_ROOMY_REFINEMENTS = 2
+"""How often legs of the control polygon are halved to keep room; a path has ever more corners."""
+_LIMIT_SLACK = 1e-8
+"""By how much rounding may carry coordinates beyond their limits [rad, m]."""
 
 
-def _free(task: MotionTask, pose: FloatArray) -> FloatArray:
-    """1 for what a knot may turn, 0 for a clamped base, links in a guide tube and the base's own way, shape (c,)."""
-    arm = task.arm
-    free = np.zeros(len(pose))
-    # Links up to the first joint outside the tube keep the heading of the tube.
-    feed = arm.link_length * float(pose[arm.links :].sum())
-    free[: arm.links] = ~arm.held(feed)
-    # A clamped base may not be turned, not even by the little that a knot is moved.
-    free[0] *= 0.0 if task.clamped else 1.0
-    return free
+CurveType = TypeVar("CurveType", bound=Curve)
+"""The kind of map of a motion."""
+Curve_contra = TypeVar("Curve_contra", bound=Curve, contravariant=True)
+"""The kind of map that a task takes."""
 
 
-def _within_limits(spline: BSpline, task: MotionTask) -> bool:
-    """Whether the bends keep their limits at samples of the path."""
-    arm = task.arm
-    bends = np.abs(arm.bends(spline(certified_samples(spline))[:, : arm.links]))
-    # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
-    return bool(np.all(bends <= np.maximum(arm.bend_limits, bends[[0, -1]].max(axis=0))))
+class PathTask(Protocol[Curve_contra]):
+    """What a path has to keep."""
 
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        ...
 
-def _uncertified(spline: BSpline, task: MotionTask) -> IntArray:
-    """Intervals between samples of a path that are not certified."""
-    return task.certificate.failures(spline(certified_samples(spline)))
+    @property
+    def certificate(self) -> IntervalCertificate:
+        """Of motions between their samples."""
+        ...
+
+    @property
+    def deadline(self) -> Deadline:
+        """When to stop."""
+        ...
+
+    @property
+    def user_limits(self) -> tuple[LimitOf[Curve_contra], ...]:
+        """What the user asks."""
+        ...
+
+    @property
+    def wanted_gap(self) -> float:
+        """Room that paths keep where there is so much [m]."""
+        ...
+
+    @property
+    def knot_joints(self) -> KnotJoints:
+        """What knots of a path may move."""
+        ...
+
+    def room_lacking(self, q: FloatArray, /) -> FloatArray:
+        """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -82,7 +88,7 @@ class SmoothPath:
     """A certified C² path through joint space.
 
     Attributes:
-        spline: link headings over the path parameter in [0, 1], values (links,) [rad].
+        spline: configurations over the path parameter in [0, 1], values (c,).
         spare: gap beyond contact that timing may use up [m].
     """
 
@@ -90,83 +96,195 @@ class SmoothPath:
     spare: float
 
 
-class PathStrategy(Protocol):
-    """One way to lay a smooth path."""
-
-    def applies(self, task: MotionTask) -> bool:
-        """Whether a path laid this way meets the task's limits."""
-        ...
-
-    def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
-        """The path along a certified motion; None when there is none."""
-        ...
-
-
-@dataclass(frozen=True)
-class SplineNearKeyframes:
-    """A B-spline with the keyframes as control points: short, and smooth by itself."""
-
-    def applies(self, task: MotionTask) -> bool:
-        """A path beside the keyframes keeps gaps, but leaves equations."""
-        return not any(limit.shapes_path for limit in task.user_limits)
-
-    def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
-        """The spline, refined until it is certified."""
-        spline = certified_spline(motion.configurations, task.certificate)
-        return None if spline is None else SmoothPath(spline, spare_kept(spline, task.certificate))
-
-
-@dataclass(frozen=True)
-class SplineThroughKnots:
-    """A spline through dense knots that are moved onto the limits; nothing of its gap is left to timing."""
-
-    def applies(self, task: MotionTask) -> bool:
-        """Always, but it costs more."""
-        del task
-        return True
-
-    def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
-        """The spline, its knots halved until it meets the limits between them."""
-        spline = path_through_knots(motion, task)
-        return None if spline is None else SmoothPath(spline, 0.0)
-
-
-@dataclass(frozen=True)
-class SplineNearEquations:
-    """A B-spline beside keyframes that meets equations all the same, as those that are linear in a pose.
-
-    One through knots on them swings a little everywhere, and so in a guide tube, which holds joints straight.
-    """
-
-    def applies(self, task: MotionTask) -> bool:
-        """Where no spline beside the keyframes has been tried yet."""
-        return any(limit.shapes_path for limit in task.user_limits)
-
-    def path(self, motion: Motion, task: MotionTask) -> SmoothPath | None:
-        """The spline, where no sample of it misses an equation."""
-        path = SplineNearKeyframes().path(motion, task)
-        if path is None:
-            return None
-        u = np.linspace(0.0, 1.0, _EQUATION_SAMPLES)
-        missed = any(limit.misses_path(path.spline(u), u).any() for limit in task.user_limits)
-        return None if missed else path
-
-
-PATH_STRATEGIES: tuple[PathStrategy, ...] = (SplineNearKeyframes(), SplineThroughKnots(), SplineNearEquations())
-"""Those that apply are tried in turn; the first that lays a path decides."""
-
-
-def smooth_path(motion: Motion, task: MotionTask) -> SmoothPath | None:
+def smooth_path(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> SmoothPath | None:
     """The certified path through joint space along a motion; None when there is none.
 
+    A path near the keyframes is short, and smooth by itself, but leaves equations, and may break a gap of the user
+    between the keyframes. One through knots that are moved onto the limits meets them, and leaves nothing to timing.
+
     Args:
-        motion: certified.
+        motion: certified; where limits have equations, its keyframes are on them.
         task: with the limits that the path has to meet.
     """
-    for strategy in PATH_STRATEGIES:
-        path = strategy.path(motion, task) if strategy.applies(task) else None
-        # A user's gap may dip between the keyframes of a motion, by more than its samples show; a path through knots
-        # that are moved out of it may be laid where none beside the keyframes is. Nothing else would be moved.
-        if path is not None or not task.user_limits:
-            return path
+    limits = task.user_limits
+    shaped = any(limit.shapes_path for limit in limits)
+    spline = _through_knots(motion, task) if shaped else None
+    if spline is None:
+        near = _near_keyframes(motion, task)
+        if near is not None:
+            # Where constraints are kept exactly, timing may use nothing of what is spared.
+            exact = any(limit.names for limit in limits)
+            return SmoothPath(near, 0.0 if exact else spare_kept(near, task.certificate))
+        spline = _through_knots(motion, task) if limits and not shaped else None
+    return None if spline is None else SmoothPath(spline, 0.0)
+
+
+# ------------------------------------------------------------ through knots on the limits
+def _through_knots(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> BSpline | None:
+    """The certified path through knots that meet the limits; None where there is none.
+
+    Args:
+        motion: linear in its unknowns, or else there is none.
+        task: with the limits.
+    """
+    if not motion.curve.affine:
+        return None
+    u = motion.path_parameters
+    if len(u) <= DEGREE or np.any(np.diff(u) <= 0.0):
+        return None
+    keyframes = motion.configurations
+    parametric = any(limit.parametric for limit in task.user_limits)
+    near = None if parametric else certified_spline(keyframes, task.certificate)
+    # Smooth in itself; and less smooth, but nearer to what is certified.
+    bases = (near or clamped_spline(keyframes, parameter_spans(u)), make_interp_spline(u, keyframes, k=DEGREE))
+    for base in bases:
+        spline = spline_on_limits(base, task.user_limits, task.knot_joints)
+        if spline is not None and _is_safe(spline, task):
+            return spline
     return None
+
+
+def _is_safe(spline: BSpline, task: PathTask[CurveType]) -> bool:
+    """Whether a path keeps the limits of joints and is certified, linear between its samples."""
+    q = np.asarray(spline(certified_samples(spline)))
+    bends = np.abs(task.knot_joints.bends(q))
+    # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
+    most = np.maximum(task.knot_joints.limits, np.max(bends[[0, -1]], axis=0)) + _LIMIT_SLACK
+    return bool(np.all(bends <= most)) and len(task.certificate.failures(q)) == 0
+
+
+# ------------------------------------------------------------ near the keyframes
+def _near_keyframes(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> BSpline | None:
+    """A spline near a certified motion, itself certified at samples and linear between them; None where none is.
+
+    It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
+    cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed one, which
+    moves far from keyframe to keyframe in narrow places, would lose room, and so it is drawn half-way onto the
+    keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, or keeps
+    less of the wanted room than the motion does, it is drawn onto the legs, and where that does not help either, the
+    configurations that were certified are the control points.
+    """
+    curve = motion.curve
+    room = _Room.of(task, motion.configurations) if task.wanted_gap > 0.0 else None
+    failing = partial(_failing_places, task, room, tube=not curve.affine)
+    nearest = None
+    if not curve.affine and len(motion.unknowns) > DEGREE and motion.u is None:
+        nearest = curve.along(clamped_spline(_halfway_onto(motion.unknowns)))
+        if len(failing(nearest, _ROOMY_REFINEMENTS)) > 0:
+            nearest = None
+        elif room is None or len(room.lost_places(nearest)) == 0:
+            return nearest
+    # A leg may break a gap that both its ends keep.
+    mended = partial(restored_keyframes, task.user_limits, curve) if task.user_limits else None
+    near = drawn_near(motion.unknowns, curve.along, failing, task.deadline, u=motion.u, mended=mended)
+    if nearest is not None and (near is None or (room is not None and room.lacking(near) >= room.lacking(nearest))):
+        return nearest
+    if near is not None or curve.affine or motion.u is not None:
+        return near
+    return path_near_configurations(motion.configurations, task)
+
+
+def path_near_configurations(keyframes: FloatArray, task: PathTask[CurveType]) -> BSpline | None:
+    """The same near certified configurations that no curve shows, which are its control points.
+
+    Args:
+        keyframes: shape (K, c) [rad, m].
+        task: with the certificate.
+    """
+    failing = partial(_failing_places, task, None, tube=bool(task.arm.base_axes))
+    return drawn_near(keyframes, lambda spline: spline, failing, task.deadline)
+
+
+@dataclass(frozen=True, eq=False)
+class _Room(Generic[CurveType]):
+    """What a path keeps of the room that its motion keeps.
+
+    Attributes:
+        task: with the wanted room.
+        keyframes: of the motion, their number.
+        lack: what the motion itself lacks of it at most [m].
+    """
+
+    task: PathTask[CurveType]
+    keyframes: int
+    lack: float
+
+    @classmethod
+    def of(cls, task: PathTask[CurveType], configurations: FloatArray) -> "_Room[CurveType]":
+        """That of a motion, configurations of shape (K, c)."""
+        return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
+
+    @property
+    def _looks(self) -> FloatArray:
+        """Places of a path at which is looked: a fed arm's has many more spans than its motion has keyframes."""
+        return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
+
+    def lost_places(self, spline: BSpline) -> FloatArray:
+        """Where a path lacks more, but for a small share of the wanted room."""
+        lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
+        return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
+
+    def lacking(self, spline: BSpline) -> float:
+        """What a path lacks of the wanted room at most [m]."""
+        return float(np.max(self.task.room_lacking(np.asarray(spline(self._looks)))))
+
+
+def _halfway_onto(keyframes: FloatArray) -> FloatArray:
+    """Control points whose spline lies half as far from keyframes, shape (K, p), as it would with these themselves."""
+    control = keyframes.copy()
+    control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
+    return control
+
+
+def _failing_places(
+    task: PathTask[CurveType], room: _Room[CurveType] | None, spline: BSpline, refinement: int, *, tube: bool
+) -> FloatArray:
+    """Places of a path at which it is refused, shape (m,).
+
+    Args:
+        task: what it has to keep.
+        room: what it is asked to keep as well, in its first refinements; None for nothing.
+        spline: the path, linear between samples of every span.
+        refinement: how many came before.
+        tube: whether it may bend joints that the guide tube holds.
+    """
+    knots = spline.t[DEGREE:-DEGREE]
+    middles = 0.5 * (knots[:-1] + knots[1:])
+    # Cheap to see, and asked first.
+    bent = _bent_inside(task.arm, spline) if tube else ()
+    if len(bent) > 0:
+        return np.asarray(middles[bent])
+    failing = [middles[uncertified_spans(spline, task.certificate)]]
+    if task.user_limits:
+        finer = (knots[:-1, None] + np.arange(_USER_SAMPLES) / _USER_SAMPLES * np.diff(knots)[:, None]).ravel()
+        q = np.asarray(spline(finer))
+        failing += [finer[limit.misses_path(q, finer)] for limit in task.user_limits]
+    if room is not None and refinement < _ROOMY_REFINEMENTS:
+        failing.append(room.lost_places(spline))
+    return np.concatenate(failing)
+
+
+def _bent_inside(arm: Arm, spline: BSpline) -> IntArray:
+    """Spans on which a joint may be bent while the guide tube holds it.
+
+    A joint bends on the whole of a span when one of the span's four control points bends it; the feed is within half of
+    the way between samples of what they have.
+
+    Args:
+        arm: with a feed axis.
+        spline: of configurations.
+    """
+    control = np.asarray(spline.c)
+    spans = len(control) - DEGREE
+    links = arm.links
+    bent = np.any(control[:, : arm.bends_a_joint * links].reshape(-1, links, arm.bends_a_joint) != 0.0, axis=2)
+    bent_on_span = np.any([bent[k : k + spans] for k in range(DEGREE + 1)], axis=0)
+    knots = spline.t[DEGREE:-DEGREE]
+    share = np.arange(PATH_SAMPLES) / PATH_SAMPLES
+    places = np.append((knots[:-1, None] + share * np.diff(knots)[:, None]).ravel(), 1.0)
+    feed = arm.coordinates.advance(np.asarray(spline(places)))
+    of_span = np.lib.stride_tricks.sliding_window_view(feed, PATH_SAMPLES + 1)[::PATH_SAMPLES]
+    way = np.max(np.abs(np.diff(of_span, axis=1)), axis=1)
+    least = np.min(of_span, axis=1) - 0.5 * way
+    outside = least[:, None] + arm.link_length * np.arange(links) - arm.hole
+    return np.flatnonzero(np.any(bent_on_span & (outside < 0.0), axis=1))

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, restored_keyframes
 from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
@@ -22,7 +22,6 @@ from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.space_tracking import moved_onto_terms
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.arm import Arm
 
@@ -206,7 +205,7 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
                 unknowns = np.vstack((unknowns[:-1], onto.v))
             elif not goal.met(last):
                 return None
-        return _on_terms(self.task, self.stepper, unknowns, self.u)
+        return restored_keyframes(self.task.user_limits, self.stepper.curve, unknowns, self.u)
 
     def feasible(self, sweep: SpaceSweep, before: SpaceSweep) -> bool:
         """Whether a motion's keyframes keep what they have to."""
@@ -218,18 +217,6 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
     def failures(self, sweep: SpaceSweep) -> IntArray:
         """Intervals of a motion that are not certified."""
         return failing_edges(self.stepper, sweep.unknowns)
-
-
-def _on_terms(task: SpaceTask, stepper: SpaceStepper, unknowns: FloatArray, u: FloatArray) -> FloatArray:
-    """Inner keyframes on the user's equations and out of broken gaps; where that fails they stay as they are."""
-    if task.user is None:
-        return unknowns
-    restored = unknowns.copy()
-    for k in range(1, len(u) - 1):
-        moved = moved_onto_terms(stepper, task.user.at_keyframe(k, u), stepper.pose(restored[k]))
-        if moved is not None:
-            restored[k] = moved.v
-    return restored
 
 
 def _limit_rows(sweep: SpaceSweep) -> KeyframeRows:
@@ -295,7 +282,7 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
     end_fixed = _is_end_fixed(task, stepper, motion.unknowns[-1])
     left = _ROUNDS
     unknowns = motion.unknowns
-    u = _parameters(motion)
+    u = motion.path_parameters
     while left > 0 and not task.deadline.passed():
         passed = _with_passings(task, stepper, unknowns, u)
         few = _few_keyframes(task, stepper, motion, *passed)
@@ -334,7 +321,7 @@ def _few_keyframes(
     keyframes, places = thinned(task, motion, unknowns, u, kept)
     if task.user is None:
         return keyframes, places
-    keyframes = _on_terms(task, stepper, keyframes, places)
+    keyframes = restored_keyframes(task.user_limits, stepper.curve, keyframes, places)
     sweep = SpaceSweep(stepper, keyframes)
     if not task.user.holds(sweep, sweep, places) or len(failing_edges(stepper, keyframes)) > 0:
         return None
@@ -347,11 +334,6 @@ def _is_end_fixed(task: SpaceTask, stepper: SpaceStepper, end: FloatArray) -> bo
         return True
     exact = onto_goal(stepper, task.goal, stepper.pose(end))
     return exact is None or not stepper.within_limits(exact.q)
-
-
-def _parameters(motion: SpaceMotion) -> FloatArray:
-    """Path parameters of the keyframes of a motion, even ones where it does not know its own, shape (K,)."""
-    return np.linspace(0.0, 1.0, len(motion.unknowns)) if motion.u is None else motion.u
 
 
 def _with_passings(

@@ -21,15 +21,14 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.settings import SpaceCertificateSettings, SpaceMotionSettings
+from ccm_opt.planning.smooth_path import PATH_SAMPLES, smooth_path
 from ccm_opt.planning.space_ending import ended_by_nlp
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_smooth_path import PATH_SAMPLES, certified_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.space_tracking import tracked
-from ccm_opt.planning.spline_path import spare_kept
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -187,17 +186,14 @@ def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> Jo
     """
     missed = None
     for motion in motions:
-        spline = certified_path(task, motion)
-        missed = None if spline is None else _missed_on(task, spline)
-        if spline is not None and missed is None:
-            # Of what is certified to be spared timing may use nothing where constraints are kept exactly.
-            kept = task.user is not None and task.user.terms.hard
-            spare = 0.0 if kept else spare_kept(spline, task.certificate)
+        path = smooth_path(motion, task)
+        missed = None if path is None else _missed_on(task, path.spline)
+        if path is not None and missed is None:
             keyframes = motion.configurations
             if task.arm.base_axes and not legs:
                 # Drawn in the unknowns, the path of a fed arm may pass configurations of the motion by.
-                keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
-            return JointPath(spline, keyframes, (), motion.candidate, spare=spare)
+                keyframes = np.asarray(path.spline(np.linspace(0.0, 1.0, len(keyframes))))
+            return JointPath(path.spline, keyframes, (), motion.candidate, spare=path.spare)
     if missed is not None:
         raise MotionNotFound(missed)
     if task.user is None or not task.user.terms.hard:

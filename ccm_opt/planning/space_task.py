@@ -12,6 +12,8 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.limits.limit_stack import AtRest, CoordinateLimit, SurfaceLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.path_on_limits import KnotJoints
+from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
@@ -129,6 +131,22 @@ class SpaceTask:
     def margin(self) -> float:
         """Gap that steps keep beyond the clearance [m]."""
         return self.settings.step.margin * self.unit
+
+    @property
+    def user_limits(self) -> tuple[UserLimit, ...]:
+        """What the user asks of the motion."""
+        return () if self.user is None else (self.user,)
+
+    def room_lacking(self, q: FloatArray) -> FloatArray:
+        """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+        kept = self.arm.radius + self.clearance + self.wanted_gap
+        return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
+
+    @property
+    def knot_joints(self) -> KnotJoints:
+        """What knots of a path may move, where the base is fixed."""
+        free = (np.arange(len(self.start)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
+        return KnotJoints(np.eye(len(free)), lambda q: q, self.arm.upper_limits, lambda _: free)
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""

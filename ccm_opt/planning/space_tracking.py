@@ -16,7 +16,7 @@ from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.pose import Pose, Term, least_change
+from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
@@ -206,24 +206,3 @@ class _Tracking:
         names = " and ".join(f"'{name}'" for name in self.user.names)
         reason = f"at u = {u:.3f} {what or f'a motion that was found cannot be bent to constraint {names}'}{why}"
         return MotionNotFound(Diagnosis(reason, "motion", ("relax the constraints, or make them soft",)))
-
-
-def moved_onto_terms(stepper: SpaceStepper, here: UserLimit, pose: Pose) -> Pose | None:
-    """A pose that keeps the constraints of a place of the motion, near one that may not; None where that fails.
-
-    Args:
-        stepper: makes poses.
-        here: the constraints there.
-        pose: to begin at.
-    """
-    start = pose
-    for _ in range(here.settings.newton_steps):
-        rows, change = here.missed_turns(pose.q, pose.slopes)
-        if not np.all(np.isfinite(change)):
-            return None
-        if float(np.max(np.abs(change), initial=0.0)) <= here.settings.met:
-            return pose
-        pose = stepper.pose(pose.v + least_change(stepper.space, pose, rows, change))
-        if float(np.max(np.abs(pose.q - start.q))) > here.settings.keyframe_turn:
-            return None
-    return None

@@ -1,11 +1,13 @@
 """Splines near keyframes, certified."""
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 
 _LEAST_SAMPLES = 4
@@ -20,6 +22,12 @@ _LEAST_ERROR = 2e-06
 still counts as contact."""
 _REFINEMENTS = 5
 """Rounds of halving legs where a span fails. Taste."""
+_MOST_REFINEMENTS = 16
+"""The same where users' limits, or room, are asked for too. Taste."""
+_MOST_CONTROL = 400
+"""Control points beyond which none are added. Taste."""
+_MOST_GROWTH = 8
+"""The same as a multiple of the keyframes, where these are many. Taste."""
 
 DEGREE = 3
 """Of the spline: the least with a continuous second derivative."""
@@ -72,24 +80,70 @@ def certified_spline(
 ) -> BSpline | None:
     """A spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
 
+    Args:
+        keyframes: shape (K, c) [rad, m].
+        certificate: of the arm among the walls.
+        refinements: rounds of halving legs.
+    """
+
+    def failing(spline: BSpline, _: int) -> FloatArray:
+        knots = spline.t[DEGREE:-DEGREE]
+        return np.asarray((0.5 * (knots[:-1] + knots[1:]))[uncertified_spans(spline, certificate)])
+
+    return drawn_near(keyframes, lambda spline: spline, failing, refinements=refinements)
+
+
+def drawn_near(
+    keyframes: FloatArray,
+    path: Callable[[BSpline], BSpline],
+    failing: Callable[[BSpline, int], FloatArray],
+    deadline: Deadline | None = None,
+    u: FloatArray | None = None,
+    mended: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
+    refinements: int = _MOST_REFINEMENTS,
+) -> BSpline | None:
+    """The path along the spline of control points, drawn onto their polygon until it is accepted.
+
     A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of
     the control polygon where a span fails draws the spline onto the polygon, which is certified.
 
     Args:
-        keyframes: link headings, shape (K, links) [rad].
-        certificate: of the arm among the walls.
+        keyframes: shape (K, p).
+        path: from a spline of them to the path.
+        failing: places at which a path is refused, shape (m,), by how many refinements came before.
+        deadline: after which it is given up.
+        u: path parameters near which the path has to pass the keyframes, shape (K,); even ones when None.
+        mended: moves control points, shape (m, p), onto what has to hold at their parameters, shape (m,).
         refinements: rounds of halving legs.
     """
-    control = at_least_four(keyframes)
-    for _ in range(refinements):
-        spline = clamped_spline(control)
-        failing = uncertified_spans(spline, certificate)
-        if len(failing) == 0:
+    # The last column is the path parameter, which is halved with the rest.
+    control = np.column_stack((keyframes, np.linspace(0.0, 1.0, len(keyframes)) if u is None else u))
+    control = at_least_four(control)
+    most = max(_MOST_CONTROL, _MOST_GROWTH * len(keyframes))
+    for refinement in range(refinements):
+        ends = np.linspace(0.0, 1.0, len(control) - DEGREE + 1) if u is None else parameter_spans(control[:, -1])
+        spline = path(clamped_spline(control[:, :-1], ends))
+        spans = np.unique(np.searchsorted(ends, failing(spline, refinement), side="right") - 1)
+        if len(spans) == 0:
             return spline
+        if len(control) > most or (deadline is not None and deadline.passed()):
+            return None
         # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
         # differences, by which the curve leaves it, become smaller.
-        control = halved(control, legs_of_spans(control, failing))
+        control = halved(control, legs_of_spans(control, spans))
+        if mended is not None:
+            control[:, :-1] = mended(control[:, :-1], control[:, -1])
     return None
+
+
+def parameter_spans(u: FloatArray) -> FloatArray:
+    """Where the spans of a spline begin and end that passes its control points near path parameters, shape (m − 2,).
+
+    Args:
+        u: of the control points, shape (m,).
+    """
+    # A control point counts most at the middle one of the three knots behind its first.
+    return np.concatenate(([0.0], u[2:-2], [1.0]))
 
 
 def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntArray:

@@ -15,7 +15,7 @@ words               ``refuse_ends``, ``worst``, ``describe``, ``names``, ``advic
 ==================  =====================================================================================
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar
 
@@ -264,7 +264,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         del space, u
         return ()
 
-    def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
+    def restored_keyframes(self, space: AnyUnknowns_contra, coordinates: FloatArray, u: FloatArray) -> FloatArray:
         """Keyframes, shape (K + 1, p), brought back onto the limit; the same array where it moves none."""
         del space, u
         return coordinates
@@ -338,3 +338,19 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
 Limit: TypeAlias = LimitOf[LinkSpace]
 """A limit of motions in the plane."""
+
+
+def restored_keyframes(
+    limits: Iterable[LimitOf[AnyUnknowns_contra]], space: AnyUnknowns_contra, unknowns: FloatArray, u: FloatArray
+) -> FloatArray:
+    """Keyframes brought back onto several limits, shape (K + 1, p); the same array where none moves them.
+
+    Args:
+        limits: one after the other.
+        space: the map of the unknowns.
+        unknowns: of the keyframes, shape (K + 1, p).
+        u: their path parameters, shape (K + 1,).
+    """
+    for limit in limits:
+        unknowns = limit.restored_keyframes(space, unknowns, u)
+    return unknowns

@@ -337,7 +337,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         del space
         return (UserCosts(self.terms, u),)
 
-    def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
+    def restored_keyframes(self, space: CurveUnknowns, coordinates: FloatArray, u: FloatArray) -> FloatArray:
         """Inner keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):

@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
@@ -98,7 +97,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     # With default weights the objective is close to the length but not the same; with others a longer path may be
     # what was asked for.
     plain = task.weights == Weights() and task.wanted_gap == 0.0
-    return optimised if not plain or travel(optimised) < travel(motion) else motion
+    return optimised if not plain or optimised.travel < motion.travel else motion
 
 
 def _optimised_on_limits(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: int | None) -> Motion:
@@ -131,7 +130,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
         many = len(keyframes) - 1 > MANY * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
         before = keyframes
-        length = travel(motion)
+        length = motion.travel
         motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
         left -= _COUNTED_ROUNDS if many else taken
         if not many:
@@ -143,7 +142,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
             continue
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
         # become few stays as it is, or is cut finer where nothing moves.
-        slow = travel(motion) > (1.0 - _WORTH_MANY) * length
+        slow = motion.travel > (1.0 - _WORTH_MANY) * length
         if slow and len(before) > (MOST_INTERVALS if stuck else 0):
             break
         keyframes, u = finer(motion, _FINER if stuck else 1.0)
@@ -153,7 +152,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
 def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
     """The coordinates of the same motion at as many times the intervals, as even as may be, and their parameters."""
     turns = np.linalg.norm(np.diff(motion.curve.drives(motion.configurations), axis=0), axis=1)
-    labelled = np.column_stack((motion.unknowns, path_parameters(motion)))
+    labelled = np.column_stack((motion.unknowns, motion.path_parameters))
     keyframes = subdivided(labelled, turns, int(np.ceil(times * len(turns))))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
@@ -164,7 +163,7 @@ def _few_keyframes(
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= MANY * settings.intervals:
-        return motion.unknowns, path_parameters(motion)
+        return motion.unknowns, motion.path_parameters
     if task.gates is not None:
         return _few_in_gates(motion, whole)
     return thinned(motion, task.certificate_with(spare), settings.intervals)
@@ -176,12 +175,10 @@ def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, Flo
     Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
     """
     space = motion.curve
-    u = path_parameters(motion)
+    u = motion.path_parameters
 
     def restored(coordinates: FloatArray) -> FloatArray:
-        for limit in whole.limits:
-            coordinates = limit.restored_keyframes(space, coordinates, u)
-        return coordinates
+        return replace(whole, u=u).restored(coordinates)
 
     def failures(coordinates: FloatArray) -> IntArray:
         return whole.failures(PlanarSweep(space, coordinates))
@@ -197,7 +194,7 @@ def keeps_limits(motion: Motion, task: MotionTask) -> bool:
     """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
     if not any(limit.moves_keyframes for limit in task.user_limits):
         return True  # every motion that is made here is certified
-    program = replace(motion_program(motion, task), u=path_parameters(motion))
+    program = replace(motion_program(motion, task), u=motion.path_parameters)
     return _certified(program, motion.unknowns)
 
 
@@ -232,7 +229,7 @@ def thinned(
         breaks: path parameters that keyframes have to be at, where the motion knows its own.
     """
     space = motion.curve
-    labelled = np.column_stack((motion.unknowns, path_parameters(motion)))
+    labelled = np.column_stack((motion.unknowns, motion.path_parameters))
 
     # Such a motion was tracked under limits that depend on u: its keyframes may not be shifted against u.
     if motion.u is not None:
@@ -246,20 +243,6 @@ def thinned(
     turns = np.diff(space.drives(space.configurations(few[:, :-1])), axis=0)
     keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
-
-
-def path_parameters(motion: Motion) -> FloatArray:
-    """Path parameter of every keyframe: its own, or its share of the motion's length in joint space, shape (K,)."""
-    if motion.u is not None:
-        return motion.u
-    arcs = arc_lengths(motion.curve.drives(motion.configurations))
-    shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
-    return shares
-
-
-def travel(motion: Motion) -> float:
-    """Length of the joint path, Σ |Δq| [rad, link lengths]."""
-    return path_length(motion.curve.drives(motion.configurations))
 
 
 def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> PlanarProgram:
@@ -384,7 +367,7 @@ def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> 
 def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> PlanarProgram:
     """The program of a motion that keeps its keyframes' number and its last pose."""
     to_end = task.ending_at(motion.unknowns[-1], motion.configurations[-1])
-    return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
+    return replace(motion_program(motion, to_end, margin), u=motion.path_parameters)
 
 
 def _with_finer_keyframes(motion: Motion) -> Motion:

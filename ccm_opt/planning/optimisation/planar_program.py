@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.limit import KeyframeRows, Limit, MotionCost
+from ccm_opt.planning.limits.limit import KeyframeRows, Limit, MotionCost, restored_keyframes
 from ccm_opt.planning.limits.motion_certificate import failed_intervals
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows
@@ -108,9 +108,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
 
     def restored(self, coordinates: FloatArray) -> FloatArray:
         """The keyframes brought back onto the limits, shape (K + 1, p); the same array where no limit moves them."""
-        for limit in self.limits:
-            coordinates = limit.restored_keyframes(self.space, coordinates, self.u)
-        return coordinates
+        return restored_keyframes(self.limits, self.space, coordinates, self.u)
 
     def ended(self, unknowns: FloatArray) -> FloatArray:
         """The coordinates with the keyframes on the limits and the last one polished onto the goal."""
