@@ -257,6 +257,8 @@ def _failing_places(
     failing = [middles[uncertified_spans(spline, task.certificate)]]
     if task.user_limits:
         finer = (knots[:-1, None] + np.arange(_USER_SAMPLES) / _USER_SAMPLES * np.diff(knots)[:, None]).ravel()
+        # A constraint that begins between two of these places is missed the most where it begins.
+        finer = np.union1d(finer, [u for limit in task.user_limits for u in limit.breaks])
         q = np.asarray(spline(finer))
         failing += [finer[limit.misses_path(q, finer)] for limit in task.user_limits]
     if room is not None and refinement < _ROOMY_REFINEMENTS:
