@@ -6,7 +6,7 @@ The text is known to be valid TOML (``tomllib`` reads the values); this scanner 
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
@@ -97,17 +97,23 @@ def line_of_key(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
     return 0
 
 
-def _tokens(text: str) -> list[tuple[str, str, int]]:
-    """(kind, text, line) of every token but blanks and comments, then an ``end`` token."""
+class _Token(NamedTuple):
+    """A word or mark of a text, and its line."""
+
+    kind: str
+    text: str
+    line: int
+
+
+def _tokens(text: str) -> list[_Token]:
+    """Every token but blanks and comments, then an ``end`` token."""
     found = []
     line = 1
     for match in _TOKEN.finditer(text):
-        kind = str(match.lastgroup)
-        body = match.group()
-        if kind != "skip":
-            found.append((kind, body, line))
-        line += body.count("\n")
-    return [*found, ("end", "", line)]
+        if match.lastgroup != "skip":
+            found.append(_Token(str(match.lastgroup), match.group(), line))
+        line += match.group().count("\n")
+    return [*found, _Token("end", "", line)]
 
 
 class _Scanner:
@@ -120,96 +126,71 @@ class _Scanner:
         self.table: KeyPath = ()
         self.counts: dict[KeyPath, int] = {}
 
+    @property
+    def token(self) -> _Token:
+        """The next token; the last is never left."""
+        return self.tokens[min(self.at, len(self.tokens) - 1)]
+
     def run(self) -> dict[KeyPath, int]:
-        while self._kind() != "end":
-            if self._kind() == "newline":
+        while self.token.kind != "end":
+            if self.token.kind == "newline":
                 self.at += 1
-            elif self._text() == "[":
+            elif self.token.text == "[":
                 self._header()
             else:
                 self._assignment(self.table)
         return self.lines
 
     def _header(self) -> None:
-        line = self._line()
-        array = self.tokens[self.at + 1][1] == "["
-        self.at += 2 if array else 1
+        line = self.token.line
+        brackets = 2 if self.tokens[self.at + 1].text == "[" else 1
+        self.at += brackets
         keys = self._key()
-        self.at += 2 if array else 1
+        self.at += brackets
         path: KeyPath = ()
         for depth, key in enumerate(keys):
             path = (*path, key)
-            if array and depth == len(keys) - 1:
+            if brackets == 2 and depth == len(keys) - 1:
                 self.counts[path] = self.counts.get(path, -1) + 1
-            self._mark(path, line)
+            self.lines.setdefault(path, line)
             if path in self.counts:  # [a.b] below [[a]] belongs to the latest element of a
                 path = (*path, self.counts[path])
-        self._mark(path, line)
+        self.lines.setdefault(path, line)
         self.table = path
 
     def _assignment(self, table: KeyPath) -> None:
-        line = self._line()
+        line = self.token.line
         path = table
         for key in self._key():
             path = (*path, key)
-            self._mark(path, line)
+            self.lines.setdefault(path, line)
         self.at += 1  # the equals sign
         self._value(path)
 
     def _key(self) -> list[str]:
         """The parts of a dotted key; stops before ``=`` or ``]``."""
         parts: list[str] = []
-        while self._kind() in {"bare", "string"}:
-            if self._kind() == "string":
-                parts.append(self._text()[1:-1])
-            else:
-                parts.extend(part for part in self._text().split(".") if part)
+        while self.token.kind in {"bare", "string"}:
+            text = self.token.text
+            parts += [text[1:-1]] if self.token.kind == "string" else [part for part in text.split(".") if part]
             self.at += 1
         return parts
 
     def _value(self, path: KeyPath) -> None:
-        self._mark(path, self._line())
-        if self._text() == "[" and self._kind() == "mark":
-            self._array(path)
-        elif self._text() == "{" and self._kind() == "mark":
-            self._inline_table(path)
-        else:
-            while self._kind() in {"bare", "string"}:  # a date and its time are two
+        self.lines.setdefault(path, self.token.line)
+        opening = self.token.text
+        if opening not in {"[", "{"}:
+            while self.token.kind in {"bare", "string"}:  # a date and its time are two
                 self.at += 1
-
-    def _array(self, path: KeyPath) -> None:
+            return
         self.at += 1
         index = 0
-        while not self._closes("]"):
-            if self._kind() == "newline" or self._text() == ",":
+        while self.token.kind != "end" and self.token.text not in {"]", "}"}:
+            if self.token.text in {"\n", ","}:
                 self.at += 1
-            else:
+            elif opening == "[":
                 self._value((*path, index))
                 index += 1
-
-    def _inline_table(self, path: KeyPath) -> None:
-        self.at += 1
-        while not self._closes("}"):
-            if self._kind() == "newline" or self._text() == ",":
-                self.at += 1
             else:
                 self._assignment(path)
-
-    def _closes(self, mark: str) -> bool:
-        """Step over a closing mark; the end of the text closes everything."""
-        if self._kind() == "mark" and self._text() == mark:
-            self.at += 1
-            return True
-        return self._kind() == "end"
-
-    def _mark(self, path: KeyPath, line: int) -> None:
-        self.lines.setdefault(path, line)
-
-    def _kind(self) -> str:
-        return self.tokens[self.at][0]
-
-    def _text(self) -> str:
-        return self.tokens[self.at][1]
-
-    def _line(self) -> int:
-        return self.tokens[self.at][2]
+        self.at += 1
