@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.cli.written_plans import ExportOptions, exported_files
-from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays, solution_arrays
+from ccm_opt.io.controller_points import number_rows
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import motion_glb
+from ccm_opt.io.records import arrays_npz, bends_of_arrays, solution_arrays
 from ccm_opt.io.robot_models import urdf_text
-from ccm_opt.io.trajectory_text import number_rows
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import Solution
 

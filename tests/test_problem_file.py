@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.build import folded_bends
-from ccm_opt.io.keypath import locate_keys
+from ccm_opt.io.issues import locate_keys
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm

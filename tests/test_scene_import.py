@@ -20,11 +20,10 @@ from scipy.interpolate import BSpline
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import ImportOptions, divided
 from ccm_opt.io.drawing import import_scene as import_drawing
-from ccm_opt.io.dxf_entities import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
-from ccm_opt.io.found_shapes import Line, Region
+from ccm_opt.io.dxf_pieces import Piece, joined_pieces
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.io.rings import Piece, joined_pieces
+from ccm_opt.io.shapes import Line, Region, flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.io.table_reading import toml_with_obstacles
 from ccm_opt.scene.workspace import Obstacle
 
@@ -654,7 +653,7 @@ from ccm_opt.io.reading import parse_problem
 parse_problem({SMALL_PROBLEM!r})
 assert "ezdxf" not in sys.modules
 from ccm_opt.io.drawing import import_scene
-from ccm_opt.io.found_shapes import Line, Region
+from ccm_opt.io.shapes import Line, Region
 from ccm_opt.io.drawing import ImportOptions
 from ccm_opt.io.drawing import divided
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())

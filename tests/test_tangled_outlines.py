@@ -8,7 +8,7 @@ import shapely
 
 from ccm_opt.cli.outcome import complain
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.rings import repaired
+from ccm_opt.io.outlines import repaired
 
 
 @pytest.mark.planning

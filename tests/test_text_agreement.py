@@ -6,10 +6,9 @@ import pytest
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED
 from ccm_opt.cli.written_plans import check_folders
-from ccm_opt.io.controller_points import controller_points
+from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import model_texts
 from ccm_opt.io.text_agreement import checks_of_texts
-from ccm_opt.io.trajectory_text import trajectory_texts
 
 from .corruption.plans import Folder, write_plans
 

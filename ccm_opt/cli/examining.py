@@ -22,7 +22,7 @@ from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
-from ccm_opt.io.solution_json import tolerance_data, tolerance_json
+from ccm_opt.io.records import tolerance_data, tolerance_json
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names

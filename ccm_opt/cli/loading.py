@@ -16,8 +16,8 @@ from ccm_opt.cli.tables import report_console, units_of
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
-from ccm_opt.io.placement import odd_mesh_size
 from ccm_opt.io.reading import load_problem, with_keys_set
+from ccm_opt.io.rules import odd_mesh_size
 from ccm_opt.problem import ImportedDrawing, Limits, Problem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import open_words

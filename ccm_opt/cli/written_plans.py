@@ -16,16 +16,14 @@ from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, repo
 from ccm_opt.core.files import put_file
 from ccm_opt.driver.verified_plan import check as checked_again
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.arrays_npz import arrays_npz, bends_of_arrays
-from ccm_opt.io.controller_points import controller_points
+from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, read_arrays
 from ccm_opt.io.record_file import RecordedResults, recorded_curves, recorded_results
+from ccm_opt.io.records import arrays_npz, bends_of_arrays, room_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
-from ccm_opt.io.solution_json import room_data
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
-from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.verification.left_unchecked import left_unchecked

@@ -1,1 +1,1 @@
-"""Obstacles from files: drawings of any kind (``formats``, ``drawing``), and meshes (``mesh_file``)."""
+"""Problems and plans as files: problem files, drawings and meshes read, folders of results written and read again."""

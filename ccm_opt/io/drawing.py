@@ -1,7 +1,7 @@
 """Drawings beside a problem file, read into obstacles.
 
 A reader is a function of a file's bytes and of the distance that may lie between a curve and the polyline that stands
-for it, both in the drawing's own unit. It returns the shapes that it finds (``found_shapes``), and raises a
+for it, both in the drawing's own unit. It returns the shapes that it finds (``shapes``), and raises a
 ``ProblemError`` for what it cannot read. What follows (placement, repair, naming) is the same for all formats.
 
 What follows, the copy in ``solution.json`` included, sees plain obstacles and needs the drawing no more.
@@ -24,13 +24,11 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.core.polygons import mitred
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.dxf import read_dxf
-from ccm_opt.io.found_shapes import IMPORT, Disc, DrawingContent, Line, Reader, Region, Shape
 from ccm_opt.io.geojson import read_geojson, read_wkt
-from ccm_opt.io.issues import Issues
-from ccm_opt.io.keypath import KeyPath
-from ccm_opt.io.outlines import as_walls, room_of, with_holes
-from ccm_opt.io.rings import filled, polygons_of
+from ccm_opt.io.issues import Issues, KeyPath
+from ccm_opt.io.outlines import as_walls, filled, polygons_of, room_of, with_holes
 from ccm_opt.io.schema import SceneTable
+from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Line, Reader, Region, Shape
 from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
 from ccm_opt.scene.workspace import Obstacle, PlaneShape

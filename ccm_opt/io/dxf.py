@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.dxf_entities import PIECES, Entity, corner_points, hatch_rings
-from ccm_opt.io.found_shapes import IMPORT, Disc, DrawingContent, Line, Region, Shape
-from ccm_opt.io.rings import Piece, joined_pieces
+from ccm_opt.io.dxf_pieces import PIECES, Entity, Piece, corner_points, hatch_rings, joined_pieces
+from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Line, Region, Shape
 from ccm_opt.problem import LeftOut
 
 if TYPE_CHECKING:

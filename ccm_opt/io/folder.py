@@ -17,13 +17,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.arrays_npz import arrays_npz, solution_arrays
-from ccm_opt.io.controller_points import controller_points
+from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.problem_data import KEPT_MESHES, kept_meshes
+from ccm_opt.io.records import arrays_npz, solution_arrays, solution_json
 from ccm_opt.io.robot_models import URDF_MESHES, mjcf_text, scene_meshes, urdf_text
 from ccm_opt.io.scene_solids import solid_scene
-from ccm_opt.io.solution_json import solution_json
-from ccm_opt.io.trajectory_text import trajectory_texts
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 

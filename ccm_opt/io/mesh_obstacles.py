@@ -14,8 +14,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.io.build import build_placement
 from ccm_opt.io.drawing import content_of, place_beside
 from ccm_opt.io.glb import read_glb
-from ccm_opt.io.issues import Issues
-from ccm_opt.io.keypath import KeyPath
+from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
 from ccm_opt.io.schema import SpaceObstacleTable
 from ccm_opt.io.schema_tables import MAX_LENGTH

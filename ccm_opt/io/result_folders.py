@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis
-from ccm_opt.io.arrays_npz import arrays_npz, curve_arrays
 from ccm_opt.io.folder import (
     ARRAYS,
     PARETO_RECORD,
@@ -22,7 +21,7 @@ from ccm_opt.io.folder import (
     write_folder,
 )
 from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
-from ccm_opt.io.solution_json import SCHEMA, failure_json, place_data, pose_failure_json, pose_json
+from ccm_opt.io.records import SCHEMA, arrays_npz, curve_arrays, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.space_configuration import SpaceConfiguration

@@ -1,6 +1,6 @@
 """Keys of a problem file, of workspace, start and goal.
 
-Rules between keys are in ``rules``, checks between tables in ``table_reading``, checks of places in ``placement``.
+Rules between keys and checks of places are in ``rules``, checks between tables in ``table_reading``.
 
 The description of a key is what it means; the tables of the pages are made from that by ``docs/write_references.py``.
 """

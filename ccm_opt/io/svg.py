@@ -14,7 +14,7 @@ from svgelements import Ellipse, Path, Rect
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.found_shapes import IMPORT, Disc, DrawingContent, Drawn, FillRule, Line, Region, Shape
+from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Drawn, FillRule, Line, Region, Shape
 from ccm_opt.io.svg_paths import Affine, Subpath, View, length_of, path_subpaths, polyline, subpaths_of
 from ccm_opt.io.svg_placing import Node, Picture, Place, parsed_document
 

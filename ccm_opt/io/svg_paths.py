@@ -10,7 +10,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.dxf_entities import flatten_bezier, flatten_ellipse
+from ccm_opt.io.shapes import flatten_bezier, flatten_ellipse
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _BETWEEN = re.compile(r"[\s,]*")

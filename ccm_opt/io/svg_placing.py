@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.found_shapes import IMPORT
+from ccm_opt.io.shapes import IMPORT
 from ccm_opt.io.svg_paths import Affine, View, fitted_view, length_of, numbers_in, transform_of
 from ccm_opt.problem import LeftOut
 

@@ -22,18 +22,20 @@ from ccm_opt.io.build import (
     feed_of,
 )
 from ccm_opt.io.drawing import with_scene
-from ccm_opt.io.issues import Issues
-from ccm_opt.io.keypath import KeyPath, lookup
+from ccm_opt.io.issues import Issues, KeyPath, lookup
 from ccm_opt.io.mesh_obstacles import MeshObstacles
-from ccm_opt.io.placement import check_base, check_drawing, check_meshes, odd_mesh_size
 from ccm_opt.io.rules import (
     ANGLE_TOLERANCE,
     check_alternatives,
     check_arm,
+    check_base,
+    check_drawing,
     check_limit_lists,
     check_limited_points,
+    check_meshes,
     check_pose,
     goal_paths,
+    odd_mesh_size,
 )
 from ccm_opt.io.schema import (
     OPTIONAL,

@@ -16,13 +16,20 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.files import read_plain
-from ccm_opt.io.controller_points import ControllerPoints, message_checks, points_at, slowed, spared
+from ccm_opt.io.controller_points import (
+    ROS_FIELDS,
+    ControllerPoints,
+    message_checks,
+    points_at,
+    slowed,
+    spared,
+    trajectory_texts,
+)
 from ccm_opt.io.folder import model_texts
 from ccm_opt.io.problem_data import mesh_data
+from ccm_opt.io.records import goal_data, room_data
 from ccm_opt.io.robot_models import URDF_MESHES, mesh_file
 from ccm_opt.io.scene_solids import solid_scene
-from ccm_opt.io.solution_json import goal_data, room_data
-from ccm_opt.io.trajectory_text import ROS_FIELDS, trajectory_texts
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord, goal_errors

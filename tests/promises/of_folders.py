@@ -8,9 +8,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import ccm_opt
-from ccm_opt.io.controller_points import points_at, slowed
+from ccm_opt.io.controller_points import points_at, slowed, trajectory_texts
 from ccm_opt.io.folder import write_solution
-from ccm_opt.io.trajectory_text import trajectory_texts
 from tests.corruption.plans import Folder
 
 Change = Callable[[Folder], None]
@@ -29,7 +28,7 @@ def _keyframes(folder: Folder) -> None:
 def curves_of(folder: Folder) -> dict[str, np.ndarray]:
     """The curves that belong to a folder's keyframes."""
     from ccm_opt.driver.record_agreement import keyframe_curves
-    from ccm_opt.io.arrays_npz import curve_arrays
+    from ccm_opt.io.records import curve_arrays
 
     return dict(curve_arrays(keyframe_curves(folder.solution.problem.arm, folder.arrays["keyframes"])))
 

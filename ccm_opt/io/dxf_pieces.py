@@ -1,189 +1,109 @@
-"""Shapes of DXF entities, and curves as chords.
-
-A curve p(t), replaced by chords over equal steps h of its parameter, is nowhere farther from the chord at the same
-parameter than h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
-"""
+"""Pieces of DXF drawings: their entities as polylines, and the chains that these make."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.io.rings import Piece, joined_pieces
+from ccm_opt.io.shapes import flatten_arc, flatten_bulges, flatten_ellipse, flatten_spline
 
 if TYPE_CHECKING:
     from ezdxf.math import BSpline
 
-MAX_STEPS = 20_000
-"""A single curve of more chords than this is taken for a mistake in scale."""
+_MOST_MEETING = 100
+"""Neighbours that an open end has within the joining distance, on average. Taste: two as a rule."""
 
 
-def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
-    """A Bézier curve of any degree as a polyline.
+@dataclass(frozen=True)
+class Piece:
+    """A polyline of a drawing.
 
-    Of degree d its second derivative is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and Surfaces
-    for CAGD, section 4.4).
+    Attributes:
+        points: shape (k, 2); a closed piece does not repeat its first point.
+        closed: whether the last point is joined to the first.
+        curved: whether it is a flattened curve.
+        half_width: half the width with which it is drawn.
+        name: of the shape that it becomes; a chain has that of its first piece.
+    """
+
+    points: FloatArray
+    closed: bool = False
+    curved: bool = False
+    half_width: float = 0.0
+    name: str = ""
+
+
+def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
+    """Join open pieces where exactly two ends meet; where more meet, chains end.
 
     Args:
-        control: control points, shape (d + 1, 2).
-        distance: greatest distance between curve and polyline.
+        pieces: open pieces, each of some length; what is drawn twice, whole or in parts, counts once.
+        gap: ends no farther apart than this meet; a short leg then bridges them.
 
     Returns:
-        Points on the curve, both ends included, shape (k, 2).
+        Chains in the order of their first pieces; a loop is a closed piece.
 
     Raises:
-        ProblemError: the curve would need more than ``MAX_STEPS`` chords.
+        ProblemError: ends lie so densely that it cannot be told which of them meet.
     """
-    degree = len(control) - 1
-    bend = np.linalg.norm(np.diff(control, n=2, axis=0), axis=1).max(initial=0.0)
-    t = np.linspace(0.0, 1.0, _steps(degree * (degree - 1) * float(bend), distance) + 1)[:, None]
-    points = np.repeat(control[None, :, :], len(t), axis=0)
-    for _ in range(degree):  # de Casteljau
-        points = (1.0 - t[..., None]) * points[:, :-1] + t[..., None] * points[:, 1:]
-    return _pinned(points[:, 0], control[0], control[-1])
+    pieces = _drawn_once(pieces, gap)
+    if not pieces:
+        return []
+    # Ends that meet are led to one of them, so that GEOS sees them meet.
+    ends = _meeting(np.array([piece.points[[0, -1]] for piece in pieces]).reshape(-1, 2), gap).reshape(-1, 2, 2)
+    led = [np.vstack((a, piece.points, b)) for piece, (a, b) in zip(pieces, ends, strict=True)]
+    chains = shapely.get_parts(shapely.line_merge(shapely.multilinestrings([shapely.LineString(one) for one in led])))
+    middles = shapely.points([0.5 * (piece.points[0] + piece.points[1]) for piece in pieces])
+    ours, of_chain = shapely.STRtree(chains).query(middles, predicate="dwithin", distance=gap)
+    members = [ours[of_chain == k] for k in range(len(chains))]
+    order = sorted(range(len(chains)), key=lambda k: int(members[k].min()))
+    return [_chain(chains[k], [pieces[number] for number in np.sort(members[k])]) for k in order]
 
 
-def flatten_ellipse(
-    center: FloatArray, major: FloatArray, minor: FloatArray, start: float, sweep: float, distance: float
-) -> FloatArray:
-    """The arc center + major cos t + minor sin t of an ellipse as a polyline.
-
-    Its second derivative is at most the longer of the two perpendicular half axes.
-
-    Args:
-        center: shape (2,).
-        major: a half axis, shape (2,).
-        minor: the half axis perpendicular to it, shape (2,).
-        start: first parameter [rad].
-        sweep: parameter passed, negative for clockwise [rad].
-        distance: greatest distance between arc and polyline.
-
-    Returns:
-        Points on the arc, both ends included, shape (k, 2).
-
-    Raises:
-        ProblemError: the arc would need more than ``MAX_STEPS`` chords.
-    """
-    longest = max(float(np.hypot(*major)), float(np.hypot(*minor)))
-    steps = _steps(longest * sweep**2, distance)
-    # A chord a quarter at least keeps the outline of an ellipse from collapsing where the distance is large.
-    steps = max(steps, math.ceil(abs(sweep) / (0.5 * math.pi)))
-    t = start + sweep * np.linspace(0.0, 1.0, steps + 1)
-    points: FloatArray = center + np.outer(np.cos(t), major) + np.outer(np.sin(t), minor)
-    return points
+def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
+    points = shapely.get_coordinates(shapely.remove_repeated_points(line))
+    closed = bool(shapely.is_closed(line))
+    curved = any(piece.curved for piece in members)
+    half_width = max(piece.half_width for piece in members)
+    return Piece(points[:-1] if closed else points, closed, curved, half_width, members[0].name)
 
 
-def flatten_arc(center: FloatArray, radius: float, start: float, sweep: float, distance: float) -> FloatArray:
-    """A circular arc as a polyline; arguments and result as in ``flatten_ellipse``."""
-    return flatten_ellipse(center, np.array([radius, 0.0]), np.array([0.0, radius]), start, sweep, distance)
+def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
+    """The pieces that lie on no longer ones, and of equal ones the first."""
+    lines = np.array([shapely.LineString(piece.points) for piece in pieces])
+    tree = shapely.STRtree(lines)
+    middles = shapely.line_interpolate_point(lines, 0.5, normalized=True)
+    ours, others = tree.query(middles, predicate="dwithin", distance=gap)
+    lengths = shapely.length(lines)
+    # A piece may lie on one that is longer by rounding alone, but of two that lie on each other one stays.
+    before = (lengths[others] > lengths[ours] + gap) | ((abs(lengths[others] - lengths[ours]) <= gap) & (others < ours))
+    ours, others = ours[before], others[before]
+    on = shapely.covers(shapely.buffer(lines[others], gap), lines[ours])
+    lost = set(ours[on].tolist())
+    return [piece for k, piece in enumerate(pieces) if k not in lost]
 
 
-def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> FloatArray:
-    """A polyline whose legs may be arcs, given by bulges as in DXF.
-
-    A bulge is tan(φ/4), φ the angle of the arc, positive counter-clockwise; the radius is c (1 + b²) / (4 |b|) over
-    a chord of length c.
-
-    Args:
-        points: shape (k, 2).
-        bulges: of the leg after each point but the last, shape (k - 1,).
-        distance: greatest distance between arc and polyline.
-
-    Returns:
-        Shape (m, 2), all of ``points`` included.
-    """
-    pieces = [points[:1]]
-    for tail, head, bulge in zip(points[:-1], points[1:], bulges, strict=True):
-        straight = bulge == 0.0 or bool(np.all(tail == head))
-        pieces.append(head[None] if straight else _bulge(tail, head, float(bulge), distance)[1:])
-    return np.concatenate(pieces)
-
-
-def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) -> FloatArray:
-    chord = head - tail
-    # The centre stands off the middle of the chord, to its left, by c (1 − b²) / (4 b).
-    center = 0.5 * (tail + head) + (1.0 - bulge**2) / (4.0 * bulge) * np.array([-chord[1], chord[0]])
-    start = math.atan2(*(tail - center)[::-1])
-    arc = flatten_arc(center, float(np.hypot(*(tail - center))), start, 4.0 * math.atan(bulge), distance)
-    return _pinned(arc, tail, head)
-
-
-def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """The same points with their ends free of rounding."""
-    points[0] = first
-    points[-1] = last
-    return points
-
-
-def _steps(second_derivative: float, distance: float) -> int:
-    """Chords needed over a parameter interval of length 1."""
-    if not math.isfinite(second_derivative):
-        raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
-    # h² max|p''| / 8 ≤ distance with h = 1 / steps.
-    needed = math.sqrt(second_derivative / (8.0 * distance))
-    if needed > MAX_STEPS:  # maybe infinite
-        raise ProblemError(
-            f"a curve needs {needed:.0f} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
-            "a larger curve_tolerance"
-        )
-    return max(math.ceil(needed), 1)
-
-
-def flatten_spline(
-    knots: FloatArray, control: FloatArray, weights: FloatArray, degree: int, distance: float
-) -> FloatArray:
-    """A B-spline curve, which may be rational, as a polyline.
-
-    Between two knots the curve is a quotient p = n / w of polynomials, whose coefficients bound their derivatives:
-    p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS Book, equation 4.8).
-
-    Args:
-        knots: shape (k + degree + 1,), not decreasing.
-        control: control points, shape (k, 2).
-        weights: of the control points, positive, shape (k,).
-        degree: at least 1.
-        distance: greatest distance between curve and polyline.
-
-    Returns:
-        Points on the curve, both ends included, shape (m, 2).
-
-    Raises:
-        ProblemError: the curve would need more than ``MAX_STEPS`` chords, or a weight is not positive.
-    """
-    from scipy.interpolate import PPoly  # noqa: PLC0415 - slow to load and seldom needed
-
-    if not np.all(weights > 0.0):
-        raise ProblemError("it is a spline with a weight that is not positive; explode it into a polyline or arcs")
-    weights = weights / weights.max()
-    # Columns: n and w.
-    columns = np.column_stack((weights[:, None] * control, weights))
-    coefficients = np.stack([PPoly.from_spline((knots, column, degree)).c for column in columns.T], axis=-1)
-    powers = np.arange(degree, -1, -1)  # from the highest on
-    pieces: list[FloatArray] = []
-    for k in range(degree, len(knots) - degree - 1):
-        width = float(knots[k + 1] - knots[k])
-        if width <= 0.0:
-            continue
-        # Over a span of width 1, places seen from where it begins.
-        terms = coefficients[:, k] * width ** powers[:, None]
-        whole = terms.copy()
-        terms[:, :2] -= terms[:, 2:] * (terms[-1, :2] / terms[-1, 2])
-        terms = np.abs(terms)
-        slopes = powers @ terms
-        bends = (powers * (powers - 1)) @ terms
-        least = float(weights[k - degree : k + 1].min())
-        reach = float(np.hypot(*terms[:, :2].sum(axis=0))) / least
-        slope = (np.hypot(slopes[0], slopes[1]) + slopes[2] * reach) / least
-        bend = (np.hypot(bends[0], bends[1]) + 2.0 * slopes[2] * slope + bends[2] * reach) / least
-        values = np.linspace(0.0, 1.0, _steps(float(bend), distance) + 1)[:, None] ** powers @ whole
-        values = values[1:] if pieces else values
-        pieces.append(values[:, :2] / values[:, 2:])
-        if sum(map(len, pieces)) > MAX_STEPS:
-            raise ProblemError("a spline needs too many chords; check the scale, or allow a larger curve_tolerance")
-    return np.concatenate(pieces)
+def _meeting(points: FloatArray, gap: float) -> FloatArray:
+    """The points, but those joined by steps of at most ``gap`` all at the first of them; shape as given."""
+    # Equal points are one place, however many there are; pairs are sought among different ones only.
+    places, place_of = np.unique(points, axis=0, return_inverse=True)
+    tree = cKDTree(places)
+    if tree.count_neighbors(tree, gap) > _MOST_MEETING * len(places):
+        raise ProblemError("open lines end in crowds too dense to tell which of them meet; join them, or simplify")
+    pairs = tree.query_pairs(gap, output_type="ndarray")
+    # Pairs of near points are the edges of a graph; its connected components are the places that meet.
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
+    group = connected_components(graph, directed=False)[1]
+    first = np.unique(group, return_index=True)[1]
+    return np.asarray(places[first[group]][place_of.reshape(-1)])
 
 
 Entity: TypeAlias = Any

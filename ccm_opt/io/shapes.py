@@ -1,0 +1,335 @@
+"""Shapes that a drawing holds, and curves as chords.
+
+A curve p(t), replaced by chords over equal steps h of its parameter, is nowhere farther from the chord at the same
+parameter than h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.problem import LeftOut
+
+
+@dataclass(frozen=True)
+class ImportBounds:
+    """Bounds of the import, the same for all formats.
+
+    Attributes:
+        most_bytes: larger files are refused. Taste.
+        most_vertices: larger scenes are refused. Taste: a planner would take hours with them.
+        most_points: shapes of more points in all, counted before repairs join some, are refused while they are read.
+            Derived: what more than ``most_vertices`` would remain of, but for outlines that are drawn several times.
+        most_elements: drawings of more elements, those counted as often as they are used or inserted, are refused
+            while they are expanded. Derived: an element gives one vertex at least.
+        most_nodes: files of more elements of any kind, or places in lists, are refused while they are read. Taste.
+        deepest: elements nested deeper are refused, so that nothing depends on how deep a file nests. Taste: people
+            nest a dozen deep, and programs that convert drawings some dozens.
+        reported_defects: how many defects of a drawing an error lists. Taste.
+        largest_coordinate: larger ones are refused, in the unit of the result. Derived: beyond it double precision no
+            longer resolves a millionth.
+        most_nested: pairs of rings of one shape whose boxes meet. Measured: 0.5 s for
+            as many, each ring in the next.
+    """
+
+    most_bytes: int = 32 * 2**20
+    most_vertices: int = 50_000
+    most_points: int = 100_000
+    most_elements: int = 50_000
+    most_nodes: int = 300_000
+    deepest: int = 200
+    reported_defects: int = 10
+    largest_coordinate: float = 1e9
+    most_nested: int = 500_000
+
+    def listed(self, defects: Sequence[str]) -> str:
+        """The first defects of a drawing in one sentence, with the number of the rest."""
+        shown = list(defects[: self.reported_defects])
+        if len(defects) > len(shown):
+            shown.append(f"and {len(defects) - len(shown)} more")
+        return "; ".join(shown)
+
+
+IMPORT = ImportBounds()
+"""What every drawing is held to."""
+
+
+FillRule = Literal["polygon", "evenodd", "nonzero"]
+"""How rings within rings count, see ``Region``."""
+
+Drawn = Literal["outline", "painted", "area"]
+"""How an outline is drawn: as a line alone, so that outlines within it are holes; filled; or as an area, by a hatch for
+example, which is solid whatever outlines stand for."""
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A true circle.
+
+    Attributes:
+        name: what the drawing calls it.
+        center: shape (2,).
+        radius: positive.
+        layer: on which it is drawn; empty where the drawing has none.
+        drawn: see ``Drawn``.
+    """
+
+    name: str
+    center: FloatArray
+    radius: float
+    layer: str = ""
+    drawn: Drawn = "outline"
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return 1
+
+
+@dataclass(frozen=True)
+class Region:
+    """What closed rings enclose.
+
+    Attributes:
+        name: what the drawing calls it.
+        rings: each of shape (k, 2), the first point not repeated.
+        rule: ``polygon``: the first ring is the outline, the others are holes; ``evenodd`` and ``nonzero``: rings
+            within rings are holes by the fill rules of SVG.
+        curved: whether some ring is a flattened curve.
+        half_width: by which the drawn line is wider than the ring on each side.
+        layer: as for a disc.
+        drawn: as for a disc.
+    """
+
+    name: str
+    rings: tuple[FloatArray, ...]
+    rule: FillRule = "polygon"
+    curved: bool = False
+    half_width: float = 0.0
+    layer: str = ""
+    drawn: Drawn = "painted"
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return sum(len(ring) for ring in self.rings)
+
+
+@dataclass(frozen=True)
+class Line:
+    """An open line.
+
+    Attributes:
+        name: what the drawing calls it.
+        points: shape (k, 2).
+        curved: whether it is a flattened curve.
+        half_width: half the width with which it is drawn, where the width belongs to the drawing's geometry.
+        layer: as for a disc.
+    """
+
+    name: str
+    points: FloatArray
+    curved: bool = False
+    half_width: float = 0.0
+    layer: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+
+Shape: TypeAlias = Disc | Region | Line
+
+
+@dataclass(frozen=True)
+class DrawingContent:
+    """What a reader found.
+
+    Attributes:
+        shapes: in the order of the drawing.
+        left_out: what became no shape, with the reasons.
+        unit: of length that the file names, for example ``mm``; empty where it names none.
+    """
+
+    shapes: tuple[Shape, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    unit: str = ""
+
+
+Reader: TypeAlias = Callable[[bytes, float], DrawingContent]
+"""Finds the shapes in a file's bytes; curves are flattened to the given distance, in the drawing's own unit."""
+
+
+MAX_STEPS = 20_000
+"""A single curve of more chords than this is taken for a mistake in scale."""
+
+
+def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
+    """A Bézier curve of any degree as a polyline.
+
+    Of degree d its second derivative is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and Surfaces
+    for CAGD, section 4.4).
+
+    Args:
+        control: control points, shape (d + 1, 2).
+        distance: greatest distance between curve and polyline.
+
+    Returns:
+        Points on the curve, both ends included, shape (k, 2).
+
+    Raises:
+        ProblemError: the curve would need more than ``MAX_STEPS`` chords.
+    """
+    degree = len(control) - 1
+    bend = np.linalg.norm(np.diff(control, n=2, axis=0), axis=1).max(initial=0.0)
+    t = np.linspace(0.0, 1.0, _steps(degree * (degree - 1) * float(bend), distance) + 1)[:, None]
+    points = np.repeat(control[None, :, :], len(t), axis=0)
+    for _ in range(degree):  # de Casteljau
+        points = (1.0 - t[..., None]) * points[:, :-1] + t[..., None] * points[:, 1:]
+    return _pinned(points[:, 0], control[0], control[-1])
+
+
+def flatten_ellipse(
+    center: FloatArray, major: FloatArray, minor: FloatArray, start: float, sweep: float, distance: float
+) -> FloatArray:
+    """The arc center + major cos t + minor sin t of an ellipse as a polyline.
+
+    Its second derivative is at most the longer of the two perpendicular half axes.
+
+    Args:
+        center: shape (2,).
+        major: a half axis, shape (2,).
+        minor: the half axis perpendicular to it, shape (2,).
+        start: first parameter [rad].
+        sweep: parameter passed, negative for clockwise [rad].
+        distance: greatest distance between arc and polyline.
+
+    Returns:
+        Points on the arc, both ends included, shape (k, 2).
+
+    Raises:
+        ProblemError: the arc would need more than ``MAX_STEPS`` chords.
+    """
+    longest = max(float(np.hypot(*major)), float(np.hypot(*minor)))
+    steps = _steps(longest * sweep**2, distance)
+    # A chord a quarter at least keeps the outline of an ellipse from collapsing where the distance is large.
+    steps = max(steps, math.ceil(abs(sweep) / (0.5 * math.pi)))
+    t = start + sweep * np.linspace(0.0, 1.0, steps + 1)
+    points: FloatArray = center + np.outer(np.cos(t), major) + np.outer(np.sin(t), minor)
+    return points
+
+
+def flatten_arc(center: FloatArray, radius: float, start: float, sweep: float, distance: float) -> FloatArray:
+    """A circular arc as a polyline; arguments and result as in ``flatten_ellipse``."""
+    return flatten_ellipse(center, np.array([radius, 0.0]), np.array([0.0, radius]), start, sweep, distance)
+
+
+def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> FloatArray:
+    """A polyline whose legs may be arcs, given by bulges as in DXF.
+
+    A bulge is tan(φ/4), φ the angle of the arc, positive counter-clockwise; the radius is c (1 + b²) / (4 |b|) over
+    a chord of length c.
+
+    Args:
+        points: shape (k, 2).
+        bulges: of the leg after each point but the last, shape (k - 1,).
+        distance: greatest distance between arc and polyline.
+
+    Returns:
+        Shape (m, 2), all of ``points`` included.
+    """
+    pieces = [points[:1]]
+    for tail, head, bulge in zip(points[:-1], points[1:], bulges, strict=True):
+        straight = bulge == 0.0 or bool(np.all(tail == head))
+        pieces.append(head[None] if straight else _bulge(tail, head, float(bulge), distance)[1:])
+    return np.concatenate(pieces)
+
+
+def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) -> FloatArray:
+    chord = head - tail
+    # The centre stands off the middle of the chord, to its left, by c (1 − b²) / (4 b).
+    center = 0.5 * (tail + head) + (1.0 - bulge**2) / (4.0 * bulge) * np.array([-chord[1], chord[0]])
+    start = math.atan2(*(tail - center)[::-1])
+    arc = flatten_arc(center, float(np.hypot(*(tail - center))), start, 4.0 * math.atan(bulge), distance)
+    return _pinned(arc, tail, head)
+
+
+def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
+    """The same points with their ends free of rounding."""
+    points[0] = first
+    points[-1] = last
+    return points
+
+
+def _steps(second_derivative: float, distance: float) -> int:
+    """Chords needed over a parameter interval of length 1."""
+    if not math.isfinite(second_derivative):
+        raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
+    # h² max|p''| / 8 ≤ distance with h = 1 / steps.
+    needed = math.sqrt(second_derivative / (8.0 * distance))
+    if needed > MAX_STEPS:  # maybe infinite
+        raise ProblemError(
+            f"a curve needs {needed:.0f} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
+            "a larger curve_tolerance"
+        )
+    return max(math.ceil(needed), 1)
+
+
+def flatten_spline(
+    knots: FloatArray, control: FloatArray, weights: FloatArray, degree: int, distance: float
+) -> FloatArray:
+    """A B-spline curve, which may be rational, as a polyline.
+
+    Between two knots the curve is a quotient p = n / w of polynomials, whose coefficients bound their derivatives:
+    p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS Book, equation 4.8).
+
+    Args:
+        knots: shape (k + degree + 1,), not decreasing.
+        control: control points, shape (k, 2).
+        weights: of the control points, positive, shape (k,).
+        degree: at least 1.
+        distance: greatest distance between curve and polyline.
+
+    Returns:
+        Points on the curve, both ends included, shape (m, 2).
+
+    Raises:
+        ProblemError: the curve would need more than ``MAX_STEPS`` chords, or a weight is not positive.
+    """
+    from scipy.interpolate import PPoly  # noqa: PLC0415 - slow to load and seldom needed
+
+    if not np.all(weights > 0.0):
+        raise ProblemError("it is a spline with a weight that is not positive; explode it into a polyline or arcs")
+    weights = weights / weights.max()
+    # Columns: n and w.
+    columns = np.column_stack((weights[:, None] * control, weights))
+    coefficients = np.stack([PPoly.from_spline((knots, column, degree)).c for column in columns.T], axis=-1)
+    powers = np.arange(degree, -1, -1)  # from the highest on
+    pieces: list[FloatArray] = []
+    for k in range(degree, len(knots) - degree - 1):
+        width = float(knots[k + 1] - knots[k])
+        if width <= 0.0:
+            continue
+        # Over a span of width 1, places seen from where it begins.
+        terms = coefficients[:, k] * width ** powers[:, None]
+        whole = terms.copy()
+        terms[:, :2] -= terms[:, 2:] * (terms[-1, :2] / terms[-1, 2])
+        terms = np.abs(terms)
+        slopes = powers @ terms
+        bends = (powers * (powers - 1)) @ terms
+        least = float(weights[k - degree : k + 1].min())
+        reach = float(np.hypot(*terms[:, :2].sum(axis=0))) / least
+        slope = (np.hypot(slopes[0], slopes[1]) + slopes[2] * reach) / least
+        bend = (np.hypot(bends[0], bends[1]) + 2.0 * slopes[2] * slope + bends[2] * reach) / least
+        values = np.linspace(0.0, 1.0, _steps(float(bend), distance) + 1)[:, None] ** powers @ whole
+        values = values[1:] if pieces else values
+        pieces.append(values[:, :2] / values[:, 2:])
+        if sum(map(len, pieces)) > MAX_STEPS:
+            raise ProblemError("a spline needs too many chords; check the scale, or allow a larger curve_tolerance")
+    return np.concatenate(pieces)
