@@ -11,11 +11,12 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.link_space import NOMINAL_LINKS
+from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import Sought
@@ -68,6 +69,8 @@ class MotionTask:
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         refuse: raises where it is proved that there is no motion; asked once, before what takes long.
         guide_tubes: limits of what carries the base; none where it is fixed.
+        fed_space: in which an arm on a feed axis moves; None where the base is fixed, and the arm moves in the curves
+            through its start.
         nominal_links: to the arm's length; more than usual where passages are narrow.
         settings: numbers of every stage of the search.
     """
@@ -91,6 +94,7 @@ class MotionTask:
     wanted_gap: float = 0.0
     refuse: Callable[[], None] = field(default=lambda: None)
     guide_tubes: tuple[Limit, ...] = ()
+    fed_space: FedSpace | None = None
     nominal_links: float = NOMINAL_LINKS
     settings: MotionSettings = field(default_factory=MotionSettings)
 
@@ -111,6 +115,12 @@ class MotionTask:
         in_gates = min((self.gap_about(path.gate_places) for path in self.tip_paths), default=np.inf)
         spare = min(spare, max(_SPARE_IN_GATES * in_gates, 0.0))
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
+
+    def space_through(self, poses: FloatArray) -> tuple[LinkSpace, FloatArray]:
+        """The space of motions from a pose, shape (c,), and its coordinates; a fed arm's holds any poses, (..., c)."""
+        if self.fed_space is not None:
+            return self.fed_space, self.fed_space.coordinates(poses)
+        return LinkSpace.through(self.arm, poses, self.nominal_links, clamped=self.clamped)
 
     def at_full_limits(self) -> "MotionTask":
         """The same, but that steps use nearly all of the joint limits."""

@@ -248,13 +248,14 @@ class SearchRun:
             narrowed = replace(narrowed, ridge=_GATE_RIDGE)
         if narrowed is not task.settings.step:
             task = replace(task, settings=replace(task.settings, step=narrowed))
-        space, start = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
+        space, start = task.space_through(task.start)
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:
-            # The first coordinates of the goal are fitted; the last, w, goes from 0 at the start to 1 there.
+            # The first coordinates of the goal are fitted; the last, w, goes from 0 at the start to 1 there. A fed
+            # arm needs none: its space holds any pose.
             space, end = space.blended_to(task.goal_headings)
-            start = np.append(start, 0.0)
+            start = np.append(start, np.zeros(len(end) - len(start)))
             goal = replace(goal, coordinates=end)
             guesses = (end,)
 

@@ -336,6 +336,8 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         wanted_gap=problem.wanted_gap,
         end_poses=FedEndPoses(query, query.settings.curve.goal_pose),
         guide_tubes=(GuideTubeLimit(arm, query.travel),),
+        # In it a way of the base counts by the time that it takes.
+        fed_space=FedSpace.of_arm(arm, turn_per_link(problem)),
         settings=query.settings.curve.motion,
     )
 
@@ -363,11 +365,6 @@ def task_of_optimising(task: MotionTask, query: FeedQuery, motion: Motion) -> Mo
     return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
 
 
-def fed_space(problem: Problem) -> FedSpace:
-    """The space of a problem's arm, in which a way of the base counts by the time that it takes."""
-    return FedSpace.of_arm(problem.arm, turn_per_link(problem))
-
-
 def turn_per_link(problem: Problem) -> float:
     """What the average joint turns while the base is carried by a link length [rad]."""
     speed = problem.limits.feed_velocity or 1.0
@@ -375,7 +372,7 @@ def turn_per_link(problem: Problem) -> float:
 
 
 def fed_slowness(problem: Problem) -> JointSlowness:
-    """What the joints and the base can do by their limits, the way of the base counted as in ``fed_space``."""
+    """What the joints and the base can do by their limits, the way of the base counted as in its space."""
     limits = problem.limits
     per_turn = turn_per_link(problem) / problem.arm.link_length  # rad a metre
     speeds = np.append(limits.velocity[1::3], per_turn * (limits.feed_velocity or 1.0))

@@ -14,7 +14,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_planner import CurvePlanner
-from ccm_opt.planning.feed.fed_task import fed_space, fed_task
+from ccm_opt.planning.feed.fed_task import fed_task
 from ccm_opt.planning.feed.finishing import Finishing
 from ccm_opt.planning.feed.leader_paths import LeaderPaths, Reach
 from ccm_opt.planning.feed.member_problems import (
@@ -337,7 +337,7 @@ class _FeedSearch:
         settings = self.query.settings
         limits = user_limits(self.terms, self.query.settings)
         task = fed_task(self.query, self.query.deadline, limits)
-        self.finishing = Finishing(self.query, task, fed_space(problem), self.refused, self.terms)
+        self.finishing = Finishing(self.query, task, self.refused, self.terms)
         self.leader_paths = None
         if isinstance(problem.goal, TipGoal):
             # What following may use up leaves time for changes of shape.
@@ -370,7 +370,7 @@ class _FeedSearch:
         # An end that bends too near to the hole to be drawn back has to change its shape in any case: perhaps that is
         # all it takes.
         end_bends_at_hole = query.start_path is None or query.goal_path is None
-        yield from straight_to_goal(query, self.finishing.task, self.finishing.space)
+        yield from straight_to_goal(query, self.finishing.task)
         at_once_first = query.goal is not None and end_bends_at_hole
         if at_once_first:
             yield from reshaping_at_once(query, _RESHAPING_SHARE)
@@ -423,7 +423,7 @@ class _FeedSearch:
 
     def _led_to(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         """The motion that changes shape and feed at once, drawn back as far as need be."""
-        yield from drawn_back_a_little(query, path, self.finishing.task, self.finishing.space)
+        yield from drawn_back_a_little(query, path, self.finishing.task)
 
     def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         """Changes of shape that are found quickly, to compare with what is drawn back."""

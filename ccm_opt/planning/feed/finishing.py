@@ -2,29 +2,30 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.curve_planner import laid_path
 from ccm_opt.planning.ending import optimised_to_end_pose
-from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.feed.fed_task import task_of_optimising
 from ccm_opt.planning.feed.member_problems import ProposedMotion
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
+from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline
-from ccm_opt.planning.step import Stepper
-from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Limits, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import JointPath
+
+if TYPE_CHECKING:
+    from ccm_opt.planning.search import Failure
 
 _LONG = 2.5
 """Times the duration of the straight line between its ends from which on a motion is put off. Taste."""
@@ -96,14 +97,12 @@ class Finishing:
     Attributes:
         query: what is asked.
         task: the same as a task of the optimisation, with all limits.
-        space: of the motions.
         refused: why motions were refused.
         terms: the user's constraints and costs, which are limits of the task; or None.
     """
 
     query: FeedQuery
     task: MotionTask
-    space: FedSpace
     refused: list[str]
     terms: UserTerms | None = None
 
@@ -169,7 +168,7 @@ class Finishing:
 
     def _motion(self, proposed: ProposedMotion) -> Motion:
         poses = self.query.arm.poses(proposed.keyframes)
-        return Motion(self.space, self.space.coordinates(poses), poses, proposed.name)
+        return Motion(*self.task.space_through(poses), poses, proposed.name)
 
     # ------------------------------------------------------------ the user's constraints and costs
     def _on_limits(self, found: Motion) -> JointPath | None:
@@ -187,38 +186,16 @@ class Finishing:
 
     def _kept(self, found: Motion) -> Iterator[Motion]:
         """The motion where it keeps the limits, and the same tracked under them with less and less margin."""
-        parametric = self.task.parametric
-        if not parametric and keeps_limits(found, self.task):
-            yield found
-        for links in self.task.settings.search.margins:
-            try:
-                yield self._tracked(found, links)
-            except Stalled as stalled:
-                self.refused.append(f"{found.candidate}, tracked: {stalled}")
-
-    def _tracked(self, found: Motion, links: float) -> Motion:
-        """The motion drawn through the limits.
-
-        Raises:
-            Stalled: naming what could not be met.
-        """
         task = self.task
-        space = self.space
-        finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, task.limits(finder), _keeping_up(task.settings, found), finder=finder)
-        start = stepper.pose(found.unknowns[0])
-        goal = task.limited_goal
-        reference = ReferenceMotion.from_headings(found.configurations)
-        if task.goal_headings is not None:
-            goal = replace(goal, coordinates=space.coordinates(task.goal_headings))
-        way = follow_reference(stepper, reference, goal, start, task.deadline)
-        poses = np.array([pose.q for pose in way.poses])
-        if task.goal_headings is not None:
-            poses = np.vstack((poses, task.goal_headings))
-        if len(task.certificate.failures(poses)):
-            raise Stalled("the motion arrived but could not be certified", way.poses)
-        u = np.array(way.u) if task.parametric else None
-        return Motion(space, space.coordinates(poses), poses, f"{found.candidate}, tracked", u)
+        if not task.parametric and keeps_limits(found, task):
+            yield found
+        keeping_up = replace(task, settings=_keeping_up(task.settings, found))
+        for links in task.settings.search.margins:
+            failures: list[Failure] = []
+            motion = SearchRun.from_task(keeping_up, links).tracked(found, failures)
+            if motion is not None:
+                yield motion if task.parametric else replace(motion, u=None)
+            self.refused.extend(f"{failure.candidate}: {failure.message}" for failure in failures)
 
     # ------------------------------------------------------------ shorter, and with more room
     def _worthwhile(self, found: Motion, *, follows: bool) -> bool:

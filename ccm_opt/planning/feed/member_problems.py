@@ -15,16 +15,14 @@ import shapely
 
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, path_length, points_at, unit_vector, wrap
-from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.ends import Ends, resolve_ends, tip_goal
-from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, slide
 from ccm_opt.planning.goal_members import GoalMember, goal_members
-from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
-from ccm_opt.planning.step import GoalPose, Stepper
+from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.free_space import FreeSpace
@@ -321,19 +319,17 @@ def pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:
     return pinned
 
 
-def straight_to_goal(query: FeedQuery, task: MotionTask, space: FedSpace) -> Iterator[ProposedMotion]:
+def straight_to_goal(query: FeedQuery, task: MotionTask) -> Iterator[ProposedMotion]:
     """Motions straight to the goal of the whole arm, wherever the ends bend."""
     if query.goal is None:
         return
     start = query.start.configuration(query.arm)
-    keyframes = led_between(start, query.goal.configuration(query.arm), task, space)
+    keyframes = led_between(start, query.goal.configuration(query.arm), task)
     if keyframes is not None:
         yield ProposedMotion(keyframes, (), "straight")
 
 
-def drawn_back_a_little(
-    query: FeedQuery, path: LeaderPath, task: MotionTask, space: FedSpace
-) -> Iterator[ProposedMotion]:
+def drawn_back_a_little(query: FeedQuery, path: LeaderPath, task: MotionTask) -> Iterator[ProposedMotion]:
     """Motions to the end of a path, drawn back along the start's path as far as need be, and in along the other."""
     end = query.end_on(path)
     if end is None:
@@ -345,7 +341,7 @@ def drawn_back_a_little(
             continue
         there = slide(arm, ways[0], query.start.feed, ways[1]) if ways[0] is not None else _start(query)
         onward = slide(arm, path, ways[2], end)
-        between = led_between(there[-1], onward[0], task, space)
+        between = led_between(there[-1], onward[0], task)
         if between is not None:
             keyframes = joined_keyframes(there, between, onward)
             name = "straight" if share == 0.0 else f"drawn back by {100 * share:.0f} % of the way"
@@ -353,30 +349,23 @@ def drawn_back_a_little(
             return
 
 
-def led_between(start: FloatArray, end: FloatArray, task: MotionTask, space: FedSpace) -> FloatArray | None:
-    """Keyframes from one configuration to another, shape (K, c); None when the arm cannot be led there.
+def led_between(start: FloatArray, end: FloatArray, task: MotionTask) -> FloatArray | None:
+    """Keyframes from one configuration straight to another, shape (K, c); None when the arm cannot be led there.
 
     Args:
         start: shape (c,) [rad, m].
         end: likewise.
-        task: with the limits to keep on the way.
-        space: of the steps.
+        task: of the whole motion, with the limits to keep on the way.
     """
-    arm = space.arm
-    first = space.coordinates(arm.poses(start))
-    last = space.coordinates(arm.poses(end))
+    arm = task.arm
+    pose = arm.poses(end)
+    goal = GoalPose(arm.points(pose)[-1], float(pose[arm.links - 1]))
+    asked = replace(task, start=arm.poses(start), goal=goal, goal_headings=pose)
     for links in task.settings.search.margins:
-        finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
-        guide = Interpolation(space, first, last)
-        try:
-            poses = follow(stepper, guide, stepper.pose(first), task.deadline)
-        except Stalled:
-            continue
-        keyframes = arm.configurations(np.array([*(pose.q for pose in poses), arm.poses(end)]))
-        keyframes[0] = start
-        keyframes[-1] = end
-        return np.asarray(keyframes)
+        run = SearchRun.from_task(asked, links)
+        motion = run.run(run.direct(), [])
+        if motion is not None:
+            return np.vstack((start, arm.configurations(motion.configurations[1:-1]), end))
     return None
 
 
