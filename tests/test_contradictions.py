@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.driver.pose_failure import with_constraint_first
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal
 from ccm_opt.ik.compiled_terms import compile_terms
-from ccm_opt.ik.contradictions import GoalPlaces, Intervals, NotBounded, contradictions, interval_values
+from ccm_opt.ik.contradictions import GoalRegion, Intervals, NotBounded, contradictions, interval_values
 
 from .camera_room import camera_room, left_of_the_goal, valve_in_view
 
@@ -70,7 +71,7 @@ def test_what_is_refused_has_no_place_at_the_goal_that_keeps_it(
         "drawn", lambda q: c * q.tip[0] + s * q.tip[1] + 0.2 * ca.sin(q.tip_heading), upper=bound
     )
     terms = compile_terms(camera_room().arm, [constraint], [])
-    goal = GoalPlaces(np.array([0.75, 0.2]), heading if headed else None, 1e-3, 0.02)
+    goal = GoalRegion(np.array([0.75, 0.2]), unit_vector(heading) if headed else None, 1e-3, 0.02)
     turns = heading + 0.02 * np.linspace(-1.0, 1.0, 21) if headed else np.linspace(0.0, 2.0 * np.pi, 721)
     least = c * 0.75 + s * 0.2 + 0.2 * np.sin(turns).min() - 1e-3
     found = contradictions(terms, goal)
@@ -85,7 +86,7 @@ def test_a_constraint_of_the_middle_is_left_to_the_search() -> None:
     """What is no function of the tip alone is never refused beforehand, be it impossible."""
     middle = ccm_opt.Constraint("middle too far", lambda q: q.point_at(0.6)[0], lower=5.0)
     terms = compile_terms(camera_room().arm, [middle], [])
-    assert not contradictions(terms, GoalPlaces(np.array([0.75, 0.2]), None, 1e-3, 0.02))
+    assert not contradictions(terms, GoalRegion(np.array([0.75, 0.2]), None, 1e-3, 0.02))
 
 
 @pytest.mark.parametrize("ask", [ccm_opt.solve, ccm_opt.find_pose])
@@ -105,7 +106,7 @@ def test_a_soft_constraint_contradicts_nothing() -> None:
     soft = ccm_opt.Constraint("soft", lambda q: q.tip[0], upper=0.65, soft=True)
     early = ccm_opt.Constraint("early", lambda q: q.tip[0], upper=0.65, where=ccm_opt.Interval(0.0, 0.5))
     terms = compile_terms(camera_room().arm, [soft, early], [])
-    assert not contradictions(terms, GoalPlaces(np.array([0.75, 0.2]), None, 1e-3, 0.02))
+    assert not contradictions(terms, GoalRegion(np.array([0.75, 0.2]), None, 1e-3, 0.02))
 
 
 def test_after_a_search_in_vain_the_constraint_that_no_pose_keeps_comes_first() -> None:

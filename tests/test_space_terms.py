@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.compiled_terms import compile_terms
-from ccm_opt.ik.contradictions import GoalRegion, contradictions_in_space
+from ccm_opt.ik.contradictions import GoalRegion, contradictions
 from ccm_opt.ik.quantities import SpaceQuantities
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
@@ -139,7 +139,7 @@ def test_what_is_proved_to_contradict_a_goal_is_missed_everywhere_there(seed: in
         pointed = pointed[np.arccos(np.clip(pointed @ direction, -1.0, 1.0)) <= region.turned]
         places = places[: len(pointed)]
     values = places @ linear + pointed @ turned - np.sum(places**2, axis=1)
-    for each in contradictions_in_space(terms, region):
+    for each in contradictions(terms, region):
         assert float(np.min(lower - values)) >= each.least - 1e-12
         assert each.miss >= each.least
 
@@ -152,4 +152,4 @@ def test_a_constraint_on_more_than_the_tip_is_never_refused_beforehand() -> None
         return q.tip[0] + q.joint_positions[0, 2]
 
     region = GoalRegion(np.zeros(3), None, 0.0, 0.0)
-    assert contradictions_in_space(compile_terms(space_arm(5), [middle], []), region) == ()
+    assert contradictions(compile_terms(space_arm(5), [middle], []), region) == ()

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.contradictions import Contradiction, GoalPlaces, GoalRegion, contradictions, contradictions_in_space
+from ccm_opt.ik.contradictions import Contradiction, GoalRegion, contradictions
 from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.problem.options import options_without_effect
@@ -143,11 +143,8 @@ def _contradictions(
 ) -> tuple[Contradiction, ...]:
     if not isinstance(goal, TipGoal):
         return ()
-    if len(goal.position) == 3:
-        region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
-        return contradictions_in_space(terms, region, settings)
-    places = GoalPlaces(goal.position, goal.heading, tolerances.position, tolerances.heading)
-    return contradictions(terms, places, settings)
+    region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
+    return contradictions(terms, region, settings)
 
 
 def _finding(each: Contradiction, where: str) -> Finding:

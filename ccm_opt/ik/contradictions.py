@@ -2,11 +2,8 @@
 
 After R. E. Moore, *Interval Analysis*, 1966. Bounds hold up to rounding; who compares them allows for that.
 
-A constraint that is a function of the tip's pose is bounded over all places and headings that count as the goal, by
-interval arithmetic and bisection of the heading. What is not proved is left to the search.
-
-As in the plane: what is a function of the tip's place and direction alone is bounded over all that counts as the goal,
-by interval arithmetic; what is not proved is left to the search.
+A constraint that is a function of the tip's place and direction alone is bounded over all that counts as the goal, by
+interval arithmetic, and in the plane by bisection of the heading. What is not proved is left to the search.
 """
 
 from collections.abc import Callable
@@ -20,7 +17,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import CcmError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint
-from ccm_opt.ik.quantities import Quantities, SpaceQuantities
 from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
 from ccm_opt.robot.arm import Arm
 
@@ -182,37 +178,25 @@ class Contradiction:
     least: float
 
 
-@dataclass(frozen=True, eq=False)
-class _TipQuantities(Quantities):
-    """Quantities in which the tip's place stands for itself, and does not follow from the headings."""
-
-    tip_place: Any = None
-
-    @property
-    def joint_positions(self) -> Any:
-        """Positions of the joints; the last column is the symbol of the tip."""
-        return ca.horzcat(super().joint_positions[:, :-1], self.tip_place)
-
-
 @dataclass(frozen=True)
-class GoalPlaces:
+class GoalRegion:
     """Where the tip may be and point to.
 
     Attributes:
-        position: of the goal, shape (2,) [m].
-        heading: of the last link there [rad]; None where any will do.
+        position: of the goal, shape (d,) [m].
+        direction: of the last link there, a unit vector of shape (d,); None where any will do.
         around: distance that still counts [m].
         turned: turn that still counts [rad].
     """
 
     position: FloatArray
-    heading: float | None
+    direction: FloatArray | None
     around: float
     turned: float
 
 
 def contradictions(
-    terms: UserTerms, goal: GoalPlaces, settings: TermCheckSettings = TERM_CHECKS
+    terms: UserTerms, goal: GoalRegion, settings: TermCheckSettings = TERM_CHECKS
 ) -> tuple[Contradiction, ...]:
     """Hard constraints that are proved not to hold at a goal.
 
@@ -226,7 +210,7 @@ def contradictions(
     return tuple(each for each in found if each is not None)
 
 
-def _contradiction(item: CompiledConstraint, goal: GoalPlaces, settings: TermCheckSettings) -> Contradiction | None:
+def _contradiction(item: CompiledConstraint, goal: GoalRegion, settings: TermCheckSettings) -> Contradiction | None:
     function = _of_tip(item)
     if function is None:
         return None
@@ -238,59 +222,66 @@ def _contradiction(item: CompiledConstraint, goal: GoalPlaces, settings: TermChe
 
 
 def _of_tip(item: CompiledConstraint) -> ca.Function | None:
-    """The constraint as a function of (x, y, heading) of the tip; None when it depends on more of the pose."""
+    """The constraint as a function of where the tip is and points to; None when it depends on more of the pose."""
     known = item.quantities
-    if not isinstance(known, Quantities):
-        return None
-    tip = ca.SX.sym("tip", 2)
-    quantities = _TipQuantities(
-        known.arm,
-        known.link_headings,
-        known.base_feed,
-        known.path_parameter,
-        known.heading_rates,
-        known.feed_rate,
-        tip,
-    )
+    d = known.arm.dimension
+    quantities = replace(known, tip_symbols=(ca.SX.sym("tip", d), ca.SX.sym("direction", d)))
     try:
         expression = ca.vec(ca.SX(item.constraint.expression(quantities)))
     except (CcmError, NotImplementedError, RuntimeError, TypeError):
         return None
-    expression = ca.substitute(expression, ca.vertcat(known.path_parameter, known.base_feed), ca.DM([1.0, 0.0]))
-    symbols = ca.vertcat(tip, known.link_headings[-1])
-    if expression.numel() != len(item.lower) or ca.depends_on(expression, known.link_headings[:-1]):
+    if expression.numel() != len(item.lower):
         return None
-    return ca.Function("of_tip", [symbols], [ca.densify(expression)])
+    given = ca.vertcat(known.path_parameter, known.base_feed)
+    at_goal = ca.vertcat(1.0, known.base_feed if known.arm.base_axes else 0.0)
+    expression = ca.densify(ca.substitute(expression, given, at_goal))
+    symbols = [ca.vertcat(quantities.tip, quantities.pointing)]
+    of_tip = ca.Function("of_tip", symbols, [expression], {"allow_free": True})
+    return None if of_tip.get_free() else of_tip
 
 
-def _headings(arm: Arm, goal: GoalPlaces) -> Intervals:
+def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
+    """Bounds on where the last link points: on its heading in the plane, on its direction in space."""
+    if arm.dimension == 2:
+        return [_headings(arm, goal)]
+    if goal.direction is None:
+        bounds = [(-1.0, 1.0)] * 3
+    else:
+        chord = 2.0 * np.sin(0.5 * min(goal.turned, np.pi))
+        bounds = [(max(float(d) - chord, -1.0), min(float(d) + chord, 1.0)) for d in goal.direction]
+    return [Intervals(np.array([low]), np.array([high])) for low, high in bounds]
+
+
+def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
     """All headings of the last link that count as the goal's and that the joints can turn to, whole turns included."""
     most = float(np.sum(arm.bend_limits))
     lowest = arm.base_heading - most
     highest = arm.base_heading + most
-    if goal.heading is None:
+    if goal.direction is None:
         return Intervals(np.array([lowest]), np.array([highest]))
     turn = 2.0 * np.pi
-    first = np.floor((lowest - goal.heading - goal.turned) / turn)
-    last = np.ceil((highest - goal.heading + goal.turned) / turn)
-    middle = goal.heading + turn * np.arange(first, last + 1.0)
+    heading = float(np.arctan2(goal.direction[1], goal.direction[0]))
+    first = np.floor((lowest - heading - goal.turned) / turn)
+    last = np.ceil((highest - heading + goal.turned) / turn)
+    middle = heading + turn * np.arange(first, last + 1.0)
     return Intervals(middle - goal.turned, middle + goal.turned)
 
 
 def _proved_miss(
-    item: CompiledConstraint, function: ca.Function, goal: GoalPlaces, settings: TermCheckSettings
+    item: CompiledConstraint, function: ca.Function, goal: GoalRegion, settings: TermCheckSettings
 ) -> float:
     """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
-    pieces = _headings(item.quantities.arm, goal)
-    for _ in range(_BISECTIONS):
-        places = [_about(coordinate, goal.around, pieces) for coordinate in goal.position.tolist()]
+    pointing = _pointing(item.quantities.arm, goal)
+    # A heading is bisected; of three parts of a direction the pieces would be too many.
+    for _ in range(_BISECTIONS if len(pointing) == 1 else 1):
+        places = [_about(coordinate, goal.around, pointing[0]) for coordinate in goal.position.tolist()]
         try:
-            misses = least_misses(item, interval_values(function, [*places, pieces]))
+            misses = least_misses(item, interval_values(function, [*places, *pointing]))
         except NotBounded:
             return 0.0
         if np.all(misses > settings.tolerance):
             return float(misses.min())
-        pieces = _halved(pieces)
+        pointing = [_halved(each) for each in pointing]
     return 0.0
 
 
@@ -309,102 +300,3 @@ def least_misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArra
 def _halved(pieces: Intervals) -> Intervals:
     middle = 0.5 * (pieces.low + pieces.high)
     return Intervals(np.concatenate((pieces.low, middle)), np.concatenate((middle, pieces.high)))
-
-
-@dataclass(frozen=True, eq=False)
-class _SpaceTipQuantities(SpaceQuantities):
-    """Quantities in which the tip's place and direction stand for themselves, and do not follow from the bends."""
-
-    tip_place: Any = None
-    tip_points: Any = None
-
-    @property
-    def joint_positions(self) -> Any:
-        """Positions of the joints; the last column is the symbol of the tip."""
-        of_bends = SpaceQuantities(
-            self.arm, self.bends, self.base_feed, self.path_parameter, self.bend_rates, self.feed_rate
-        ).joint_positions
-        return ca.horzcat(of_bends[:, :-1], self.tip_place)
-
-    @property
-    def tip_direction(self) -> Any:
-        """The symbol of the last link's direction, shape (3, 1)."""
-        return self.tip_points
-
-
-@dataclass(frozen=True)
-class GoalRegion:
-    """Where the tip may be and point to.
-
-    Attributes:
-        position: of the goal, shape (3,) [m].
-        direction: of the last link there, a unit vector of shape (3,); None where any will do.
-        around: distance that still counts [m].
-        turned: turn that still counts [rad].
-    """
-
-    position: FloatArray
-    direction: FloatArray | None
-    around: float
-    turned: float
-
-    def box(self) -> list[Intervals]:
-        """Bounds on the place and on the direction, six intervals."""
-        bounds = [(float(x) - self.around, float(x) + self.around) for x in self.position]
-        if self.direction is None:
-            bounds += [(-1.0, 1.0)] * 3
-        else:
-            chord = 2.0 * np.sin(0.5 * min(self.turned, np.pi))
-            bounds += [(max(float(d) - chord, -1.0), min(float(d) + chord, 1.0)) for d in self.direction]
-        return [Intervals(np.array([low]), np.array([high])) for low, high in bounds]
-
-
-def contradictions_in_space(
-    terms: UserTerms, goal: GoalRegion, settings: TermCheckSettings = TERM_CHECKS
-) -> tuple[Contradiction, ...]:
-    """Hard constraints that are proved not to hold at a goal.
-
-    Args:
-        terms: the user's constraints.
-        goal: for the tip.
-        settings: how much a constraint may be missed.
-    """
-    exact = GoalRegion(goal.position, goal.direction, 0.0, 0.0)
-    found = []
-    with np.errstate(all="ignore"):  # what is not a number proves nothing
-        for item in terms.hard_at_goal:
-            function = _of_tip_in_space(item)
-            least = 0.0 if function is None else _proved_miss_in_space(item, function, goal)
-            if function is not None and least > settings.tolerance:
-                found.append(Contradiction(item.constraint.name, _proved_miss_in_space(item, function, exact), least))
-    return tuple(found)
-
-
-def _of_tip_in_space(item: CompiledConstraint) -> ca.Function | None:
-    """The constraint as a function of the tip's place and direction; None when it depends on more of the pose."""
-    known = item.quantities
-    if not isinstance(known, SpaceQuantities):
-        return None
-    place = ca.SX.sym("tip", 3)
-    points = ca.SX.sym("direction", 3)
-    rates = known.rates
-    quantities = _SpaceTipQuantities(
-        known.arm, known.bends, known.base_feed, known.path_parameter, *rates, tip_place=place, tip_points=points
-    )
-    try:
-        expression = ca.vec(ca.SX(item.constraint.expression(quantities)))
-    except (CcmError, NotImplementedError, RuntimeError, TypeError):
-        return None
-    expression = ca.substitute(expression, known.path_parameter, ca.SX(1.0))
-    of_pose = ca.vertcat(known.bends, known.base_feed)
-    if expression.numel() != len(item.lower) or ca.depends_on(expression, of_pose):
-        return None
-    return ca.Function("of_tip", [ca.vertcat(place, points)], [ca.densify(expression)])
-
-
-def _proved_miss_in_space(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
-    """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
-    try:
-        return max(0.0, float(least_misses(item, interval_values(function, goal.box())).min()))
-    except NotBounded:
-        return 0.0

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -15,35 +15,79 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 
 
+@dataclass(frozen=True, eq=False)
 class ArmQuantities(ABC):
     """Quantities of an arm in CasADi's scalar symbols; lengths in metres, angles in radians.
 
     Attributes:
         arm: the arm, for its numbers: masses, lengths, base.
+        shape: headings of the links, or in space both bends of every joint, shape (k, 1) [rad].
         base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
         path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
-        feed_rate: of the base on its feed axis, a scalar [m/s]; known on the finished motion only.
+        shape_rates: of the shape, shape (k, 1) [rad/s]; known on the finished motion only, for a path has no speed.
+        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
+        tip_symbols: where the tip stands for itself and does not follow from the shape, symbols of its position and of
+            the last link's direction; else None.
     """
 
-    arm: Any
+    arm: Arm
+    shape: Any
     base_feed: Any
     path_parameter: Any
+    shape_rates: Any
     feed_rate: Any
+    tip_symbols: tuple[Any, Any] | None = None
+
+    @classmethod
+    def from_arm(cls, arm: Arm) -> Self:
+        """Fresh symbols for an arm."""
+        name = cls._shape_name
+        size = len(arm.bend_limits)
+        return cls(
+            arm,
+            ca.SX.sym(name, size),
+            ca.SX.sym("feed"),
+            ca.SX.sym("path_parameter"),
+            ca.SX.sym(f"{name}_rate", size),
+            ca.SX.sym("feed_rate"),
+        )
+
+    _shape_name: ClassVar[str]
 
     @property
-    @abstractmethod
     def symbols(self) -> tuple[Any, Any, Any]:
         """Symbols of shape, feed and path parameter, all that the expression of a path may hold."""
+        return self.shape, self.base_feed, self.path_parameter
 
     @property
-    @abstractmethod
     def rates(self) -> tuple[Any, Any]:
         """Rates of the shape and of the feed."""
+        return self.shape_rates, self.feed_rate
 
     @property
     @abstractmethod
+    def link_directions(self) -> Any:
+        """Directions of the links, unit vectors, shape (dimensions, links)."""
+
+    @property
+    @abstractmethod
+    def pointing(self) -> Any:
+        """What says where the last link points: its heading, or in space its direction."""
+
+    @cached_property
     def joint_positions(self) -> Any:
         """Positions of the base, the other joints and the tip, shape (dimensions, links + 1) [m]."""
+        point = ca.SX(ca.DM(self.arm.base))
+        # For a fixed arm the expression does not contain the feed at all.
+        for _ in self.arm.base_axes:
+            point += self.base_feed * ca.DM(self.arm.direction)
+        steps = self.arm.link_length * self.link_directions
+        points = [point]
+        for link in range(self.arm.links):
+            points.append(points[-1] + steps[:, link])
+        if self.tip_symbols is not None:
+            points[-1] = self.tip_symbols[0]
+        return ca.horzcat(*points)
 
     @abstractmethod
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
@@ -62,11 +106,11 @@ class ArmQuantities(ABC):
         """Shape and feed [m] of poses of shape (N, c); where they are shapes alone, with the feed that is given."""
 
     @abstractmethod
-    def shapes(self, coordinates: FloatArray) -> FloatArray:
+    def shapes_at(self, coordinates: FloatArray) -> FloatArray:
         """The arm's shape, shape (N, k) [rad], at coordinates of the arm, shape (N, c) [rad, m]."""
 
     @abstractmethod
-    def shape_rates(self, rates: FloatArray) -> FloatArray:
+    def shape_rates_at(self, rates: FloatArray) -> FloatArray:
         """The rates of the shape, shape (N, k) [rad/s], by those of the coordinates, shape (N, c) [rad/s, m/s]."""
 
     @property
@@ -126,45 +170,19 @@ class Quantities(ArmQuantities):
 
     The curve is read off the links: it passes through the joints, its heading is that of a link at the link's middle,
     its curvature at a joint is bend over link length; between these places both are linear.
-
-    Attributes:
-        arm: the arm, for its numbers: masses, lengths, base.
-        link_headings: φ, shape (links, 1) [rad].
-        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
-        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
-        heading_rates: of the links, shape (links, 1) [rad/s]; known on the finished motion only, for a path has no
-            speed.
-        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
     """
 
-    arm: Arm
-    link_headings: Any
-    base_feed: Any
-    path_parameter: Any
-    heading_rates: Any
-    feed_rate: Any
-
-    @classmethod
-    def from_arm(cls, arm: Arm) -> "Quantities":
-        """Fresh symbols for an arm."""
-        return cls(
-            arm,
-            ca.SX.sym("heading", arm.links),
-            ca.SX.sym("feed"),
-            ca.SX.sym("path_parameter"),
-            ca.SX.sym("heading_rate", arm.links),
-            ca.SX.sym("feed_rate"),
-        )
+    _shape_name = "heading"
 
     @property
-    def symbols(self) -> tuple[Any, Any, Any]:
-        """Link headings, feed and path parameter, the symbols that the expression of a path may hold."""
-        return self.link_headings, self.base_feed, self.path_parameter
+    def link_headings(self) -> Any:
+        """Headings φ of the links, shape (links, 1) [rad]."""
+        return self.shape
 
     @property
-    def rates(self) -> tuple[Any, Any]:
-        """Rates of the link headings and of the feed."""
-        return self.heading_rates, self.feed_rate
+    def heading_rates(self) -> Any:
+        """Rates of the link headings, shape (links, 1) [rad/s]; on the finished motion only."""
+        return self.shape_rates
 
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
         """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way: those they are."""
@@ -196,11 +214,11 @@ class Quantities(ArmQuantities):
             return poses, feed
         return poses[..., :links], self.arm.link_length * np.sum(poses[..., links:], axis=-1)
 
-    def shapes(self, coordinates: FloatArray) -> FloatArray:
+    def shapes_at(self, coordinates: FloatArray) -> FloatArray:
         """Headings of the links at coordinates of the arm, shape (N, links) [rad]."""
         return self.arm.headings(coordinates[:, self.arm.coordinates.bends])
 
-    def shape_rates(self, rates: FloatArray) -> FloatArray:
+    def shape_rates_at(self, rates: FloatArray) -> FloatArray:
         """Rates of the headings, shape (N, links) [rad/s]."""
         # Headings are running sums of the bends, and so are their rates.
         return np.cumsum(rates[:, self.arm.coordinates.bends], axis=1)
@@ -210,18 +228,15 @@ class Quantities(ArmQuantities):
         """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""
         return self.link_headings - ca.vertcat(self.arm.base_heading, self.link_headings[:-1])
 
-    @cached_property
-    def joint_positions(self) -> Any:
-        """Positions of the base, the other joints and the tip, shape (2, links + 1) [m]."""
-        base = ca.SX(ca.DM(self.arm.base))
-        # For a fixed arm the expression does not contain the feed at all.
-        for _ in self.arm.base_axes:
-            base += self.base_feed * ca.DM(self.arm.direction)
-        steps = self.arm.link_length * ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
-        points = [base]
-        for link in range(self.arm.links):
-            points.append(points[-1] + steps[:, link])
-        return ca.horzcat(*points)
+    @property
+    def link_directions(self) -> Any:
+        """Directions of the links, unit vectors, shape (2, links)."""
+        return ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
+
+    @property
+    def pointing(self) -> Any:
+        """Heading of the last link [rad]."""
+        return self.tip_heading
 
     @property
     def tip_heading(self) -> Any:
@@ -288,44 +303,19 @@ class SpaceQuantities(ArmQuantities):
     """Quantities of an arm in space in CasADi's scalar symbols; lengths in metres, angles in radians.
 
     Points and directions are (3, 1) columns in the axes of the world.
-
-    Attributes:
-        arm: the arm, for its numbers: masses, lengths, base.
-        bends: (a, b) of every joint one after the other, shape (2 links, 1) [rad].
-        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
-        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
-        bend_rates: of the bends, shape (2 links, 1) [rad/s]; known on the finished motion only.
-        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
     """
 
-    arm: Arm
-    bends: Any
-    base_feed: Any
-    path_parameter: Any
-    bend_rates: Any
-    feed_rate: Any
-
-    @classmethod
-    def from_arm(cls, arm: Arm) -> "SpaceQuantities":
-        """Fresh symbols for an arm."""
-        return cls(
-            arm,
-            ca.SX.sym("bend", 2 * arm.links),
-            ca.SX.sym("feed"),
-            ca.SX.sym("path_parameter"),
-            ca.SX.sym("bend_rate", 2 * arm.links),
-            ca.SX.sym("feed_rate"),
-        )
+    _shape_name = "bend"
 
     @property
-    def symbols(self) -> tuple[Any, Any, Any]:
-        """Bends, feed and path parameter, the symbols that the expression of a path may hold."""
-        return self.bends, self.base_feed, self.path_parameter
+    def bends(self) -> Any:
+        """Bends (a, b) of every joint one after the other, shape (2 links, 1) [rad]."""
+        return self.shape
 
     @property
-    def rates(self) -> tuple[Any, Any]:
-        """Rates of the bends and of the feed."""
-        return self.bend_rates, self.feed_rate
+    def bend_rates(self) -> Any:
+        """Rates of the bends, shape (2 links, 1) [rad/s]; on the finished motion only."""
+        return self.shape_rates
 
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
         """Slopes by a configuration, shape (m, c), as slopes by turns of the links, and of the base by arm lengths.
@@ -363,11 +353,11 @@ class SpaceQuantities(ArmQuantities):
             return poses, feed
         return poses[..., :bends], np.asarray(np.sum(poses[..., bends:], axis=-1))
 
-    def shapes(self, coordinates: FloatArray) -> FloatArray:
+    def shapes_at(self, coordinates: FloatArray) -> FloatArray:
         """Both bends of every joint at coordinates of the arm, shape (N, 2 links) [rad]."""
         return coordinates[:, : 2 * self.arm.links]
 
-    def shape_rates(self, rates: FloatArray) -> FloatArray:
+    def shape_rates_at(self, rates: FloatArray) -> FloatArray:
         """Rates of the bends, shape (N, 2 links) [rad/s]."""
         return rates[:, : 2 * self.arm.links]
 
@@ -391,22 +381,15 @@ class SpaceQuantities(ArmQuantities):
         """Directions of the links, shape (3, links)."""
         return ca.horzcat(*(rotation[:, 0] for rotation in self.link_rotations))
 
-    @cached_property
-    def joint_positions(self) -> Any:
-        """Positions of the base, the other joints and the tip, shape (3, links + 1) [m]."""
-        point = ca.SX(ca.DM(self.arm.base))
-        # For a fixed arm the expression does not contain the feed at all.
-        for _ in self.arm.base_axes:
-            point += self.base_feed * ca.DM(self.arm.direction)
-        points = [point]
-        for rotation in self.link_rotations:
-            points.append(points[-1] + self.arm.link_length * rotation[:, 0])
-        return ca.horzcat(*points)
-
     @property
     def tip_direction(self) -> Any:
         """Direction of the last link, a unit vector, shape (3, 1)."""
-        return self.link_rotations[-1][:, 0]
+        return self.link_rotations[-1][:, 0] if self.tip_symbols is None else self.tip_symbols[1]
+
+    @property
+    def pointing(self) -> Any:
+        """Direction of the last link."""
+        return self.tip_direction
 
     def direction_at(self, s: float) -> Any:
         """Direction of the link at arc length ``s`` from the base, a unit vector, shape (3, 1)."""

@@ -214,7 +214,7 @@ def poses_at_rate(
         u = _path_parameters(arm, path, positions, settings)
     known_as = terms.quantities
     feed_rates = arm.coordinates.advance(rates)
-    return CheckedPoses(time, known_as.shapes(positions), u, feed, known_as.shape_rates(rates), feed_rates)
+    return CheckedPoses(time, known_as.shapes_at(positions), u, feed, known_as.shape_rates_at(rates), feed_rates)
 
 
 def _parametric(terms: UserTerms) -> bool:
@@ -232,7 +232,7 @@ def _path_parameters(arm: Arm, path: JointPath, positions: FloatArray, settings:
 
 def poses_at_keyframes(terms: UserTerms, arm: Arm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
     """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
-    shapes = terms.quantities.shapes(keyframes)
+    shapes = terms.quantities.shapes_at(keyframes)
     feed = arm.coordinates.advance(keyframes)
     # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
     unknown = np.full(len(shapes), np.nan)
