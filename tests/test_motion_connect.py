@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT, PointTree
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
-from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, Turn, find_motion
+from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, find_motion
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
@@ -26,7 +26,7 @@ from .scenes import Scene, clutter, mixed_walls, motion_task, open_scene, self_g
 if TYPE_CHECKING:
     from ccm_opt.planning.search import Failure
 
-CONNECT_ALONE = (ConnectStrategy(Turn.EARLY),)
+CONNECT_ALONE = (ConnectStrategy(CONNECT),)
 SEEDS = st.integers(0, 10_000)
 EASY = (4, 5, 6, 9, 13, 20)
 """Scenes of few links whose trees meet after some extensions, with goals of every kind."""
@@ -35,7 +35,7 @@ EASY = (4, 5, 6, 9, 13, 20)
 def found(problem: Problem, **changes: object) -> Motion | None:
     """What RRT-Connect alone finds, before it is optimised."""
     task = replace(motion_task(problem), **changes)  # type: ignore[arg-type]  # fields of the task
-    return ConnectStrategy(Turn.EARLY).find(task, [])
+    return ConnectStrategy(CONNECT).find(task, [])
 
 
 def poses(scene: Scene, seed: int, count: int) -> FloatArray:
@@ -180,7 +180,7 @@ def test_what_is_found_is_optimised() -> None:
     """The search with RRT-Connect alone ends with a motion that is shorter than the one found, and certified."""
     problem = few_link_problem(6)
     task = motion_task(problem)
-    first = ConnectStrategy(Turn.EARLY).find(task, [])
+    first = ConnectStrategy(CONNECT).find(task, [])
     last = find_motion(task, CONNECT_ALONE)
     assert first is not None
     assert np.abs(np.diff(last.configurations, axis=0)).sum() < np.abs(np.diff(first.configurations, axis=0)).sum()
@@ -206,7 +206,7 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
     """Interpolation by the step comes first, forwards and backwards; RRT-Connect then finds the same ends."""
     scene = clutter(1, 5)
     problem = scene.problem(JointPose(scene.arm.bends(scene.goal)))
-    for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
+    for strategy in (DirectStrategy("straight"), ConnectStrategy(CONNECT)):
         motion = strategy.find(motion_task(problem), [])
         assert motion is not None
         np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-9)
@@ -220,7 +220,7 @@ def test_a_search_ends_with_its_budget() -> None:
     few = replace(task.settings.connect, few_budgets=(8, 8))
     failures: list[Failure] = []
     limited = replace(task, settings=replace(task.settings, connect=few))
-    assert ConnectStrategy(Turn.EARLY).find(limited, failures) is None
+    assert ConnectStrategy(CONNECT).find(limited, failures) is None
     assert failures[0].candidate == CONNECT
     assert "8 extensions" in failures[0].message
 

@@ -50,7 +50,7 @@ EXACT = 100.0 * GoalSettings().polish_tolerance
 SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clutter(6, 40), "corridor": corridor(1)}
 
 
-CANDIDATES = (PortfolioStrategy(narrow=False), PortfolioStrategy(narrow=True))
+CANDIDATES = (PortfolioStrategy("wide"), PortfolioStrategy("narrow", narrow=True))
 """Strategies that follow guides, and nothing else."""
 
 
@@ -353,7 +353,7 @@ class OnlyWithFewLinks(PortfolioStrategy):
 def test_what_cannot_be_lifted_is_found_again() -> None:
     """Where a fold is so narrow that the finer arm lies across a wall, the same candidate leads it."""
     task = replace(motion_task(ompl_scenes.horn(48)), optimiser="none")
-    motion = find_motion(task, (OnlyWithFewLinks(narrow=False),))
+    motion = find_motion(task, (OnlyWithFewLinks("few"),))
     assert "lifted" not in motion.candidate
     assert len(task.certificate.failures(motion.configurations)) == 0
     np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)

@@ -46,7 +46,7 @@ class CountedDeadline(Deadline):
         return len(self.asked) > self.most
 
 
-NO_CANDIDATES = (TreeStrategy(),)
+NO_CANDIDATES = (TreeStrategy(TREES),)
 """The search without its candidates."""
 
 

@@ -40,7 +40,7 @@ def assert_right(motion: Motion, scene: Scene) -> None:
 def walked(seed: int, *, late: bool) -> tuple[Motion | None, list[Failure]]:
     """What is found, and what failed, in a scene of many walls."""
     failures: list[Failure] = []
-    return TipWalkStrategy(late=late).find(crowded(clutter(seed, 30)), failures), failures
+    return TipWalkStrategy(WALKS, late=late).find(crowded(clutter(seed, 30)), failures), failures
 
 
 @pytest.mark.parametrize("late", [False, True])
@@ -69,7 +69,7 @@ def test_walks_are_left_out_where_the_tip_has_far_to_go() -> None:
     """Beyond the longest way the tip is led straight on, and that is all; the late turn walks however far it is."""
     task = crowded(clutter(3, 30), replace(FEW, longest_way=0.0))
     failures: list[Failure] = []
-    if TipWalkStrategy().find(task, failures) is None:
+    if TipWalkStrategy(WALKS).find(task, failures) is None:
         assert WALKS not in [failure.candidate for failure in failures]
 
 
@@ -105,7 +105,7 @@ def test_it_is_tried_among_many_walls_alone_and_for_the_tip_alone() -> None:
     """Few walls leave poses at the goal cheap, and a goal for the whole arm is seldom met by a tip that is led."""
     scene = clutter(3, 30)
     task = crowded(scene)
-    assert not TipWalkStrategy().applies(motion_task(scene.problem()))
-    assert TipWalkStrategy().applies(task)
-    assert not TipWalkStrategy().applies(replace(task, goal_headings=task.start))
-    assert not TipWalkStrategy().applies(replace(task, tip_paths=()))
+    assert not TipWalkStrategy(WALKS).applies(motion_task(scene.problem()))
+    assert TipWalkStrategy(WALKS).applies(task)
+    assert not TipWalkStrategy(WALKS).applies(replace(task, goal_headings=task.start))
+    assert not TipWalkStrategy(WALKS).applies(replace(task, tip_paths=()))

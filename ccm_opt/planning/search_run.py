@@ -4,6 +4,7 @@ Where the base stands in a narrow room itself, as in a bottle, no fold has room 
 what lies in the passage can be drawn back along itself, as out of a gate, while the rest bows to one side and coils up.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -451,3 +452,31 @@ def _nearest_coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
     """Coordinates in the space nearest to given link headings."""
     # Only the curve's share: without the coordinate that would add what the curve cannot show.
     return space.blended_to(headings)[1][:-1]
+
+
+@dataclass(frozen=True)
+class SearchStrategy(ABC):
+    """One way to look for a motion in the plane.
+
+    Attributes:
+        name: for the record of a search in vain.
+        costly: whether it may take so long that a proof that there is no motion is worth some tenths of a second first.
+        leads_others: whether later strategies begin with what it tries, so that few links in vain are enough of it.
+    """
+
+    name: str
+    costly: bool = False
+    leads_others: bool = False
+
+    @abstractmethod
+    def applies(self, task: MotionTask) -> bool:
+        """Whether the strategy can find motions for a task."""
+
+    @abstractmethod
+    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
+        """A certified motion, or None and what was tried added to the failures.
+
+        Args:
+            task: arm, room, ends and limits.
+            failures: is added to.
+        """

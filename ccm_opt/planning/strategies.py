@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search import TREES, Attempt, Failure, first_found
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import SearchRun, SearchStrategy
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
@@ -196,45 +195,9 @@ class Turn(IntEnum):
     LAST = 3
 
 
-class SearchStrategy(Protocol):
-    """One way to look for a motion."""
-
-    @property
-    def name(self) -> str:
-        """For the record of a search in vain."""
-        ...
-
-    @property
-    def costly(self) -> bool:
-        """Whether it may take so long that a proof that there is no motion is worth some tenths of a second first."""
-        ...
-
-    @property
-    def leads_others(self) -> bool:
-        """Whether later strategies begin with what it tries, so that few links in vain are enough of it."""
-        ...
-
-    def applies(self, task: MotionTask) -> bool:
-        """Whether the strategy can find motions for a task."""
-        ...
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """A certified motion, or None and what was tried added to the failures.
-
-        Args:
-            task: arm, room, ends and limits.
-            failures: is added to.
-        """
-        ...
-
-
 @dataclass(frozen=True)
-class DirectStrategy:
+class DirectStrategy(SearchStrategy):
     """Straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
-
-    name: str = "interpolation"
-    costly: bool = False
-    leads_others: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of the whole arm alone say where straight is."""
@@ -256,19 +219,14 @@ class DirectStrategy:
 
 
 @dataclass(frozen=True)
-class ConnectStrategy:
+class ConnectStrategy(SearchStrategy):
     """RRT-Connect in the coordinates of the curve, with so many extensions that it costs little.
 
     Attributes:
         turn: which of its turns this is; the last is for goals of every kind.
-        name: for the record of a search in vain.
-        costly: later turns follow strategies that are.
     """
 
-    turn: Turn
-    name: str = CONNECT
-    costly: bool = False
-    leads_others: bool = False
+    turn: Turn = Turn.EARLY
 
     def applies(self, task: MotionTask) -> bool:
         """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
@@ -307,15 +265,11 @@ class ConnectStrategy:
 
 
 @dataclass(frozen=True)
-class LimitArcStrategy:
+class LimitArcStrategy(SearchStrategy):
     """Straight to poses with the joints bent all they may be, where a goal for the tip asks for that; then RRT-Connect.
 
     Guides that draw the tip to such a goal end near it with some joint at its limit and others short of theirs.
     """
-
-    name: str = "arcs at the limits"
-    costly: bool = False
-    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Arcs know of no base that is carried or held, and of nothing else that holds at the goal."""
@@ -327,7 +281,7 @@ class LimitArcStrategy:
         arcs = ArcsAtLimits(task.arm, task.goal)
         poses = arcs.where_needed(task.settings.step.full_limit_share)
         ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
-        for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
+        for strategy in (DirectStrategy(self.name), ConnectStrategy(self.name)):
             for whole_arm in filter(strategy.applies, ending):
                 motion = strategy.find(whole_arm, failures)
                 if motion is not None or task.deadline.passed():
@@ -336,19 +290,14 @@ class LimitArcStrategy:
 
 
 @dataclass(frozen=True)
-class PortfolioStrategy:
+class PortfolioStrategy(SearchStrategy):
     """The candidates of the portfolio with one planning margin after another.
 
     Attributes:
         narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
-        name: for the record of a search in vain.
-        costly: they take seconds.
     """
 
-    narrow: bool
-    name: str = "candidates"
-    costly: bool = True
-    leads_others: bool = False
+    narrow: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Candidates do not know how far along the motion they are."""
@@ -368,19 +317,15 @@ class PortfolioStrategy:
         return None
 
     def _divided(self, task: MotionTask) -> bool:
-        return task.arm.links <= _MOST_LINKS and ConnectStrategy(Turn.MIDDLE).applies(task)
+        return task.arm.links <= _MOST_LINKS and ConnectStrategy(self.name, turn=Turn.MIDDLE).applies(task)
 
 
 @dataclass(frozen=True)
-class TrackingStrategy:
+class TrackingStrategy(SearchStrategy):
     """A motion that is found without the user's limits, then tracked under them; for limits over the path parameter.
 
     Where candidates fail under limits that do not depend on it, tracking is another way to keep them.
     """
-
-    name: str = "tracking"
-    costly: bool = True
-    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """There must be something to track under."""
@@ -402,12 +347,8 @@ class TrackingStrategy:
 
 
 @dataclass(frozen=True)
-class TreeStrategy:
+class TreeStrategy(SearchStrategy):
     """Trees of poses from both ends, until the deadline or until they reach nothing new."""
-
-    name: str = TREES
-    costly: bool = True
-    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""
@@ -475,18 +416,18 @@ def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
 
 
 STRATEGIES: tuple[SearchStrategy, ...] = (
-    DirectStrategy(),
-    LimitArcStrategy(),
-    TipWalkStrategy(),
-    ConnectStrategy(Turn.EARLY),
-    PortfolioStrategy(narrow=False),
-    ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),
-    PortfolioStrategy(narrow=True, name="candidates nearer to walls"),
-    TrackingStrategy(),
-    ConnectStrategy(Turn.LATE, name=f"{CONNECT} again"),
-    TipWalkStrategy(late=True, name=f"{WALKS} again"),
-    TreeStrategy(),
-    ConnectStrategy(Turn.LAST, name=f"{CONNECT} again"),
+    DirectStrategy("interpolation", leads_others=True),
+    LimitArcStrategy("arcs at the limits"),
+    TipWalkStrategy(WALKS, leads_others=True),
+    ConnectStrategy(CONNECT),
+    PortfolioStrategy("candidates", costly=True),
+    ConnectStrategy(f"{CONNECT}, longer", turn=Turn.MIDDLE),
+    PortfolioStrategy("candidates nearer to walls", costly=True, narrow=True),
+    TrackingStrategy("tracking", costly=True),
+    ConnectStrategy(f"{CONNECT} again", turn=Turn.LATE),
+    TipWalkStrategy(f"{WALKS} again", costly=True, late=True),
+    TreeStrategy(TREES, costly=True),
+    ConnectStrategy(f"{CONNECT} again", turn=Turn.LAST),
 )
 """What is tried in turn."""
 

@@ -27,7 +27,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.search_run import SearchRun, pose_headings
+from ccm_opt.planning.search_run import SearchRun, SearchStrategy, pose_headings
 from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.planning.step import GoalPose
 from ccm_opt.robot.arm import Arm
@@ -132,26 +132,14 @@ WALKS = "walks of the tip"
 
 
 @dataclass(frozen=True)
-class TipWalkStrategy:
+class TipWalkStrategy(SearchStrategy):
     """The tip led among many walls.
 
     Attributes:
         late: whether this is the turn before the trees, with more walks and others than in the first turn.
-        name: for the record of a search in vain.
     """
 
     late: bool = False
-    name: str = WALKS
-
-    @property
-    def costly(self) -> bool:
-        """The late turn takes seconds."""
-        return self.late
-
-    @property
-    def leads_others(self) -> bool:
-        """Where walks of few links end in vain, the late turn walks with all."""
-        return not self.late
 
     def applies(self, task: MotionTask) -> bool:
         """A goal of the whole arm is seldom met by a tip that is led."""
