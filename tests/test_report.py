@@ -19,7 +19,7 @@ from ccm_opt.cli.solving import SolveOptions, solve_files
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.problem import Problem
+from ccm_opt.problem import Problem, Stop
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from ccm_opt.solution import Check, GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.verification.room_over_time import room_over_time
@@ -313,7 +313,9 @@ def test_the_page_says_what_a_plan_survives(small_solution: Solution) -> None:
 def test_a_tour_marks_its_goals_on_the_time_axis(small_solution: Solution) -> None:
     """Every stop and the goal has its number at its own time, and the sample of the stop is kept in every chart."""
     trajectory = replace(small_solution.trajectory, stops=(100,))
-    data = page_data(report_html(replace(small_solution, trajectory=trajectory)))
+    asked = small_solution.problem
+    problem = replace(asked, stops=(Stop(asked.goal, asked.tolerances),))
+    data = page_data(report_html(replace(small_solution, problem=problem, trajectory=trajectory)))
     assert [mark["words"] for mark in data.marks] == ["1", "2"]
     assert [mark["at"] for mark in data.marks] == pytest.approx([trajectory.time[100], trajectory.time[-1]])
     for group in data.groups:

@@ -30,7 +30,7 @@ from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.certificate import Certificate
@@ -367,7 +367,7 @@ class _InSpace:
 
         In ducts hardly any pose that is drawn at a goal touches nothing, and a sampler without a goal can only fail.
         """
-        if not isinstance(self.problem.goal, TipGoal) or self.problem.goal.via:
+        if self.problem.goal.whole(self.problem.arm) is not None or self.problem.goal.via:
             return None
         try:
             found = find_motion(self._task_within(self._settings.goal_share)).configurations[-1]

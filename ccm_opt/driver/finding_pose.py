@@ -30,7 +30,7 @@ from ccm_opt.planning.pose_over_routes import PoseTry, brought_tries, drawn_trie
 from ccm_opt.planning.space_ending import pose_record as pose_record_in_space
 from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
 
@@ -133,7 +133,7 @@ def _refuse_other_questions(problem: Problem) -> None:
     Raises:
         ProblemError: saying why.
     """
-    if not isinstance(problem.goal, TipGoal):
+    if problem.goal.whole(problem.arm) is not None:
         raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
     if problem.arm.base_axes and problem.dimension == 2:
         raise ProblemError(

@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, NoPlanFound
-from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
@@ -143,7 +143,7 @@ def _of_goal(found: Diagnosis, number: int, count: int) -> Diagnosis:
     )
 
 
-def way_back(legs: Sequence[Leg], goal: object) -> JointPath | None:
+def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
     """The paths of the last legs backwards, to where the latest of them that fits began.
 
     Args:
@@ -153,13 +153,14 @@ def way_back(legs: Sequence[Leg], goal: object) -> JointPath | None:
     Returns:
         None where the goal is not a pose in space in which a leg began.
     """
-    if not isinstance(goal, JointPose) or goal.bends.ndim == 1:
-        return None
     back: list[JointPath] = []
     for leg in reversed(legs):
         arm = leg.problem.arm
+        wanted = goal.whole(arm)
+        if wanted is None or arm.dimension == 2:
+            return None
         back.append(leg.path.reversed())
-        if np.max(np.abs(leg.problem.start.configuration(arm) - goal.configuration(arm))) < _SAME:
+        if np.max(np.abs(leg.problem.start.configuration(arm) - wanted)) < _SAME:
             return end_to_end(back)
     return None
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import path_length, wrap
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
@@ -168,9 +168,9 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
     """How the arm ends, and how far it leaves the motion that is proved when a controller interpolates its message."""
     arm = problem.arm
     figures = {"interpolation_deviation_m": interpolation_deviation(arm, trajectory)}
-    if isinstance(problem.goal, TipGoal):
+    if problem.goal.whole(arm) is None:
         tip = arm.joint_positions_at(trajectory.positions[-1])[-1]
-        figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.position)))
+        figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.tip(arm))))
         if problem.goal.heading is not None:
             turn = wrap(arm.headings(trajectory.bend_angles[-1])[-1] - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))

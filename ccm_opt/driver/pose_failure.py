@@ -14,7 +14,7 @@ from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, Unreac
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Problem
 from ccm_opt.scene.bad_pose import room_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
@@ -62,8 +62,7 @@ def no_pose(
 def _advice(problem: Problem) -> tuple[str, ...]:
     """What may help the search for a pose."""
     room = room_advice(problem.arm.radius, problem.workspace.clearance)
-    free = isinstance(problem.goal, TipGoal) and problem.goal.heading is not None
-    heading = ("leave goal.heading_deg out",) if free else ()
+    heading = () if problem.goal.heading is None else ("leave goal.heading_deg out",)
     return ("raise planner.routes", *room, "raise arm.joint_limit_deg", *heading)
 
 
@@ -79,7 +78,7 @@ def with_constraint_first(
         settings: of poses at the goal.
     """
     asked = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
-    if not asked or isinstance(failure, UnreachableGoal) or not isinstance(problem.goal, TipGoal):
+    if not asked or isinstance(failure, UnreachableGoal) or problem.goal.whole(problem.arm) is not None:
         return failure
     search = pose_search(OwnUnits(problem.arm.length).scaled(problem), terms, settings.curve)
     tries = list(pose_tries(search, settings.curve))

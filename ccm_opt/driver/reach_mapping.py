@@ -294,7 +294,7 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
 def _unknowns_of_motion(problem: Problem, task: SpaceTask) -> FloatArray:
     """Keyframes of a motion to the problem's goal, whose tip shows the way through ducts and holes; none without."""
     none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
-    if not isinstance(problem.goal, TipGoal):
+    if problem.goal.whole(problem.arm) is not None:
         return none
     try:
         return any_motion(task.deadline_within(_MOTION_TIME)).unknowns

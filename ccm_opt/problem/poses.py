@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self, TypeAlias
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ccm_opt.robot.mapping import map_curve
 
 @dataclass(frozen=True)
 class JointPose:
-    """A whole-arm pose given by its joints.
+    """A whole-arm pose given by its joints; as a goal it asks nothing more of the tip.
 
     Attributes:
         bends: shape (links,) [rad]; in space of each joint about its local z, then about the new y, shape (links, 2).
@@ -32,6 +32,9 @@ class JointPose:
     feed: float = 0.0
     curve: Configuration | None = None
     mapping: MappingName = "least-squares"
+    direction: ClassVar[None] = None
+    heading: ClassVar[None] = None
+    via: ClassVar[tuple[FloatArray, ...]] = ()
 
     @classmethod
     def along(cls, arm: Arm, curve: Configuration, mapping: MappingName = "least-squares", feed: float = 0.0) -> Self:
@@ -87,6 +90,14 @@ class JointPose:
         """The pose as a configuration of an arm, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
 
+    def whole(self, arm: Arm) -> FloatArray | None:
+        """The configuration that a goal asks for, shape (c,) [rad, m]."""
+        return self.configuration(arm)
+
+    def tip(self, arm: Arm) -> FloatArray:
+        """Where the tip is, shape (d,) [m]."""
+        return np.asarray(arm.joint_positions_at(self.configuration(arm))[-1])
+
 
 @dataclass(frozen=True)
 class TipGoal:
@@ -112,6 +123,14 @@ class TipGoal:
             object.__setattr__(self, "direction", unit_vector(self.heading))
         elif self.direction is not None and np.shape(self.direction) == (2,):
             object.__setattr__(self, "heading", float(np.arctan2(self.direction[1], self.direction[0])))
+
+    def whole(self, _arm: Arm) -> FloatArray | None:
+        """None: the tip alone has a goal."""
+        return None
+
+    def tip(self, _arm: Arm) -> FloatArray:
+        """Where the tip is to be, shape (d,) [m]."""
+        return self.position
 
     @classmethod
     def at(

@@ -8,7 +8,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, Finding, sentences
-from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
+from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.viz.document import (
     COMMON,
     COMMON_IN_SPACE,
@@ -32,7 +32,7 @@ _CURVE_PLACES = 200
 """Points by which a pose that is given as a curve is drawn."""
 
 
-def pose_points(problem: Problem, pose: object) -> FloatArray | None:
+def pose_points(problem: Problem, pose: Goal) -> FloatArray | None:
     """Where a pose of the whole arm is, shape (m, 2) [m]: joints and tip, or points of its curve; None for a tip."""
     arm = problem.arm
     if not isinstance(pose, JointPose):
@@ -165,10 +165,9 @@ def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
     """Points that the first look at the scene has to hold: start, goals, what stands in the way, shape (m, 2) [m]."""
     arm = problem.arm
     found = [arm.base[None]]
-    for pose in (problem.start, *(stop.goal for stop in problem.stops), problem.goal):
-        points = pose.position[None] if isinstance(pose, TipGoal) else pose_points(problem, pose)
-        if points is not None:
-            found.append(points)
+    for pose in (problem.start, *(stop.goal for stop in problem.goals)):
+        points = pose_points(problem, pose)
+        found.append(pose.tip(arm)[None] if points is None else points)
     found += [np.array(finding.place)[None] for finding in diagnosis.findings if finding.place is not None]
     found += [np.array(finding.way) for finding in diagnosis.findings if finding.way]
     attempt = best_attempt(problem, diagnosis)
@@ -235,7 +234,7 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
     if problem.dimension == 3:
         return common | _space_failure_data(problem, diagnosis)
     start = pose_points(problem, problem.start)
-    poses = [_end_pose(problem, goal) for goal in (*(stop.goal for stop in problem.stops), problem.goal)]
+    poses = [pose_points(problem, stop.goal) for stop in problem.goals]
     return {
         **common,
         "scene": scene_data(problem, first_look(problem, diagnosis)),
@@ -247,23 +246,16 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
 
 def _space_failure_data(problem: Problem, diagnosis: Diagnosis) -> dict[str, object]:
     arm = problem.arm
-    goals = [
-        goal.position if isinstance(goal, TipGoal) else np.asarray(arm.joint_positions_at(goal.configuration(arm))[-1])
-        for goal in (stop.goal for stop in problem.goals)
-    ]
+    goals = [stop.goal.tip(arm) for stop in problem.goals]
     places = [finding.place for finding in diagnosis.findings if finding.place is not None]
     attempt = best_attempt(problem, diagnosis)
     start = arm.joint_positions_at(problem.start.configuration(arm))
     seen = np.concatenate((start, goals, np.reshape(places, (-1, 3)), *(() if attempt is None else (attempt,))))
     return {
-        "scene": space_scene_data(problem, seen, np.array(goals)),
+        "scene": space_scene_data(problem, seen),
         "findings": findings_in_space(diagnosis),
         "attempt": None if attempt is None else attempt.round(6).tolist(),
     }
-
-
-def _end_pose(problem: Problem, goal: Goal) -> FloatArray | None:
-    return None if isinstance(goal, TipGoal) else pose_points(problem, goal)
 
 
 def reason_section(diagnosis: Diagnosis) -> Markup:

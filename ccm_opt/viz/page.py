@@ -425,7 +425,7 @@ def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
     if solution.problem.dimension == 3:
         from ccm_opt.viz.scene_data import space_scene_data  # noqa: PLC0415 - likewise
 
-        scene: dict[str, object] = {"scene": space_scene_data(solution.problem, points.reshape(-1, 3), ends[:, -1])}
+        scene: dict[str, object] = {"scene": space_scene_data(solution.problem, points.reshape(-1, 3))}
     else:
         from ccm_opt.viz.scene_data import goals_data, route_layers, scene_data  # noqa: PLC0415 - likewise
 

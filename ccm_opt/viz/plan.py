@@ -11,8 +11,7 @@ from matplotlib.patheffects import withStroke
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
-from ccm_opt.core.polyline import unit_vector
-from ccm_opt.problem import Goal, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path, draw_workspace
 from ccm_opt.viz.arm_section import draw_section
@@ -59,12 +58,11 @@ def action_window(problem: Problem, points: FloatArray) -> Box:
     Returns:
         The whole room where the action takes up most of it.
     """
-    goals = [stop.goal for stop in problem.stops] + [problem.goal]
-    tips = [goal for goal in goals if isinstance(goal, TipGoal)]
-    shown = np.concatenate((points.reshape(-1, 2), np.array([goal.position for goal in tips]).reshape(-1, 2)))
+    goals = [stop.goal for stop in problem.goals]
+    shown = np.concatenate((points.reshape(-1, 2), [goal.tip(problem.arm) for goal in goals]))
     # An arrow points from a goal along its heading, and is to be seen too.
     arrow = _ARROW_SHARE * float(np.ptp(shown, axis=0).max())
-    ahead = [goal.position + arrow * unit_vector(goal.heading) for goal in tips if goal.heading is not None]
+    ahead = [goal.tip(problem.arm) + arrow * goal.direction for goal in goals if goal.direction is not None]
     shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
     room = np.array(problem.workspace.boundary.bounds)
     low = shown.min(axis=0)
@@ -256,7 +254,7 @@ def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool =
     """
     problem = plan.problem
     reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
-    stops = [*problem.stops, Stop(problem.goal, problem.tolerances)]
+    stops = problem.goals
     samples = [*plan.trajectory.stops, len(plan.points) - 1]
     for number, (stop, k) in enumerate(zip(stops, samples, strict=True), start=1):
         last = number == len(stops)
@@ -265,9 +263,8 @@ def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool =
             draw_body(axes, side(plan.points[k]), 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
         draw_goal(axes, stop.goal, stop.tolerances, plan.points[k, -1], label, side, reach)
         if len(stops) > 1:
-            goal = stop.goal
-            pointing = goal.direction if isinstance(goal, TipGoal) else None
-            place = side(goal.position if isinstance(goal, TipGoal) else plan.points[k, -1])
+            pointing = stop.goal.direction
+            place = side(stop.goal.tip(problem.arm))
             across, up = (0.0, 0.0) if pointing is None else side(pointing)
             # A direction that is seen from its end has no arrow to stand behind.
             heading = float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None

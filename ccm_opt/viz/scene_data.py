@@ -10,7 +10,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import path_length
 from ccm_opt.errors import CcmError
-from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Goal, Problem
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
@@ -127,30 +128,18 @@ def goals_data(problem: Problem, ends: Sequence[FloatArray | None]) -> list[Scen
         problem: whose goals they are.
         ends: pose of the arm at each, joints and tip, shape (links + 1, 2) [m]; None where it is not known.
     """
-    asked: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
-    asked.append((problem.goal, problem.tolerances))
-    found = []
-    for number, (goal, tolerances) in enumerate(asked, start=1):
-        end = ends[number - 1] if number <= len(ends) else None
-        whole = not isinstance(goal, TipGoal)
-        if isinstance(goal, TipGoal):
-            place = goal.position
-        elif end is not None:
-            place = end[-1]
-        else:
-            continue
-        found.append(
-            {
-                "number": number,
-                "place": [float(value) for value in place],
-                "heading": goal.heading if isinstance(goal, TipGoal) else None,
-                "near": tolerances.position,
-                "turn": min(tolerances.heading, float(np.pi)),
-                "whole": whole,
-                "pose": None if end is None else np.round(end, 6).tolist(),
-            }
-        )
-    return found
+    return [
+        {
+            "number": number,
+            "place": [float(value) for value in stop.goal.tip(problem.arm)],
+            "heading": stop.goal.heading,
+            "near": stop.tolerances.position,
+            "turn": min(stop.tolerances.heading, float(np.pi)),
+            "whole": stop.goal.whole(problem.arm) is not None,
+            "pose": None if end is None else np.round(end, 6).tolist(),
+        }
+        for number, (stop, end) in enumerate(zip(problem.goals, ends, strict=True), start=1)
+    ]
 
 
 _NO_WIDTH = 1e-6
@@ -186,13 +175,12 @@ _CORNER_STEPS = 65535
 """Corners of bodies are told apart to this part of the extent of their body."""
 
 
-def space_scene_data(problem: Problem, points: FloatArray, ends: FloatArray) -> SceneData:
+def space_scene_data(problem: Problem, points: FloatArray) -> SceneData:
     """Everything that the script of the view reads.
 
     Args:
         problem: bodies, room, arm and goals.
         points: what is to be seen at first, shape (n, 3) [m].
-        ends: where the tip is at each goal, for goals of the whole arm, shape (goals, 3) [m].
     """
     arm = problem.arm
     workspace = problem.workspace
@@ -211,7 +199,7 @@ def space_scene_data(problem: Problem, points: FloatArray, ends: FloatArray) -> 
         "start": arm.joint_positions_at(problem.start.configuration(arm)).round(7).tolist(),
         "bodies": [_body_data(each.name, each.body, share, extent) for each in workspace.obstacles],
         "room": None if workspace.bounds is None else workspace.bounds.tolist(),
-        "goals": _goals_in_space(problem, ends),
+        "goals": [_goal_in_space(stop.goal, arm) for stop in problem.goals],
         "look": [(points.min(axis=0) - margin).tolist(), (points.max(axis=0) + margin).tolist()],
         "extent": extent.tolist(),
     }
@@ -237,17 +225,9 @@ def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[st
     }
 
 
-def _goals_in_space(problem: Problem, ends: FloatArray) -> list[dict[str, object]]:
-    found: list[dict[str, object]] = []
-    for stop, end in zip(problem.goals, ends, strict=True):
-        goal = stop.goal
-        if isinstance(goal, TipGoal):
-            direction = None if goal.direction is None else goal.direction.tolist()
-            via = [place.tolist() for place in goal.via]
-            found.append({"position": goal.position.tolist(), "direction": direction, "via": via})
-        else:
-            found.append({"position": end.tolist(), "direction": None, "via": []})
-    return found
+def _goal_in_space(goal: Goal, arm: Arm) -> dict[str, object]:
+    direction = None if goal.direction is None else goal.direction.tolist()
+    return {"position": goal.tip(arm).tolist(), "direction": direction, "via": [each.tolist() for each in goal.via]}
 
 
 def _text(values: npt.NDArray[np.generic]) -> str:
