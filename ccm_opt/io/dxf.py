@@ -6,11 +6,9 @@ ones too; whatever else cannot be read is refused by name, for a missing obstacl
 """
 
 import io
-import logging
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -18,6 +16,7 @@ import numpy as np
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.dxf_pieces import PIECES, Entity, Piece, corner_points, hatch_rings, joined_pieces
+from ccm_opt.io.issues import told_by
 from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Line, Region, Shape
 from ccm_opt.problem import LeftOut
 
@@ -97,11 +96,12 @@ _GAP = 1e-6
 
 @dataclass(frozen=True)
 class _Placed:
-    """An entity with its layer, and the name that its shape gets."""
+    """An entity with its layer, the name that its shape gets, and how many blocks it is in."""
 
     entity: Entity
     layer: str
     name: str
+    depth: int = 0
 
 
 @dataclass
@@ -196,7 +196,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
         raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
     if len(content) > _MOST_DXF_BYTES:
         raise ProblemError(f"the DXF file has {len(content)} bytes, at most {_MOST_DXF_BYTES} can be read; simplify it")
-    with _told_by("ezdxf") as told:
+    with told_by("ezdxf") as told:
         try:
             if content.startswith(_BINARY):
                 drawing = Drawing.load(binary_tags_loader(content))
@@ -239,46 +239,24 @@ def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> No
             raise ProblemError(f"{number} of the entities of type {kind} cannot be read; explode them, or save again")
 
 
-@contextmanager
-def _told_by(name: str) -> Iterator[list[str]]:
-    """Collect the warnings of a library, which would stand on standard error otherwise, until the block ends."""
-    told: list[str] = []
-
-    class _Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            told.append(record.getMessage())
-
-    collector = _Collector(logging.WARNING)
-    logger = logging.getLogger(name)
-    propagates = logger.propagate
-    logger.addHandler(collector)
-    logger.propagate = False
-    try:
-        yield told
-    finally:
-        logger.removeHandler(collector)
-        logger.propagate = propagates
-
-
 def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
     """The visible entities of the model space, blocks taken apart, each upright."""
     # Names of layers do not distinguish upper and lower case.
     reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
     reasons |= {layer.dxf.name.lower(): "frozen" for layer in drawing.layers if layer.is_frozen()}
     pending = [
-        _Inserted(_Placed(entity, str(entity.dxf.get("layer", "0")), _kind_and_handle(entity)))
+        _Placed(entity, str(entity.dxf.get("layer", "0")), _kind_and_handle(entity))
         for entity in reversed(list(drawing.modelspace()))
     ]
     count = 0
     while pending:
-        inserted = pending.pop()
-        item = inserted.item
+        item = pending.pop()
         if item.entity.dxftype() == "INSERT":
-            pending.extend(reversed(_parts(inserted, found)))
+            pending.extend(reversed(_parts(item, found)))
             count += max(item.entity.mcount, 1)
         elif item.entity.dxftype() == "MLINE":
-            lines = [replace(item, entity=part) for part in item.entity.virtual_entities()]
-            pending.extend(_Inserted(line, inserted.depth + 1) for line in reversed(lines))
+            lines = list(item.entity.virtual_entities())
+            pending.extend(replace(item, entity=line, depth=item.depth + 1) for line in reversed(lines))
         count += 1
         if count > IMPORT.most_elements:
             raise ProblemError(
@@ -298,17 +276,9 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
             yield item
 
 
-@dataclass(frozen=True)
-class _Inserted:
-    """An entity that is still to be looked at, and how many blocks it is in."""
-
-    item: _Placed
-    depth: int = 0
-
-
-def _parts(inserted: _Inserted, found: _Findings) -> list[_Inserted]:
+def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
     """The entities of a block reference; those on layer 0 take the reference's layer."""
-    entity = inserted.item.entity
+    entity = inserted.entity
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
         raise ProblemError(f"block '{block}' holds blocks more than {_DEEPEST} deep; explode it")
@@ -334,9 +304,9 @@ def _parts(inserted: _Inserted, found: _Findings) -> list[_Inserted]:
     for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
         for part in copy.virtual_entities(skipped_entity_callback=skipped):
             drawn_on = str(part.dxf.get("layer", "0"))
-            layer = inserted.item.layer if drawn_on == "0" else drawn_on
+            layer = inserted.layer if drawn_on == "0" else drawn_on
             name = block if layer == "0" else layer
-            parts.append(_Inserted(_Placed(part, layer, name), inserted.depth + 1))
+            parts.append(_Placed(part, layer, name, inserted.depth + 1))
     return parts
 
 

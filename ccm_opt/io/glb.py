@@ -7,11 +7,9 @@ other file is.
 
 import io
 import json
-import logging
 import struct
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +19,7 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.arm_description import visual_radius
+from ccm_opt.io.issues import told_by
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.problem import Problem
@@ -182,12 +181,11 @@ def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArr
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Places and turns of every link over time."""
+    positions, turns = arm.embedded(arm.joint_positions_at(q)), arm.link_rotations(q)
     if arm.dimension == 2:
-        positions = arm.joint_positions_at(q)
-        yield from (_motion_of(positions[:, k : k + 2]) for k in range(arm.links))
-    else:
-        positions, rotations = arm.joint_positions_at(q), arm.link_rotations(q)
-        yield from ((positions[:, k], quaternions(rotations[:, k])) for k in range(arm.links))
+        flat, turns = turns, np.broadcast_to(np.eye(3), (*turns.shape[:2], 3, 3)).copy()
+        turns[..., ::2, ::2] = flat
+    yield from ((positions[:, k], quaternions(turns[:, k])) for k in range(arm.links))
 
 
 def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -196,16 +194,6 @@ def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
     return time[samples], samples
-
-
-def _motion_of(ends: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places and turns of a link over time from both its ends in the plane, shape (T, 2, 2)."""
-    along = ends[:, 1] - ends[:, 0]
-    # Players take the short way between two quaternions of opposite sign; an unwrapped heading has no jump at all.
-    half = 0.5 * np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
-    zero = np.zeros(len(ends))
-    places = np.column_stack((ends[:, 0, 0], zero, ends[:, 0, 1]))
-    return places, np.column_stack((zero, -np.sin(half), zero, np.cos(half)))
 
 
 def _mesh(solid: Solid, half_depth: float) -> tuple[FloatArray, IntArray]:
@@ -224,19 +212,9 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
 
 def quaternions(rotations: FloatArray) -> FloatArray:
     """Rotations over time, shape (T, 3, 3), as quaternions x, y, z, w without jumps of sign, shape (T, 4)."""
-    # Each row of this symmetric matrix is the quaternion times one of its own numbers; the largest row is exact.
-    r = rotations
-    matrix = np.empty((len(r), 4, 4))
-    matrix[:, 3, 3] = 1.0 + r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
-    for i in range(3):
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        matrix[:, i, i] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, k, k]
-        matrix[:, i, j] = matrix[:, j, i] = r[:, i, j] + r[:, j, i]
-        matrix[:, i, 3] = matrix[:, 3, i] = r[:, k, j] - r[:, j, k]
-    largest = np.argmax(np.diagonal(matrix, axis1=1, axis2=2), axis=1)
-    found = matrix[np.arange(len(r)), largest]
-    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - loaded only where a film is written
+
+    found = Rotation.from_matrix(rotations).as_quat()
     # Players take the short way between two quaternions only where these are on the same side.
     flips = np.where(np.sum(found[1:] * found[:-1], axis=1) < 0.0, -1.0, 1.0)
     return np.asarray(found * np.concatenate(([1.0], np.cumprod(flips)))[:, None])
@@ -286,7 +264,8 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
         text += b" " * (-len(text) % 4)
         body = _CHUNK.pack(len(text), b"JSON") + text + rest
         plain = _HEADER.pack(b"glTF", 2, _HEADER.size + len(body)) + body
-        with _quiet():
+        with told_by("trimesh"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             scene = trimesh.load_scene(io.BytesIO(plain), file_type="glb", skip_materials=True, process=False)
             parts = [part for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
             found = [RawMesh(np.asarray(each.vertices, np.float64), np.asarray(each.faces, np.intp)) for each in parts]
@@ -419,21 +398,3 @@ class _Scene:
                 yield "a mesh that is morphed"
             if "skin" in table:
                 yield "a skin that bones move"
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep trimesh from telling of a broken file in its own words, tracebacks among them."""
-    # What its modules log goes up to here, and no further.
-    logger = logging.getLogger("trimesh")
-    propagated = logger.propagate
-    nowhere = logging.NullHandler()
-    logger.propagate = False
-    logger.addHandler(nowhere)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        logger.propagate = propagated
-        logger.removeHandler(nowhere)

@@ -5,8 +5,10 @@ The text is known to be valid TOML (``tomllib`` reads the values); this scanner 
 """
 
 import difflib
+import logging
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import date, time
 from functools import cache
@@ -433,3 +435,24 @@ def _sentence(detail: ErrorDetails) -> str:
 def _wrong_count(kind: str, context: Mapping[str, object]) -> str:
     bound = f"at least {context['min_length']}" if kind == "too_short" else f"at most {context['max_length']}"
     return f"expected {bound} entries, got {context['actual_length']}"
+
+
+@contextmanager
+def told_by(name: str) -> Iterator[list[str]]:
+    """Collect the warnings of a library, which would stand on standard error otherwise, until the block ends."""
+    told: list[str] = []
+
+    class _Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            told.append(record.getMessage())
+
+    collector = _Collector(logging.WARNING)
+    logger = logging.getLogger(name)
+    propagates = logger.propagate
+    logger.addHandler(collector)
+    logger.propagate = False
+    try:
+        yield told
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate = propagates
