@@ -149,7 +149,7 @@ class CurvePlanner:
     @property
     def user_limits(self) -> tuple[Limit, ...]:
         """The user's constraints and costs as limits of the motion; usually none."""
-        return () if self.terms is None else (UserLimit(self.terms, self.settings.motion.user_limits),)
+        return () if self.terms is None else (UserLimit(self.terms),)
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.

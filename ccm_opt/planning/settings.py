@@ -149,23 +149,13 @@ class RailSettings:
     """Numbers of the rails through narrow gates, and of the lines across them.
 
     Attributes:
-        weight: on a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's
-            distance. Taste: with three times as much joints cannot give way to the goal.
         beside: joints farther off than this are not on the rail, in nominal links. Taste.
-        places: of a gate's middle line at which it is measured where it is narrowest. Taste.
-        narrowest: by this share more than the least distance to walls still counts as narrowest. Taste: a hundredth
-            of a gate's width; lines before a rounded wall, where there is room aside, refuse motions that exist.
-        short: a stretch shorter than this many radii of the gate has one line, not one at either end. Taste.
         across: a line is crossed where that is no farther from its middle, in nominal links. Taste.
         catching_up: most that a step asks a crossing to move towards the middle, in nominal links. Taste.
         exact: distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play.
     """
 
-    weight: float = 30.0
     beside: float = 0.5
-    places: int = 61
-    narrowest: float = 1e-3
-    short: float = 0.15
     across: float = 0.25
     catching_up: float = 0.02
     exact: float = 1e-6
@@ -349,37 +339,6 @@ DEFAULT_TREES = TreeSettings()
 
 
 @dataclass(frozen=True)
-class UserLimitSettings:
-    """Numbers of the user's constraints as limits.
-
-    A gap g has the user's unit; divided by the norm of its slope by the link headings it is the turn of the whole arm
-    that closes it, and that is what margins are measured in.
-
-    Attributes:
-        margin: margin of a gap, as a turn of the whole arm [rad]. Taste: a tenth of a degree.
-        keep_share: share of the margin that every accepted pose keeps. Taste, as for contacts.
-        met: an equation is met when nothing misses by more, in the user's unit. Derived: four orders below what the
-            verifier allows.
-        met_at_goal: by how much constraints may be missed at the goal and at keyframes, in the user's unit. Derived:
-            two orders below what the verifier allows.
-        allowed: by which a hard constraint may be missed, in the user's unit. Derived: what the verifier allows.
-        newton_steps: most steps of Newton's method back onto equations. Taste: it converges in four or never.
-        far: gaps that the whole arm has to turn by more than this to close make no rows on keyframes [rad]. Taste.
-        keyframe_turn: a keyframe that needs a larger turn of a link to meet its equations does not meet them [rad].
-            Taste.
-    """
-
-    margin: float = 2e-3
-    keep_share: float = 0.4
-    met: float = 1e-10
-    met_at_goal: float = 1e-8
-    allowed: float = 1e-6
-    newton_steps: int = 12
-    far: float = 2.0
-    keyframe_turn: float = 0.5
-
-
-@dataclass(frozen=True)
 class MotionSettings:
     """Numbers of the search for a motion.
 
@@ -391,7 +350,6 @@ class MotionSettings:
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
         tracking: of tracking a reference motion.
-        user_limits: of the user's constraints.
         search: of the search over all strategies.
         tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
@@ -407,7 +365,6 @@ class MotionSettings:
     continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
     goal: GoalSettings = field(default_factory=GoalSettings)
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
-    user_limits: UserLimitSettings = field(default_factory=UserLimitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)

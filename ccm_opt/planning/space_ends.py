@@ -7,7 +7,6 @@ import numpy as np
 from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray
 from ccm_opt.core.length_words import place, short_length
 from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
-from ccm_opt.planning.limits.user_motion_rows import refuse_broken_goal, refuse_broken_start
 from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask
@@ -24,10 +23,8 @@ def refuse_ends(problem: Problem, task: SpaceTask) -> None:
         ProblemError: the start touches something, or breaks a constraint of the user.
         UnreachableGoal: the goal does, or is too far away.
     """
-    if task.user is not None:
-        refuse_broken_start(task.user.terms, task.start, task.user.settings.allowed)
-        if task.goal_pose is not None:
-            refuse_broken_goal(task.user.terms, task.goal_pose, task.user.settings.allowed)
+    for limit in task.user_limits:
+        limit.refuse_ends(task.start, task.goal_pose)
     bad = _what_is_bad(problem, task, task.start, "from there")
     if bad:
         raise ProblemError(f"the start {bad}")

@@ -298,16 +298,16 @@ class FeedPlanner:
         """A motion to one member of the goal."""
         with self.stages("mapping"):
             query = FeedQuery.from_problem(problem, feed, deadline, self.settings)
-            for limit in user_limits(self.terms, self.settings):
+            for limit in user_limits(self.terms):
                 goal = None if query.goal is None else query.pose(query.goal)
                 limit.refuse_ends(query.pose(query.start), goal)
         with self.stages("motion"):
             return _FeedSearch(query, self.terms).run()
 
 
-def user_limits(terms: UserTerms | None, settings: FeedPlannerSettings) -> tuple[Limit, ...]:
+def user_limits(terms: UserTerms | None) -> tuple[Limit, ...]:
     """The user's constraints and costs as limits of the motion; usually none."""
-    return () if terms is None else (UserLimit(terms, settings.curve.motion.user_limits),)
+    return () if terms is None else (UserLimit(terms),)
 
 
 @dataclass
@@ -335,7 +335,7 @@ class _FeedSearch:
     def __post_init__(self) -> None:
         problem = self.query.problem
         settings = self.query.settings
-        limits = user_limits(self.terms, self.query.settings)
+        limits = user_limits(self.terms)
         task = fed_task(self.query, self.query.deadline, limits)
         self.finishing = Finishing(self.query, task, self.refused, self.terms)
         self.leader_paths = None

@@ -37,6 +37,16 @@ _RIDGE = 1e-9
 _SAME = 2e-3
 """Lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate differ by
 rounding."""
+_WEIGHT = 30.0
+"""On a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's distance.
+Taste: with three times as much joints cannot give way to the goal."""
+_PLACES = 61
+"""Of a gate's middle line at which it is measured where it is narrowest. Taste."""
+_NARROWEST = 1e-3
+"""By this share more than the least distance to walls still counts as narrowest. Taste: a hundredth of a gate's width;
+lines before a rounded wall, where there is room aside, refuse motions that exist."""
+_SHORT = 0.15
+"""A stretch shorter than this many radii of the gate has one line, not one at either end. Taste."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +94,7 @@ class GateLines:
         middles: list[FloatArray] = []
         along: list[FloatArray] = []
         for rail in rails:
-            for place in _narrowest(rail[1:-1], workspace, settings):
+            for place in _narrowest(rail[1:-1], workspace):
                 # Paths on both sides of the arm lead through the same gates.
                 if all(np.hypot(*(place - other)) > _SAME * np.hypot(*(rail[-1] - rail[0])) for other in middles):
                     middles.append(place)
@@ -184,16 +194,16 @@ class GateLines:
         return self.inside
 
 
-def _narrowest(middle: FloatArray, workspace: Workspace, settings: RailSettings) -> list[FloatArray]:
+def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
     """Both ends of the stretch of a middle line (k, 2) where walls are nearest; one place where that is short."""
     arcs = arc_lengths(middle)
-    places = points_at(middle, arcs, np.linspace(0.0, arcs[-1], settings.places)) if arcs[-1] > 0.0 else middle[:1]
+    places = points_at(middle, arcs, np.linspace(0.0, arcs[-1], _PLACES)) if arcs[-1] > 0.0 else middle[:1]
     spots = shapely.points(places)
     beside = np.min([shapely.distance(spots, wall.core) - wall.rounding for wall in workspace.walls], axis=0)
-    least = np.flatnonzero(beside <= (1.0 + settings.narrowest) * beside.min())
+    least = np.flatnonzero(beside <= (1.0 + _NARROWEST) * beside.min())
     first = places[least[0]]
     last = places[least[-1]]
-    if np.hypot(*(last - first)) <= settings.short * beside.min():
+    if np.hypot(*(last - first)) <= _SHORT * beside.min():
         return [0.5 * (first + last)]
     return [first, last]
 
@@ -264,7 +274,7 @@ class GateRails(Limit):
         slopes = np.einsum("jk,jkp->jp", normal, pose.moving[joint]) / unit
         apart = across[joint, chosen]
         wanted = -np.sign(apart) * np.maximum(np.abs(apart) - self.play, 0.0) / unit
-        return Term(slopes, wanted, self.settings.weight)
+        return Term(slopes, wanted, _WEIGHT)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
         """A pose after a step moved so that the axis crosses in the middle; as it is where that fails."""

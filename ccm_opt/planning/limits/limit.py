@@ -259,7 +259,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         del sweep, u
         return ()
 
-    def costs(self, space: LinkSpace, u: FloatArray) -> tuple[MotionCost, ...]:
+    def costs(self, space: AnyUnknowns_contra, u: FloatArray) -> tuple[MotionCost, ...]:
         """What the limit adds to the cost of a motion with keyframes at path parameters u."""
         del space, u
         return ()

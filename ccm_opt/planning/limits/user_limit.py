@@ -8,7 +8,7 @@ the arm: so it is the turn of the whole arm that closes it, and one margin suits
 unit, in the plane and in space.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,9 +18,7 @@ from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, LimitRows, MotionCost
 from ccm_opt.planning.limits.limit_stack import overbent
 from ccm_opt.planning.limits.user_motion_rows import UserCosts, refuse_broken_goal, refuse_broken_start, slope_norms
-from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, least_change
-from ccm_opt.planning.settings import UserLimitSettings
 
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
@@ -48,6 +46,26 @@ Taste."""
 _KNOT_RESERVES = 4.0
 """Reserves to which a knot of the smooth path is moved that has less than half of that. Measured: with 2 a path at the
 edge of a camera's view was refused, with 4 it is laid."""
+_MARGIN = 2e-3
+"""Margin of a gap, as a turn of the whole arm [rad]. Taste: a tenth of a degree. A gap has the user's unit; divided by
+the norm of its slope by the link headings it is the turn of the whole arm that closes it, and that is what margins are
+measured in."""
+_KEEP_SHARE = 0.4
+"""Share of that margin that every accepted pose keeps. Taste, as for contacts."""
+_MET_AT_GOAL = 1e-8
+"""By how much constraints may be missed at the goal and at keyframes, in the user's unit. Derived: two orders below
+what the verifier allows."""
+_MET = 1e-10
+"""An equation is met when nothing misses by more, in the user's unit. Derived: four orders below what the verifier
+allows."""
+_ALLOWED = 1e-6
+"""By which a hard constraint may be missed, in the user's unit. Derived: what the verifier allows."""
+_NEWTON_STEPS = 12
+"""Most steps of Newton's method back onto equations. Taste: it converges in four or never."""
+_FAR = 2.0
+"""Gaps that the whole arm has to turn by more than this to close make no rows on keyframes [rad]. Taste."""
+_KEYFRAME_TURN = 0.5
+"""A keyframe that needs a larger turn of a link to meet its equations does not meet them [rad]. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +74,6 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     Attributes:
         terms: the constraints and costs, compiled.
-        settings: numbers.
         u: path parameter at which the constraints are looked at.
         at_goal: whether those at the goal are meant, not those on the way.
         lead: by how much of the motion intervals are widened at most, so that a path which is smooth at keyframes keeps
@@ -64,7 +81,6 @@ class UserLimit(LimitOf[CurveUnknowns]):
     """
 
     terms: "UserTerms"
-    settings: UserLimitSettings = field(default_factory=UserLimitSettings)
     u: float = 0.0
     at_goal: bool = False
     lead: float = 0.0
@@ -140,7 +156,6 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
         """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
         del space
-        settings = self.settings
         now = self.values(pose.q)
         equations, target = self._independent(now.equations, now.equation_slopes @ pose.slopes, pose.turning, turn)
 
@@ -149,12 +164,12 @@ class UserLimit(LimitOf[CurveUnknowns]):
         # factor 2 leaves room for its curvature.
         farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # what a step can close at most
         # Negated, so that a gap that is NaN keeps its row and is refused, instead of passing unseen.
-        within = ~(now.gaps > (settings.margin + farthest) * scale)
+        within = ~(now.gaps > (_MARGIN + farthest) * scale)
         scale = scale[within]
         gaps = now.gaps[within] / scale
         rows = now.gap_slopes[within] @ pose.slopes / scale[:, None]
         # Never above 0: δ = 0 stays feasible even inside the margin, where the pull asks for more room instead.
-        lower = np.minimum(-0.5 * (gaps - settings.margin), 0.0)
+        lower = np.minimum(-0.5 * (gaps - _MARGIN), 0.0)
         return LimitRows(
             np.vstack((equations, rows)),
             np.concatenate((target, lower)),
@@ -166,7 +181,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
         """Ask gaps inside their margin to open, broken ones urgently."""
-        margin = self.settings.margin
+        margin = _MARGIN
         near = gaps < margin
         short = margin - gaps[near]
         urgency = np.where(gaps[near] < 0.0, _URGENCY, 1.0)
@@ -195,14 +210,13 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
-        settings = self.settings
         # A pose that begins inside the margin may stay there, but not lose more.
-        floor = np.minimum(settings.keep_share * settings.margin * self.turns(before.gap_slopes), before.gaps)
+        floor = np.minimum(_KEEP_SHARE * _MARGIN * self.turns(before.gap_slopes), before.gaps)
         if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - TINY):
             return False
 
         # Far from the equations the sum decides: one of them may grow for a step while the others shrink.
-        met = np.max(np.abs(after.equations), initial=0.0) <= settings.met
+        met = np.max(np.abs(after.equations), initial=0.0) <= _MET
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
     def restored(self, space: CurveUnknowns, pose: Pose, most: float) -> Pose:
@@ -228,7 +242,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         limits = _JOINT_SHARE * space.bend_limits
         # The side to which each bend was too large on the way; ``overbent`` adds to it and takes nothing out.
         held = np.zeros(len(limits))
-        for _ in range(self.settings.newton_steps):
+        for _ in range(_NEWTON_STEPS):
             values = self.values(pose.q)
             if not np.isfinite(values.violation):
                 return None
@@ -237,10 +251,10 @@ class UserLimit(LimitOf[CurveUnknowns]):
             change = -values.equations
             if gaps:
                 slopes, change = self.missed(space, pose)
-                over, back = overbent(limits, space.bends(pose.q), held, self.settings.met)
+                over, back = overbent(limits, space.bends(pose.q), held, _MET)
                 slopes = np.vstack((slopes, space.bend_slopes(pose)[over]))
                 change = np.append(change, back)
-            if np.max(np.abs(change), initial=0.0) <= self.settings.met:
+            if np.max(np.abs(change), initial=0.0) <= _MET:
                 return pose
             pose = space.pose(pose.v + least_change(space, pose, slopes, change))
             # Farther away lies perhaps another branch of the equations, and nothing is known of what is between.
@@ -252,7 +266,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def miss(self, headings: FloatArray) -> float:
         """By how much the worst row is missed, beyond what counts as met."""
         miss = self.values(headings).violation
-        return 0.0 if miss <= self.settings.met_at_goal else miss
+        return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
         """Rows of all that is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
@@ -268,7 +282,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
             most: largest turn of the whole arm [rad].
         """
         values = self.values(q)
-        margins = self.settings.margin * self.turns(values.gap_slopes)
+        margins = _MARGIN * self.turns(values.gap_slopes)
         short = values.gaps < margins
         by_pose = np.vstack((values.equation_slopes, values.gap_slopes[short]))
         scale = self.turns(by_pose)
@@ -293,7 +307,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         broken = values.gaps < 0.0
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
         # Aimed a little beyond 0, else rounding would leave the gap broken and Newton would go on in vain.
-        aim = self.settings.keep_share * self.settings.margin * self.turns(values.gap_slopes[broken])
+        aim = _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes[broken])
         return slopes, np.append(-values.equations, aim - values.gaps[broken])
 
     # ------------------------------------------------------------ the optimisation of a motion
@@ -321,18 +335,18 @@ class UserLimit(LimitOf[CurveUnknowns]):
         for k in range(1, len(u)):
             values = self.at_keyframe(k, u).values(sweep.configurations[k])
             scale = self.turns(values.gap_slopes)
-            near = values.gaps < self.settings.far * scale
+            near = values.gaps < _FAR * scale
             scale = scale[near]
             rows.append(values.gap_slopes[near] @ sweep.slopes[k] / scale[:, None])
             # These rows are hard and have no slack: a gap inside its margin may only not shrink, or there would be no
             # feasible step.
-            least.append(np.minimum(self.settings.margin - values.gaps[near] / scale, 0.0))
+            least.append(np.minimum(_MARGIN - values.gaps[near] / scale, 0.0))
             keyframes += [k] * len(scale)
         lower = np.concatenate(least)
         upper = np.full(len(lower), UNBOUNDED)
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
 
-    def costs(self, space: LinkSpace, u: FloatArray) -> tuple[MotionCost, ...]:
+    def costs(self, space: CurveUnknowns, u: FloatArray) -> tuple[MotionCost, ...]:
         """The user's costs, soft constraints among them."""
         del space
         return (UserCosts(self.terms, u),)
@@ -342,7 +356,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):
             limit = self.at_keyframe(k, u)
-            moved = limit.moved_onto_rows(space, space.pose(restored[k]), self.settings.keyframe_turn, gaps=True)
+            moved = limit.moved_onto_rows(space, space.pose(restored[k]), _KEYFRAME_TURN, gaps=True)
             if moved is not None:
                 restored[k] = moved.v
         return restored
@@ -368,16 +382,15 @@ class UserLimit(LimitOf[CurveUnknowns]):
         lasting = self._lasting
         if not lasting.any():
             return np.zeros(0, dtype=np.intp)
-        settings = self.settings
         rows = self.terms.path_rows
         share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
         between = headings[:-1, None] + share * np.diff(headings, axis=0)[:, None]
         gaps = rows.table(between.reshape(-1, headings.shape[1]))[:, lasting].reshape(*between.shape[:2], -1)
         # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
         steepest = np.max([self.turns(np.asarray(rows.slopes(end, 0.0)[1])) for end in headings[[0, -1]]], axis=0)
-        reserve = _RESERVE * settings.keep_share * settings.margin * steepest[lasting]
+        reserve = _RESERVE * _KEEP_SHARE * _MARGIN * steepest[lasting]
         ends = np.minimum(gaps[:, 0], gaps[:, -1])
-        floor = np.where(ends >= reserve, reserve, np.clip(ends, -settings.allowed, -self._slack))
+        floor = np.where(ends >= reserve, reserve, np.clip(ends, -_ALLOWED, -self._slack))
         # Negated, so that NaN counts as short.
         return np.flatnonzero(np.any(~(gaps >= floor[:, None]), axis=(1, 2)))
 
@@ -388,14 +401,13 @@ class UserLimit(LimitOf[CurveUnknowns]):
     @property
     def _slack(self) -> float:
         """By how much a gap may be missed between keyframes, in the user's unit."""
-        return _PATH_SHARE * self.settings.allowed
+        return _PATH_SHARE * _ALLOWED
 
     # ------------------------------------------------------------ the smooth path
     def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """Slopes by the link headings of equations and broken gaps, shape (k, links), and what they have to change."""
         values = self.terms.path_rows.at(headings, u)
-        settings = self.settings
-        reserve = _RESERVE * settings.keep_share * settings.margin * self.turns(values.gap_slopes)
+        reserve = _RESERVE * _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes)
         # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
         # than at them.
         broken = values.gaps < 0.5 * _KNOT_RESERVES * reserve
@@ -422,9 +434,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
         """Refuse a start or a whole-arm goal that breaks a constraint, and terms that are not finite at the start."""
-        refuse_broken_start(self.terms, start, self.settings.allowed)
+        refuse_broken_start(self.terms, start, _ALLOWED)
         if goal is not None:
-            refuse_broken_goal(self.terms, goal, self.settings.allowed)
+            refuse_broken_goal(self.terms, goal, _ALLOWED)
 
     def worst(self, headings: FloatArray) -> tuple[str, float]:
         """Name of the constraint that is missed most in radians of the arm, and its miss in the user's unit."""
@@ -440,11 +452,11 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def describe(self, headings: FloatArray) -> str:
         """The constraint that is missed, or else at its bound, in words; empty when none is."""
         name, miss = self.worst(headings)
-        if miss > self.settings.met_at_goal:
+        if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is missed by {miss:.3g}"
         rows = self.rows
         turns = rows.table(headings[None], self.u)[0] / self._slope_norms(headings)
-        near = ~rows.equal & (turns < 2.0 * self.settings.margin)
+        near = ~rows.equal & (turns < 2.0 * _MARGIN)
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def _slope_norms(self, headings: FloatArray) -> FloatArray:
