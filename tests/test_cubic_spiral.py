@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from ccm_opt.baseline.curve_track import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
+from ccm_opt.baseline.curve_track import chord_ratio
 from ccm_opt.core.polyline import wrap
-from ccm_opt.errors import ProblemError
+from tests.oracles.cubic_spiral import CubicSpiral
 
 COORDINATE = st.floats(-2.0, 2.0)
 POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)
@@ -81,68 +81,3 @@ def test_jerk_is_the_integral_of_the_squared_slope_of_curvature() -> None:
     assert np.trapezoid(slope**2, s) == pytest.approx(spiral.jerk, rel=1e-6)
     bumped = spiral.curvature_at(s) + 0.1 * np.sin(2.0 * np.pi * s / 0.7)
     assert np.trapezoid(np.gradient(bumped, s) ** 2, s) > spiral.jerk
-
-
-@settings(max_examples=60, deadline=None)
-@given(start=POINT, heading=HEADING, end=POINT, end_heading=HEADING)
-def test_joined_poses_are_met_with_continuous_heading_and_no_curvature_at_the_joints(
-    start: np.ndarray, heading: float, end: np.ndarray, end_heading: float
-) -> None:
-    """One or two turns lead from pose to pose, end to end, and each pair of poses is symmetric."""
-    assume(np.hypot(*(end - start)) > 0.05)
-    try:
-        turns = join_poses(start, heading, end, end_heading)
-    except ProblemError:
-        chord = end - start
-        angle = float(np.arctan2(chord[1], chord[0]))
-        assert abs(wrap(angle - heading)) + abs(wrap(end_heading - angle)) > 0.5 * LARGEST_TURN
-        return
-    place, tangent = start, heading
-    for turn in turns:
-        np.testing.assert_allclose(turn.start, place, atol=1e-9)
-        assert turn.heading == pytest.approx(tangent)
-        assert 0.0 < turn.length < np.inf
-        assert abs(turn.turn) <= LARGEST_TURN
-        place, tangent = turn.end, turn.end_heading
-    np.testing.assert_allclose(place, end, atol=1e-8)
-    assert wrap(tangent - end_heading) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_symmetric_poses_need_one_turn_and_parallel_ones_two_equal_turns() -> None:
-    """A quarter circle's poses are symmetric; a lane change goes through the middle of its chord."""
-    (turn,) = join_poses(np.zeros(2), 0.0, np.array([1.0, 1.0]), np.pi / 2)
-    assert turn.turn == pytest.approx(np.pi / 2)
-    assert turn.length == pytest.approx(np.sqrt(2.0) / 0.855802, abs=1e-5)
-    first, second = join_poses(np.zeros(2), 0.0, np.array([2.0, 1.0]), 0.0)
-    np.testing.assert_allclose(first.end, [1.0, 0.5], atol=1e-6)
-    assert first.turn == pytest.approx(-second.turn)
-
-
-@settings(max_examples=30, deadline=None)
-@given(heading=st.floats(-0.9, 0.9), end_heading=st.floats(-0.9, 0.9), place=st.floats(0.05, 0.95))
-@example(heading=-0.296875, end_heading=0.328125, place=0.9375)
-@example(heading=-0.0546875, end_heading=0.05078125, place=0.0625)
-def test_the_mean_pose_is_the_best_of_all(heading: float, end_heading: float, place: float) -> None:
-    """No other symmetric split of the poses, on the arc of mean poses, has less jerk."""
-    end = np.array([1.0, 0.0])
-    turns = join_poses(np.zeros(2), heading, end, end_heading)
-    assume(len(turns) == 2)
-    half = 0.5 * (end_heading - heading)
-    middle = direction(-place * half) * np.sin((1.0 - place) * half) / np.sin(half) if abs(half) > 1e-6 else None
-    assume(middle is not None)
-    first = CubicSpiral.to_point(np.zeros(2), heading, middle)
-    second = CubicSpiral.to_point(middle, first.end_heading, end)
-    assert wrap(second.end_heading - end_heading) == pytest.approx(0.0, abs=1e-6)
-    assert sum(turn.jerk for turn in turns) <= (first.jerk + second.jerk) * (1 + 1e-6)
-
-
-def test_turns_that_no_cubic_spiral_makes_are_refused() -> None:
-    """A point straight behind, and a point without distance, are refused with the turn."""
-    with pytest.raises(ProblemError, match=r"turns by -?6\.283 rad"):
-        CubicSpiral.to_point(np.zeros(2), np.pi, np.array([1.0, 0.0]))
-    with pytest.raises(ProblemError, match="over a chord of 0 m"):
-        CubicSpiral.to_point(np.zeros(2), 0.0, np.zeros(2))
-    with pytest.raises(ProblemError, match="no two cubic spirals"):
-        join_poses(np.zeros(2), np.pi, np.array([1.0, 0.0]), np.pi)
-    with pytest.raises(ProblemError, match="no two cubic spirals"):
-        join_poses(np.zeros(2), 0.0, np.zeros(2), 1.0)

@@ -34,13 +34,6 @@ Objective: TypeAlias = Callable[[Shapes], FloatArray]
 """Distance of each configuration of a batch, shape (m,)."""
 
 
-class Strategy(StrEnum):
-    """Which improving move is taken."""
-
-    STEEPEST = "steepest"
-    FIRST = "first-improvement"
-
-
 class Ending(StrEnum):
     """How a climb ended."""
 
@@ -59,7 +52,6 @@ class Climb:
         objective: the distance function.
         threshold: the climb has arrived at values no greater.
         moves: the operators.
-        strategy: which improving move is taken.
         most_steps: moves at most.
         push: weight of the world's crowding beside the distance. Where both balance, the climb goes on without it.
         patience: moves without headway after which the climb ends; by default it never loses patience.
@@ -68,7 +60,6 @@ class Climb:
     objective: Objective
     threshold: float
     moves: Moves = field(default_factory=Moves)
-    strategy: Strategy = Strategy.STEEPEST
     most_steps: int = 600
     push: float = 0.0
     patience: float = np.inf
@@ -77,11 +68,11 @@ class Climb:
 def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, None, Ending]:
     """Climb until the distance is small enough or no move improves it.
 
-    All candidate moves of a step are evaluated as one batch; those that improve are shown to the world in the order
-    of the strategy until one may be moved to.
+    All candidate moves of a step are evaluated as one batch; those that improve are shown to the world, the best
+    first, until one may be moved to.
 
     Args:
-        world: says which moves are allowed, and brings the settings.
+        world: says which moves are allowed.
         start: where to begin; it is not yielded.
         task: what to aim at.
 
@@ -95,7 +86,6 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     left = float(task.objective(here)[0])
     push = task.push
     crowded = float(world.crowding(here)[0]) if push > 0.0 else 0.0
-    last = 0  # operator of the last move
     mark = left  # the distance at the last headway, and the move at which it was
     marked = 0
     for count in range(task.most_steps):
@@ -112,7 +102,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
         # Where no allowed move improves distance and push together, the push eases until one does, or it is gone.
         while True:
-            order = _order(distances + push * crowding, left + push * crowded, push > 0.0, last, task.strategy)
+            order = _order(distances + push * crowding, left + push * crowded, push > 0.0)
             chosen = _first_allowed(world, here, candidates, order)
             if chosen is not None or push == 0.0:
                 break
@@ -122,7 +112,6 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
         left = float(distances[chosen])
         crowded = float(crowding[chosen])
-        last = chosen
         here = candidates.take(np.array([chosen]))
         yield here
     return Ending.ARRIVED if left <= task.threshold else Ending.STEPS
@@ -140,24 +129,17 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
             return start if here is None else here.configuration(0), ending
 
 
-def _order(values: FloatArray, now: float, pushed: bool, last: int, strategy: Strategy) -> IntArray:
-    """Improving candidates: best first, or in the order of the operators beginning with the one used last.
+def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
+    """Improving candidates, the best first.
 
     Args:
         values: of the candidates, shape (m,).
         now: the value where the climb is.
         pushed: whether walls push, so that a move has to gain more to count.
-        last: candidate moved to last.
-        strategy: of the climb.
     """
     gain = _GAIN_WHILE_PUSHED if pushed else _LEAST_GAIN
     improving = np.flatnonzero(values < (1.0 - gain) * now)
-    if strategy is Strategy.STEEPEST:
-        improving = improving[np.argsort(values[improving], kind="stable")]
-    else:
-        # What helped last most probably helps again.
-        improving = np.roll(improving, -int(np.searchsorted(improving, last)))
-    return improving[:_MOST_TRIED]
+    return improving[np.argsort(values[improving], kind="stable")][:_MOST_TRIED]
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:

@@ -14,7 +14,7 @@ import shapely
 from scipy.interpolate import BSpline
 
 from ccm_opt.baseline.curve_track import SegmentTrack, track_through, without_near
-from ccm_opt.baseline.distance import TipPose
+from ccm_opt.baseline.distance import Precision, TipPose
 from ccm_opt.baseline.hill_climb import Schema, SchemaStep, SchemaStopped, run
 from ccm_opt.baseline.operators import Shapes
 from ccm_opt.baseline.plans import REACH, Folds, Follower, fold_plan, staged, subgoals, trace
@@ -41,6 +41,10 @@ _FIRST_SUBGOALS = (0.15, 0.08)
 first. Taste."""
 _CORNER_SPACING = 0.7
 """Corners nearer to each other than this share of the straight run are taken as one. Taste."""
+_CORNER_DISTANCE = 0.04
+"""Distance kept from corners where there is room, as a share of the arm's length. Taste."""
+_NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
+"""How near the first subgoal counts, for an arm of many segments. Taste."""
 _TRACK_SAMPLES = 200
 """Points of a track that are looked at for contact. Taste."""
 _SHARPEST_TURN = 0.85
@@ -85,7 +89,7 @@ def region_plan(
     if len(start.segments) == 1:
         here = yield from (folds or Folds()).to(world, start, passage.subgoal)
     else:
-        nearer = scm_7(world.of_curve, start, passage.subgoal, world.settings.plans.near_subgoal)
+        nearer = scm_7(world.of_curve, start, passage.subgoal, _NEAR_SUBGOAL)
         here = yield from staged(nearer, "3 proceed to the subgoal")
     here = yield from staged(_interface(world, here), REACH)
     return (yield from trace(world, here, passage.track, goal, sliding=True))
@@ -116,8 +120,7 @@ def passages(
         obstacle: the point of the obstacle ahead, shape (2,) [m], or None.
         routes: so many routes are looked at, shortest first.
     """
-    settings = world.settings.plans
-    shrink = settings.corner_distance * start.length
+    shrink = _CORNER_DISTANCE * start.length
     firsts = []
     if obstacle is not None:
         firsts = [(first, np.array([first.position, goal.position])) for first in subgoals(start.base, obstacle)]

@@ -17,6 +17,7 @@ from ccm_opt.baseline.curve_track import SegmentTrack
 from ccm_opt.baseline.distance import TipPose
 from ccm_opt.baseline.hill_climb import Schema, SchemaStep, SchemaStopped, run
 from ccm_opt.baseline.operators import Shapes
+from ccm_opt.baseline.schema import FEED, PATIENCE, PUSH
 from ccm_opt.baseline.schemas import (
     Feeding,
     begin_feeding,
@@ -201,7 +202,7 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
         SchemaStopped: the feed does not come near enough, or the climb does not arrive.
     """
     total = start.length
-    step = world.settings.schemas.feed * total
+    step = FEED * total
     least = _LEAST_BASE_SEGMENT * total
     slide = _BOUNDARY_AHEAD * total
     most = np.inf
@@ -276,8 +277,7 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
     """SCM-0 with the push and the patience of a plan."""
     most = _LAST_CLIMB
-    settings = world.settings.schemas
-    return (yield from scm_0(world, start, goal, most_steps=most, push=settings.push, patience=settings.patience))
+    return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
 
 
 def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
@@ -459,7 +459,6 @@ class Follower:
             curvature_limit=arm.joint_limit / arm.link_length,
             thickness=2.0 * arm.radius if arm.self_collision else 0.0,
             base_range=base_range,
-            settings=self.settings.climbing,
         )
 
 

@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.baseline.distance import Distance, DistanceWeights, Precision, TipPose
-from ccm_opt.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, Strategy, climb, end_of, run
+from ccm_opt.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, climb, end_of, run
 from ccm_opt.baseline.operators import Moves, Operator, Shapes
-from ccm_opt.baseline.settings import SchemaSettings
 from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
@@ -17,6 +16,18 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import interpolate
 from ccm_opt.robot.segment import EVEN_KNOTS, natural_segment, select_segment_type
 
+PUSH = 0.01
+"""Weight of the world's crowding beside the distance where a plan asks for it. Taste."""
+PATIENCE = 15
+"""Moves without headway after which a climb on the way of a plan ends: it arrives soon or hardly ever. Taste."""
+FEED = 0.02
+"""Length that SCM-3 and SCM-5 pass on in one step, as a share of the arm's. Taste."""
+_ON_THE_WAY = Precision(2e-3, 2e-2)
+"""Precision asked at the subgoals of SCM-7 but the last. Taste."""
+_STRIDE = 0.12
+"""Greatest change of heading anywhere on the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
+_HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
+"""How exactly SCM-3 and SCM-6 preserve a pose. Taste."""
 _SUBGOAL_SPACING = 0.03
 """Distance of the subgoals of SCM-7, as a share of the arm's length. Taste."""
 _SUBGOAL_TURN = 0.12
@@ -92,9 +103,8 @@ def hold(
         del here
         return world.passes(origin, there)
 
-    settings = world.settings.schemas
     origin = Shapes.from_configurations([before])
-    distance = Distance(held, before.length, precision=settings.held_precision)
+    distance = Distance(held, before.length, precision=_HELD_PRECISION)
     moves = Moves(tuple(range(segment + 1)), HELD)
 
     # Climbs that ask about contact at their end only are quick, so they are tried first, from several beginnings; the
@@ -151,7 +161,6 @@ def scm_0(
     *,
     precision: Precision | None = None,
     weights: DistanceWeights | None = None,
-    strategy: Strategy = Strategy.STEEPEST,
     most_steps: int = 600,
     push: float = 0.0,
     patience: float = np.inf,
@@ -166,7 +175,6 @@ def scm_0(
         goal: for the tip.
         precision: how near counts.
         weights: of the distance function.
-        strategy: of the climb.
         most_steps: moves at most.
         push: weight of the world's crowding; none in the pure climb.
         patience: moves without headway after which it ends; the pure climb has no end of it.
@@ -188,7 +196,7 @@ def scm_0(
         return distance.of_tips(positions, headings, shapes.heading)
 
     moves = Moves(tuple(range(len(start.segments))))
-    climbing = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, push, patience))
+    climbing = climb(world, start, Climb(objective, distance.threshold, moves, most_steps, push, patience))
     while True:
         try:
             here = next(climbing).configuration(0)
@@ -219,7 +227,6 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
     Raises:
         SchemaStopped: a subgoal is not reached.
     """
-    settings = world.settings.schemas
     here = start
     (position,), (heading,) = world.tips(Shapes.from_configurations([start]))
     line = goal.position - position
@@ -230,7 +237,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
         share = k / count
         subgoal = TipPose(position + share * line, None if goal.heading is None else float(heading) + share * turn)
         try:
-            here = yield from _hop(world, here, subgoal, precision if k == count else settings.on_the_way)
+            here = yield from _hop(world, here, subgoal, precision if k == count else _ON_THE_WAY)
         except SchemaStopped as stopped:
             reason = f"at subgoal {k} of {count}: {stopped.diagnosis.reason}"
             raise SchemaStopped("SCM-7", stopped.configuration, reason) from stopped
@@ -239,8 +246,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
     """To the next subgoal by SCM-0, in one step if the world lets it."""
-    settings = world.settings.schemas
-    climb_there = scm_0(world, start, subgoal, precision=precision, push=settings.push, patience=settings.patience)
+    climb_there = scm_0(world, start, subgoal, precision=precision, push=PUSH, patience=PATIENCE)
     steps, here = run(climb_there)
     moves = [step.configuration for step in steps]
     # The moves of a climb zigzag; the straight way is shorter where it is free.
@@ -280,7 +286,7 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
         SchemaStopped: something is in the way.
     """
     here = start
-    for share in _shares(start, target, world.settings.schemas):
+    for share in _shares(start, target):
         there = interpolate(start, target, share)
         if not world.move_allowed(here, there):
             raise SchemaStopped("SCM-2", here, f"contact after {share:.0%} of the way to the selected curvature")
@@ -311,7 +317,7 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
     """
     here = start
     direction = direction_to_tip(world, start)
-    for share in _shares(start, target, world.settings.schemas):
+    for share in _shares(start, target):
         mixed = interpolate(start, target, share)
         # First the direction is restored, then the winding that the base has.
         there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
@@ -338,9 +344,9 @@ def direction_to_tip(world: World, configuration: Configuration) -> float:
     return heading_of(tip - configuration.base)
 
 
-def _shares(start: Configuration, target: Configuration, settings: SchemaSettings) -> list[float]:
+def _shares(start: Configuration, target: Configuration) -> list[float]:
     """Shares of the way at which no heading has changed by more than the stride since the last."""
     arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
-    count = max(1, int(np.ceil(most / settings.stride)))
+    count = max(1, int(np.ceil(most / _STRIDE)))
     return [k / count for k in range(1, count + 1)]

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.special import j0
 
 from ccm_opt.baseline.curve_track import SegmentTrack
-from ccm_opt.baseline.distance import Distance, TipPose
+from ccm_opt.baseline.distance import Distance, Precision, TipPose
 from ccm_opt.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, end_of
 from ccm_opt.baseline.operators import Moves, Operator, Shapes
-from ccm_opt.baseline.schema import hold, scm_0, scm_2, scm_6, scm_7, scm_8
-from ccm_opt.baseline.world import World
+from ccm_opt.baseline.schema import FEED, hold, scm_0, scm_2, scm_6, scm_7, scm_8
+from ccm_opt.baseline.world import CROWDING_POINTS, World
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import heading_of, whole_turns, wrap
@@ -21,6 +21,10 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import add_segment, delete_segment, start_of
 from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
+_SELECTED_PRECISION = Precision(1e-3, 6e-3)
+"""How near the end of a curve selected by SCM-4 comes to the goal; SCM-0 does the rest. Taste."""
+_SHORTENING = 0.03
+"""Share by which SCM-4 shortens a segment that is too long, at a time. Taste."""
 _SELECTION_PUSH = 0.05
 """Weight of the walls while a curve is selected. Taste."""
 _SELECTION_STEPS = 1500
@@ -112,7 +116,7 @@ def scm_3(world: World, start: Configuration, segment: int, length: float) -> Sc
         SchemaStopped: the pose cannot be held.
     """
     here = start
-    stride = world.settings.schemas.feed * start.length
+    stride = FEED * start.length
     for part in _parts(start.segments[segment].length, length, stride):
         here = hold(world, here, resized(here, segment, part), segment, end_pose(start, segment), "SCM-3")
         yield SchemaStep("SCM-3", here)
@@ -140,7 +144,7 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
         SchemaStopped: something is in the way.
     """
     here = start
-    stride = world.settings.schemas.feed * curve.length
+    stride = FEED * curve.length
     for part in _parts(start.segments[-1].length, length, stride):
         there = fed(here, curve, part)
         if not world.move_allowed(here, there):
@@ -172,7 +176,7 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
     here = start
     held = end_pose(start.configuration, start.holder)
     total = start.configuration.length
-    longest = world.settings.schemas.feed * total
+    longest = FEED * total
     finest = _FINEST_FEED * longest
     wanted = min(start.track.length, start.out + most)
     stride = longest
@@ -211,7 +215,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
     """
     here = start
     moved = 0.0
-    stride = world.settings.schemas.feed * start.configuration.length
+    stride = FEED * start.configuration.length
     finest = _FINEST_FEED * stride
     while stride >= finest and moved < (1.0 - 1e-9) * length:
         part = min(stride, length - moved)
@@ -234,7 +238,7 @@ def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Fe
         SchemaStopped: the tip cannot be held.
     """
     holder = len(start.segments) - 1
-    length = world.settings.schemas.feed * start.length
+    length = FEED * start.length
     finest = _FINEST_FEED * length
     while True:
         changed = Feeding(start, track, holder, 0.0).with_length_out(length)
@@ -373,16 +377,15 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     """
     position, heading = start.tip
     kind = select_segment_type(position, heading, goal.position, goal.heading)
-    settings = world.settings.schemas
     guess = _first_guess(position, heading, goal, _LEAST_CHORD_RATIO)
     segment = _met(world, start, guess, goal, (*_KEPT_LENGTH, Operator.LENGTH))
     while segment.length > longest:
-        length = max(longest, (1.0 - settings.shortening) * segment.length)
+        length = max(longest, (1.0 - _SHORTENING) * segment.length)
         # Curvature goes with 1/length, so the shorter guess has the shape of the longer segment.
         shorter = replace(segment, length=length, curvature=segment.curvature * segment.length / length)
         segment = _met(world, start, shorter, goal, _KEPT_LENGTH)
     alone = Shapes.from_configurations([Configuration(position, (segment,))])
-    least = float(world.gap(alone.points(world.settings.crowding.points)).min())
+    least = float(world.gap(alone.points(CROWDING_POINTS)).min())
     if least < 0.0:
         raise SchemaStopped("SCM-4", start, f"the segment to the goal would be {short_length(-least)} deep in a wall")
     return Selection(kind, segment)
@@ -397,8 +400,7 @@ def _met(
         SchemaStopped: the climb does not arrive.
     """
     here = Configuration(start.tip[0], (guess,))
-    settings = world.settings.schemas
-    distance = Distance(goal, guess.length, precision=settings.selected_precision)
+    distance = Distance(goal, guess.length, precision=_SELECTED_PRECISION)
     task = Climb(
         distance,
         distance.threshold,

@@ -7,7 +7,6 @@ from typing import TypeAlias
 import numpy as np
 
 from ccm_opt.baseline.operators import Shapes
-from ccm_opt.baseline.settings import DEFAULT_CLIMBING, ClimbingSettings
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN
 from ccm_opt.robot.configuration import Configuration
@@ -15,6 +14,10 @@ from ccm_opt.robot.configuration import Configuration
 _KEPT_OFF = 0.03
 """Points nearer to contact than this share of the arm's length are pushed away. Taste."""
 
+CROWDING_POINTS = 48
+"""Chords of the configuration at whose ends walls push. Taste."""
+_SELF_POINTS = CROWDING_POINTS // 2
+"""Chords at whose ends the arm pushes itself, every other end of the others."""
 _STRAINED = 0.3
 """Share of the curvature's limit from which interpolation points are pushed back. Taste."""
 
@@ -52,7 +55,6 @@ class World:
         curvature_limit: |C| beyond a share of it counts as crowding [1/m].
         thickness: distance that the arm must keep from itself [m]; 0 when it need not.
         base_range: least and greatest heading of the base [rad].
-        settings: numbers of the climbs, schemas and plans in this world.
     """
 
     passes: Passes = field(default=_anything)
@@ -61,7 +63,6 @@ class World:
     curvature_limit: float = np.inf
     thickness: float = 0.0
     base_range: tuple[float, float] = (-np.inf, np.inf)
-    settings: ClimbingSettings = DEFAULT_CLIMBING
 
     @property
     def base_turns(self) -> bool:
@@ -79,26 +80,24 @@ class World:
         A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
         in front of obstacles.
         """
-        settings = self.settings.crowding
         strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - _STRAINED)
         crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
         if self.gap is _far and self.thickness == 0.0:
             return crowding
-        points = shapes.points(settings.points)
+        points = shapes.points(CROWDING_POINTS)
         if self.gap is not _far:
             lack = np.maximum(0.0, 1.0 - self.gap(points) / (_KEPT_OFF * shapes.length[:, None]))
             crowding += np.square(lack).mean(axis=1)
         if self.thickness > 0.0:
-            crowding += self._crowding_itself(shapes, points[:, :: settings.points // settings.self_points])
+            crowding += self._crowding_itself(shapes, points[:, :: CROWDING_POINTS // _SELF_POINTS])
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
         """The same for points of the arm that are near each other, but far apart along it, shape (m,)."""
-        chords = self.settings.crowding.self_points
-        count = chords + 1
+        count = _SELF_POINTS + 1
         one, other = np.triu_indices(count, 1)
         # Points that are near along the arm are near in the plane whatever it does: they say nothing.
-        apart = (other - one) / chords * float(shapes.length[0]) > 4.0 * self.thickness
+        apart = (other - one) / _SELF_POINTS * float(shapes.length[0]) > 4.0 * self.thickness
         one = one[apart]
         other = other[apart]
         x = points[..., 0]
