@@ -120,37 +120,6 @@ def joined(meshes: list[Mesh]) -> Mesh:
     return np.vstack([vertices for vertices, _ in meshes]), np.vstack(faces)
 
 
-def cylinder(length: float, radius: float, sides: int) -> Mesh:
-    """A cylinder along world x from 0 to its length, with flat ends."""
-    angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    ring = radius * np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    ends = [np.column_stack((np.full(sides, x), ring)) for x in (0.0, length)]
-    vertices = np.vstack((*ends, [[0.0, 0.0, 0.0], [length, 0.0, 0.0]]))
-    here = np.arange(sides)
-    following = np.roll(here, -1)
-    walls = np.vstack(
-        (
-            np.column_stack((here, here + sides, following)),
-            np.column_stack((following, here + sides, following + sides)),
-        )
-    )
-    lids = np.vstack(
-        (
-            np.column_stack((np.full(sides, 2 * sides), here, following)),
-            np.column_stack((np.full(sides, 2 * sides + 1), following + sides, here + sides)),
-        )
-    )
-    return vertices, np.vstack((walls, lids))
-
-
-def ball(radius: float) -> Mesh:
-    """A ball about the origin."""
-    from trimesh.creation import icosphere  # noqa: PLC0415 - comes with viser
-
-    made = icosphere(subdivisions=2, radius=radius)
-    return np.asarray(made.vertices, dtype=np.float64), np.asarray(made.faces, dtype=np.int64)
-
-
 def turned_to(directions: FloatArray) -> FloatArray:
     """Quaternions (w, x, y, z) that turn world x to unit vectors by the shortest turn, shape (..., 3) to (..., 4)."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)

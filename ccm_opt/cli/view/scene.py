@@ -12,11 +12,11 @@ import shapely
 import viser
 
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.frames import Mesh, MotionFrames, ball, cylinder, extruded, turned_to
+from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, turned_to
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.scene.surfaces import seen_triangles, within
+from ccm_opt.scene.surfaces import capsule_surface, seen_triangles, within
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
 
@@ -51,7 +51,6 @@ class Scene:
     shown: set[str] = field(default_factory=lambda: {"start", "names"})
     colour_by: str = "nothing"
     _arm: Any = None
-    _joints: Any = None
     _standing: dict[str, Obstacle] = field(default_factory=dict)
 
     @property
@@ -161,7 +160,7 @@ class Scene:
         if number:
             self.server.scene.add_label(f"{name}/number", number)
         if goal.direction is not None:
-            mesh = cylinder(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
+            mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
             wxyz = turned_to(self.frames.problem.arm.embedded(goal.direction))
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
@@ -169,14 +168,10 @@ class Scene:
         """Draw the arm and all that belongs to the motion."""
         arm = self.frames.problem.arm
         scene = self.server.scene
-        link = cylinder(arm.link_length / self.unit, self.radius, self.settings.sides)
+        link = capsule_surface(arm.link_length / self.unit, self.radius, self.settings.sides)
         start = self.world(self.frames.points[0])
         self._arm = scene.add_batched_meshes_simple(
             "/arm/links", *link, _turns(start), start[:-1], batched_colors=colours.plain(arm.links)
-        )
-        upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (arm.links + 1, 1))
-        self._joints = scene.add_batched_meshes_simple(
-            "/arm/joints", *ball(self.radius), upright, start, batched_colors=colours.plain(arm.links + 1)
         )
         chosen = np.linspace(0, len(self.frames.points) - 1, self.settings.frames).astype(int)
         self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 0.004)
@@ -228,11 +223,7 @@ class Scene:
         points = self.world(self.frames.pose(time))
         self._arm.batched_positions = points[:-1]
         self._arm.batched_wxyzs = _turns(points)
-        coloured = self._colours(time)
-        self._arm.batched_colors = coloured
-        # A joint is as the link before it, which it ends.
-        self._joints.batched_colors = np.vstack((coloured[:1], coloured))
-        self._joints.batched_positions = points
+        self._arm.batched_colors = self._colours(time)
 
     def _colours(self, time: float) -> colours.Colours:
         problem = self.frames.problem

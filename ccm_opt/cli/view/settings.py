@@ -18,7 +18,7 @@ class ViewSettings:
         depth: of extruded obstacles behind and before the plane, in radii of the arm.
         least_depth: the same at least, as a share of the arm's length.
         thin_arm: radius at which an arm without one is drawn, as a share of its length.
-        sides: of the cylinder that a link is drawn as.
+        sides: of the capsule that a link is drawn as, a multiple of four.
         curved: segments of a quarter circle in outlines.
         most_triangles: of all bodies in space together; of more, small ones are left out.
         cell: width of the cells in which corners are joined first then, as a share of the scene's extent.
