@@ -6,8 +6,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
-from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask, tip_box
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
@@ -58,7 +58,7 @@ def boxes(corners: list[tuple[list[float], list[float]]]) -> SurfaceSoup:
 def task_of(
     arm: Arm,
     soup: SurfaceSoup,
-    goal: SpaceTipPose | None,
+    goal: GoalPose | None,
     *,
     goal_pose: FloatArray | None = None,
     via: tuple[FloatArray, ...] = (),

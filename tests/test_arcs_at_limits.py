@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.core.polyline import wrap
-from ccm_opt.planning.step import GoalPose
+from ccm_opt.core.polyline import unit_vector, wrap
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.strategies import ArcsAtLimits
 from ccm_opt.problem import TipGoal
 from ccm_opt.robot.arm import Arm
@@ -32,8 +32,8 @@ def arc(arm: Arm, share: float, switch: int) -> np.ndarray:
 
 def arcs_to(arm: Arm, headings: np.ndarray, *, with_heading: bool) -> ArcsAtLimits:
     """Of the goal at the tip of a pose (links,) [rad]."""
-    heading = float(headings[-1]) if with_heading else None
-    return ArcsAtLimits(arm, GoalPose(arm.joint_positions(headings)[-1], heading))
+    direction = unit_vector(headings[-1]) if with_heading else None
+    return ArcsAtLimits(arm, GoalPose(arm.joint_positions(headings)[-1], direction))
 
 
 @given(

@@ -18,9 +18,8 @@ from ccm_opt.diagnosis.passages import shortest_way
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends, tip_goal
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.goal_pose import GoalPoseSearch
-from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.scene.certificate import Certificate
 
@@ -160,15 +159,14 @@ def test_the_polish_ends_in_the_set_and_leaves_what_is_in_it(seed: int, width: f
     rng = np.random.default_rng(seed)
     stepper, start = make_stepper(open_scene(seed))
     tip = start.points[-1]
-    heading = float(start.q[-1])
-    inside = GoalPose(tip + 0.99 * width * unit_vector(rng.uniform(-np.pi, np.pi)), heading, room=(width, turn))
-    assert inside.errors(start) == (0.0, 0.0)
+    aside = tip + 0.99 * width * unit_vector(rng.uniform(-np.pi, np.pi))
+    inside = GoalPose(aside, start.tip_direction, room=(width, turn))
+    assert inside.errors(start) == pytest.approx((0.0, 0.0), abs=1e-12)
     if inside.room[0] > 0.0 and inside.room[1] > 0.0:
-        np.testing.assert_array_equal(polish(stepper.space, inside, start.v), start.v)
-    beside = GoalPose(
-        tip + (width + 0.003) * unit_vector(rng.uniform(-np.pi, np.pi)), heading + 0.01, room=(width, 0.0)
-    )
-    assert beside.on_goal(stepper.space.pose(polish(stepper.space, beside, start.v)))
+        np.testing.assert_array_equal(moved_onto(stepper.space, inside, start).v, start.v)
+    aside = tip + (width + 0.003) * unit_vector(rng.uniform(-np.pi, np.pi))
+    beside = GoalPose(aside, unit_vector(start.tip_heading + 0.01), room=(width, 0.0))
+    assert beside.on_goal(moved_onto(stepper.space, beside, start))
 
 
 @settings(deadline=None, max_examples=40)
@@ -176,11 +174,9 @@ def test_the_polish_ends_in_the_set_and_leaves_what_is_in_it(seed: int, width: f
 def test_the_nearest_member_is_in_the_set(seed: int, width: float, turn: float) -> None:
     """The member nearest to a pose is in the set, as far away as the errors say, and has no room of its own."""
     rng = np.random.default_rng(seed)
-    goal = GoalPose(rng.normal(size=2), float(rng.uniform(-9.0, 9.0)), room=(width, turn))
-    q = rng.uniform(-9.0, 9.0, 3)
-    points = rng.normal(size=(4, 2))
-    pose = Pose(q, q, np.eye(3), points, np.zeros((4, 2, 3)), np.zeros((3, 1, 3)), np.zeros((3, 2, 2)))
-    member = goal.nearest_member(pose.tip, pose.tip_heading)
+    goal = GoalPose(rng.normal(size=2), unit_vector(rng.uniform(-9.0, 9.0)), room=(width, turn))
+    _, pose = make_stepper(open_scene(seed))
+    member = goal.nearest_member(pose.tip, pose.tip_direction)
     assert member.errors(pose) == pytest.approx(goal.errors(pose), abs=1e-9)
     assert not member.is_set
     assert np.hypot(*(member.position - goal.position)) <= width + 1e-9 or not goal.is_set

@@ -13,7 +13,9 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
 from ccm_opt.planning.hairpin import fold_track
 from ccm_opt.planning.link_space import LinkSpace
@@ -26,7 +28,7 @@ from ccm_opt.planning.settings import (
     StepSettings,
 )
 from ccm_opt.planning.spline_path import certified_spline, clamped_spline
-from ccm_opt.planning.step import GoalPose, Stepper, polish
+from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, round_base
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
@@ -211,8 +213,9 @@ def test_polish_meets_the_goal_to_a_nanometre(seed: int, links: int, *, free: bo
     last = space.configurations(v)[-1]
     heading = None if free else float(last + rng.uniform(-0.05, 0.05)) + 2.0 * np.pi * int(rng.integers(-1, 2))
     inwards = 0.004 * (points[0] - points[-1]) / np.hypot(*(points[0] - points[-1]))
-    goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), heading)
-    final = polish(space, goal, v)
+    direction = None if heading is None else unit_vector(heading)
+    goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), direction)
+    final = moved_onto(space, goal, space.pose(v)).v
     assert np.hypot(*(space.pose(final).points[-1] - goal.position)) < 2.0 * GoalSettings().polish_tolerance
     turn = space.configurations(final)[-1] - (last if heading is None else heading)
     assert (
@@ -226,7 +229,7 @@ def test_settling_ends_on_the_goal(heading: bool) -> None:
     """From some way off, the tip is drawn onto the goal pose exactly; every pose keeps clear and within limits."""
     scene = clutter(5, 20)
     stepper, pose = make_stepper(scene)
-    turn = float(pose.q[-1] + 0.2) if heading else None
+    turn = unit_vector(pose.tip_heading + 0.2) if heading else None
     inwards = 0.03 * (pose.points[0] - pose.points[-1]) / np.hypot(*pose.points[-1])
     goal = GoalPose(pose.points[-1] + inwards, turn)
     poses = settle(stepper, goal, pose, later())
@@ -256,8 +259,8 @@ def test_the_goal_heading_is_approached_the_short_way(seed: int) -> None:
     rng = np.random.default_rng(seed)
     stepper, pose = make_stepper(open_scene(0))
     heading = float(rng.uniform(-12.0, 12.0))
-    goal = GoalPose(rng.normal(size=2), heading)
-    turn = goal.turn(pose)
+    goal = GoalPose(rng.normal(size=2), unit_vector(heading))
+    (turn,) = goal.turn(pose)
     assert abs(turn) <= np.pi
     assert np.cos(pose.q[-1] + turn - heading) == pytest.approx(1.0)
     assert goal.errors(pose)[0] == pytest.approx(np.linalg.norm(goal.position - pose.points[-1]))

@@ -10,11 +10,13 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.lifting import lift
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
@@ -23,7 +25,6 @@ from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.settings import GoalSettings
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.strategies import PortfolioStrategy, find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
@@ -147,7 +148,7 @@ def test_a_detour_is_cut_short() -> None:
     way = np.vstack((np.linspace(v, v + 0.8 * turn, 12), np.linspace(v + 0.8 * turn, v + 0.3 * turn + bend, 12)[1:]))
     astray = Motion(space, way, space.configurations(way), "astray")
     points = scene.arm.joint_positions(astray.configurations[-1])
-    task = replace(task, goal=GoalPose(points[-1], float(astray.configurations[-1, -1])), deadline=later())
+    task = replace(task, goal=GoalPose(points[-1], unit_vector(astray.configurations[-1, -1])), deadline=later())
     straight = Motion(space, way[[0, -1]], astray.configurations[[0, -1]], "straight")
     assert astray.travel > 2.0 * straight.travel
     assert optimise(astray, task).travel < 1.2 * straight.travel

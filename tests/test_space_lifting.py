@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Feed
@@ -32,7 +32,7 @@ def begun(random: np.random.Generator, links: int, *, fed: bool) -> SpaceTask:
         v = np.concatenate((random.uniform(-2.5, 2.5, 2), random.normal(0.0, 0.1, curve.dimension - 2)))
         start = curve.configuration(v)
     tip = arm.joint_positions_at(start)[-1]
-    return task_of(arm, NOTHING_NEAR, SpaceTipPose(tip, None, 1e-3, 1e-2), start=start)
+    return task_of(arm, NOTHING_NEAR, GoalPose(tip, near_enough=(1e-3, 1e-2)), start=start)
 
 
 def coarse_motion(random: np.random.Generator, few: SpaceTask, *, fed: bool) -> SpaceMotion:
@@ -77,7 +77,7 @@ def lies_along(random: np.random.Generator, task: SpaceTask, *, fed: bool) -> bo
     found = coarse_motion(random, few, fed=fed)
     last = found.configurations[-1]
     tip, direction = few.arm.joint_positions_at(last)[-1], few.arm.link_rotations(last)[-1, :, 0]
-    goal = SpaceTipPose(tip, direction, 1e-3, 1e-2)
+    goal = GoalPose(tip, direction, near_enough=(1e-3, 1e-2))
     lifted = lifted_motion(task_of(task.arm, NOTHING_NEAR, goal, start=task.start), found)
     if lifted is None:
         return False

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.space_continuation import SpaceTipPose
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.space_rows import BETWEEN, motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.robot.arm import Feed
@@ -22,7 +22,7 @@ def random_sweep(seed: int) -> SpaceSweep:
     soup = balls(rng.uniform(-0.2, 0.8, size=(6, 3)) + np.array([0.3, 0.0, 0.0]), 0.1)
     start = np.zeros(len(arm.coordinates))
     start[2 * arm.links :] = -0.4
-    task = task_of(arm, soup, SpaceTipPose(np.array([0.5, 0.3, 0.3])), start=start)
+    task = task_of(arm, soup, GoalPose(np.array([0.5, 0.3, 0.3])), start=start)
     curve, v = CurveMap.through(arm, start)
     steps = np.cumsum(0.1 * rng.normal(size=(4, len(v))), axis=0)
     return SpaceSweep(task.stepper(curve, 0.0), v + steps)

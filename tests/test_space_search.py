@@ -11,11 +11,11 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.smooth_path import smooth_path
-from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
@@ -28,7 +28,7 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid
 
-GOAL = SpaceTipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
+GOAL = GoalPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
 BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
 
 
@@ -44,7 +44,7 @@ def judged(task: SpaceTask, soup: SurfaceSoup, motion: SpaceMotion) -> None:
     assert pairs > 0.0
 
 
-def ends_at(task: SpaceTask, motion: SpaceMotion, goal: SpaceTipPose) -> None:
+def ends_at(task: SpaceTask, motion: SpaceMotion, goal: GoalPose) -> None:
     """A motion ends at a goal of the tip."""
     points = task.arm.joint_positions_at(motion.configurations[-1])
     assert points[-1] == pytest.approx(goal.position, abs=1e-7)
@@ -56,7 +56,7 @@ def ends_at(task: SpaceTask, motion: SpaceMotion, goal: SpaceTipPose) -> None:
 @pytest.mark.parametrize(("links", "directed"), [(8, False), (13, True)])
 def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     """Found, made shorter and laid as a smooth path, a motion stays clear and ends on the goal."""
-    goal = SpaceTipPose(GOAL.position, GOAL.direction if directed else None)
+    goal = GoalPose(GOAL.position, GOAL.direction if directed else None)
     task = task_of(snake(links), BALLS, goal)
     motion = find_motion(task)
     judged(task, BALLS, motion)
@@ -125,7 +125,7 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
     ]
     soup = boxes(wall)
     arm = snake(20, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
-    goal = SpaceTipPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
+    goal = GoalPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
     start = np.append(np.zeros(40), -0.8)
     task = task_of(arm, soup, goal, start=start)
     found = find_motion(task)
@@ -246,7 +246,7 @@ def test_why_nothing_is_found_names_the_wall() -> None:
     """A goal in a closed box is not reached, and the box is named."""
     # The goal is in a closed box.
     soup = boxes([([0.4, 0.2, 0.15], [0.7, 0.5, 0.45])])
-    task = task_of(snake(12), soup, SpaceTipPose(GOAL.position), seconds=3.0)
+    task = task_of(snake(12), soup, GoalPose(GOAL.position), seconds=3.0)
     with pytest.raises(NoPlanFound, match="box 1"):
         find_motion(task)
 

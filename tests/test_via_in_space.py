@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.planning import space_search
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.passed_places import first_missed, passings
-from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 seeds = st.integers(0, 2**32 - 1)
-GOAL = SpaceTipPose(np.array([0.55, 0.5, 0.0]))
+GOAL = GoalPose(np.array([0.55, 0.5, 0.0]))
 ASIDE = np.array([0.7, -0.25, 0.3])
 """A place far from the straight way to the goal."""
 

@@ -7,14 +7,15 @@ from itertools import chain
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, whole_turns
+from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, unit_vector, whole_turns
 from ccm_opt.planning.continuation import Stalled, settle
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.gate_rails import GateRails
 from ccm_opt.planning.link_space import fit_coordinates
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.step import GoalPose, Stepper, polish
+from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import tip_paths_in, turning_by
 
 
@@ -74,7 +75,7 @@ def _exchanged(task: MotionTask, headings: FloatArray, points: FloatArray) -> Mo
     return replace(
         task,
         start=headings,
-        goal=GoalPose(start_points[-1], float(task.start[-1])),
+        goal=GoalPose(start_points[-1], unit_vector(task.start[-1])),
         goal_headings=task.start,
         guesses=(),
         tip_paths=tip_paths_in(first.free_space, points, (start_points,), first.shrink),
@@ -87,7 +88,7 @@ def ending_in(task: MotionTask, headings: FloatArray) -> MotionTask:
     first = task.tip_paths[0]
     return replace(
         task,
-        goal=GoalPose(points[-1], float(headings[-1])),
+        goal=GoalPose(points[-1], unit_vector(headings[-1])),
         goal_headings=headings,
         guesses=(headings,),
         further_guesses=lambda: iter(()),
@@ -127,7 +128,7 @@ def _in_the_middle_of_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pos
     rails = tuple(limit for limit in stepper.limits if isinstance(limit, GateRails))
     if not rails:
         return None
-    centred = stepper.pose(polish(stepper.space, replace(goal, limits=(*goal.limits, *rails)), pose.v))
+    centred = moved_onto(stepper.space, replace(goal, limits=(*goal.limits, *rails)), pose)
     clear = stepper.finder.find(centred.points).gap.min(initial=1.0) > 0.0 and not stepper.finder.crosses(
         centred.points
     )

@@ -8,22 +8,15 @@ import numpy as np
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.length_words import short_length
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.step import GoalPose, Stepper, polish
+from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
 _PATIENCE = 60
 """Steps without progress before a guide is given up. Taste."""
-_SETTLE_GROWTH = 0.2
-"""Growth of the goal's weight from step to step. Taste."""
-_STILL_WEIGHT = 0.5
-"""Weight on standing still while settling, for all links together. Taste."""
 
-_SETTLE_LEAST = 20
-"""Settling steps that are taken even if the arm hardly moves. Taste."""
 _SETTLE_MOVED = 1e-5
 """Turn of a link below which the arm hardly moves [rad]. Taste."""
-_POLISH_DISTANCE = 0.1
-"""Distance from the goal at which polishing is tried, in nominal links. Taste."""
 
 
 class Guide(Protocol):
@@ -54,7 +47,9 @@ class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
         self.poses = poses
 
 
-def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int | None = None) -> list[Pose]:
+def follow(
+    stepper: StepperOf[AnyUnknowns], guide: Guide, pose: Pose, deadline: Deadline, patience: int = _PATIENCE
+) -> list[Pose]:
     """Poses from the given one to where the guide ends.
 
     Args:
@@ -62,18 +57,18 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
         guide: says where to.
         pose: to begin at.
         deadline: when to stop.
-        patience: steps without progress before the guide is given up; that of the settings when None.
+        patience: steps without progress before the guide is given up.
 
     Raises:
         Stalled: when the guide makes no progress, or the deadline passes.
     """
-    patience = _PATIENCE if patience is None else patience
     poses = [pose]
     waiting = 0
     while not guide.finished(pose):
         before = pose
         pose = stepper.step(pose, guide.terms(pose))
-        poses.append(pose)
+        if pose is not before:
+            poses.append(pose)
         moved = guide.progress(pose)
         waiting = 0 if moved else waiting + 1
         fixed = pose is before and not moved  # the next step would be the same again
@@ -94,31 +89,32 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
     return kept
 
 
-def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
+def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from near the goal onto it, polished; as near as the goal allows where polishing fails.
 
     Raises:
-        Stalled: when an obstacle, the arm itself or a joint limit keeps the tip off the goal.
+        Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
     """
     poses = [pose]
     space = stepper.space
     settings = stepper.settings.continuation
-    still = Term(space.matrix, np.zeros(len(space.matrix)), _STILL_WEIGHT / space.arm.links)
     for k in range(settings.settle_steps):
         final = polished(stepper, goal, pose)
         if final is not None:
             return [*poses, final]
         before = pose
+        turning = pose.turning.reshape(-1, space.dimension)
+        still = Term(turning, np.zeros(len(turning)), settings.still_weight / space.arm.links)
         # The weight grows from step to step: standing still and smoothness would otherwise hold the arm a little short
         # of the goal.
-        onto_goal = goal.terms(space, pose, 1.0 + _SETTLE_GROWTH * k)
-        pose = stepper.step(pose, [*onto_goal, still])
-        poses.append(pose)
+        pose = stepper.step(pose, [*goal.terms(space, pose, 1.0 + settings.settle_growth * k), still])
+        if pose is not before:
+            poses.append(pose)
         if deadline.passed():
             break
-        moved = np.max(np.abs(pose.q - before.q))
+        moved = np.max(np.linalg.norm(before.turning @ (pose.v - before.v), axis=1))
         # Not before some steps: the weight of the goal has to outgrow the rest first.
-        if k > _SETTLE_LEAST and moved < _SETTLE_MOVED:
+        if k > settings.settle_least and moved < _SETTLE_MOVED:
             break
     if goal.met(pose):
         return poses
@@ -127,16 +123,16 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
     raise Stalled(f"settling ended {short_length(distance)} and {np.rad2deg(turn):.1f}° off the goal", poses)
 
 
-def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
+def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pose | None:
     """The pose moved exactly onto the goal, or None when it is too far away or would touch something."""
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
     # Newton's method has no rows for walls: a long jump might pass through one, and the pose at its end show nothing of
     # it.
-    if distance > _POLISH_DISTANCE * space.nominal_length or turn > settings.polish_turn:
+    if distance > settings.polish_distance * space.nominal_length or turn > settings.polish_turn:
         return None
-    final = stepper.pose(polish(space, goal, pose.v))
+    final = moved_onto(space, goal, pose)
     if not goal.on_goal(final) or not goal.limits_met(final):
         return None
     # Backwards, as after a step: the check of contact costs most.

@@ -10,6 +10,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths, wrap
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
@@ -18,7 +19,6 @@ from ccm_opt.planning.rrt_connect import CONNECT, ConnectSearch, PointTree
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.shortcuts import Shortcuts, dense
-from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.robot.arm import Arm
 
 _GOAL_DRAWS = 64
@@ -353,7 +353,7 @@ class Connecting:
         start = self.start.v
         end = self.goal.coordinates
         if end is None:
-            end = polish(space, self.goal, self._fitted(way[-1], start))
+            end = moved_onto(space, self.goal, space.pose(self._fitted(way[-1], start))).v
         arcs = arc_lengths(way)
         line = start + (arcs / arcs[-1])[:, None] * (end - start)
         return np.vstack((start, [self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)], end))

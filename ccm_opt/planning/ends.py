@@ -9,8 +9,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.settings import DEFAULT_ENDS, EndSettings
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
@@ -74,7 +74,7 @@ def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends
     at_goal = arm if headings[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
     tip = arm.joint_positions(headings)[-1]
-    return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
+    return Ends(start, GoalPose(tip, unit_vector(headings[-1])), headings, clamped)
 
 
 def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> GoalPose:
@@ -85,16 +85,16 @@ def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_EN
     """
     allowed = problem.tolerances
     # Whoever may turn by half a turn either way may point anywhere.
-    heading = None if allowed.heading >= np.pi else goal.heading
+    direction = None if allowed.heading >= np.pi else goal.direction
     wide = allowed.position > _PRECISE_PLACE * problem.arm.length
-    turning = heading is not None and allowed.heading > _PRECISE_TURN
+    turning = direction is not None and allowed.heading > _PRECISE_TURN
     room = (_ROOM_USED * allowed.position * wide, _ROOM_USED * allowed.heading * turning)
     spare = (_TOLERANCE_SHARE * allowed.position, _TOLERANCE_SHARE * allowed.heading)
     position = goal.position if wide else aim(problem, goal, settings)
     # An aim beside the goal has used some of the tolerance up.
     left = _ROOM_USED * allowed.position - float(np.hypot(*(position - goal.position)))
     near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
-    return GoalPose(position, heading, room=room, near_enough=near_enough)
+    return GoalPose(position, direction, room=room, near_enough=near_enough)
 
 
 def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> FloatArray:

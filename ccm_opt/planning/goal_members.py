@@ -19,9 +19,9 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.planning.ends import Ends
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_pose import GoalPoseSearch, for_arm
 from ccm_opt.planning.link_space import NOMINAL_LINKS
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace

@@ -14,11 +14,11 @@ from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.pose_task import PoseTask
 from ccm_opt.planning.ends import Ends
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.joint_regions import joint_regions
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose_draws import PoseDraws, PoseDrawSettings, landmarks, same_class
 from ccm_opt.planning.pose_energy import EnergyWeights, PoseEnergy
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import ContactFinder
@@ -179,7 +179,7 @@ class GoalPoseSearch(GoalPoses):
         if not goal.is_set:
             return goal
         points = self.problem.arm.joint_positions(headings)
-        return goal.nearest_member(points[-1], float(headings[-1]))
+        return goal.nearest_member(points[-1], unit_vector(headings[-1]))
 
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
         """One solution of the NLP, feasible or not, with regions about the pose that it starts from.
@@ -216,7 +216,7 @@ class GoalPoseSearch(GoalPoses):
         return PoseTask(
             arm,
             goal.position,
-            None if goal.heading is None else unit_vector(goal.heading),
+            goal.direction,
             near=arm.bends(self.near),
             start=arm.bends(start),
             regions=joint_regions(arm, workspace, start, drawn_with, workspace.wall_segments),

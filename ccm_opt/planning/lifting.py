@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.ending import optimised_to_end_pose
+from ccm_opt.planning.goal import moved_onto
 from ccm_opt.planning.link_space import LinkSpace, mean_heading_matrix
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
@@ -16,7 +17,7 @@ from ccm_opt.planning.pose import Term
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.shortcuts import straightened
-from ccm_opt.planning.step import Stepper, polish
+from ccm_opt.planning.step import Stepper
 
 _REACH = 0.02
 """Contacts nearer than this make rows of a repair, as a share of the arm's length. Taste."""
@@ -49,9 +50,10 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
     if task.goal_headings is None:
         goal = task.limited_goal
-        coordinates[-1] = polish(space, goal, coordinates[-1])
-        if not goal.on_goal(space.pose(coordinates[-1])):
+        end = moved_onto(space, goal, space.pose(coordinates[-1]))
+        if not goal.on_goal(end):
             return None
+        coordinates[-1] = end.v
 
     certificate = task.certificate
     stepper = _repair_stepper(space, task)

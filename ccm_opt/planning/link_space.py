@@ -157,11 +157,6 @@ class LinkSpace:
         """Derivative of what the drives move by v, shape (c, p)."""
         return np.vstack((self.bend_rows, self.matrix[self.arm.links :]))
 
-    @property
-    def tip_heading_row(self) -> FloatArray:
-        """Derivative of the last link's heading by v, shape (1, p)."""
-        return self.matrix[self.arm.links - 1 : self.arm.links]
-
     @cached_property
     def curvature_rows(self) -> FloatArray:
         """Derivative by v of the curve's curvature at its knots, times a unit of length, shape (KNOTS, p) [1/m]."""

@@ -12,6 +12,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.fed_space import FedSpace
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
@@ -21,7 +22,6 @@ from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import MotionSettings
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm

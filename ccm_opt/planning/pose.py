@@ -46,6 +46,17 @@ class Pose:
         return np.asarray(self.points[-1])
 
     @property
+    def length(self) -> float:
+        """Length of the links together [m]."""
+        return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
+
+    @property
+    def tip_turning(self) -> FloatArray:
+        """Derivatives of the last link's direction along the other axes of its frame, shape (d − 1, p) [rad]."""
+        length = float(np.linalg.norm(self.points[-1] - self.points[-2]))
+        return np.asarray(self.frames[-1][:, 1:].T @ (self.moving[-1] - self.moving[-2]) / length)
+
+    @property
     def tip_direction(self) -> FloatArray:
         """Direction of the last link, shape (d,)."""
         return np.asarray(self.frames[-1, :, 0])
@@ -131,10 +142,12 @@ def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: Flo
         change: of them, shape (k,).
     """
     # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may say the same twice.
-    scale = np.maximum(np.linalg.norm(rows, axis=1), TINY)
-    scaled = rows / scale[:, None]
-    spread = space.spread(pose, scaled)
-    return np.asarray(spread @ np.linalg.lstsq(scaled @ spread, change / scale, rcond=_RANK)[0])
+    spread = space.spread(pose, rows)
+    matrix = rows @ spread
+    # Metres, radians and units of the user stand side by side: a unit diagonal lets one threshold decide the rank.
+    scale = np.sqrt(np.maximum(np.diag(matrix), TINY**2))
+    least = np.linalg.lstsq(matrix / np.outer(scale, scale), change / scale, rcond=_RANK)[0]
+    return np.asarray(spread @ (least / scale))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.configuration_task import ConfigurationTask
@@ -65,7 +66,15 @@ def brought_poses(
     share = settings.motion.step.limit_share
     shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share, connect)
     check = SampledCheck.of(arm, problem.workspace)
-    goals = [replace(ends.goal, position=each.position, heading=each.heading, room=(0.0, 0.0)) for each in members]
+    goals = [
+        replace(
+            ends.goal,
+            position=each.position,
+            direction=None if each.heading is None else unit_vector(each.heading),
+            room=(0.0, 0.0),
+        )
+        for each in members
+    ]
     draws = [GoalDraws(shapes, goal, check).poses(rng) for goal in goals]
     for _ in range(_BROUGHT_ROUNDS):
         for drawn in draws:

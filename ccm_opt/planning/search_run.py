@@ -19,6 +19,7 @@ from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.backward import pose_at_goal
 from ccm_opt.planning.continuation import Guide, GuideCandidate, GuideIntoSet, Stalled, follow, settle, without_pauses
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pulled_over
 from ccm_opt.planning.link_space import LinkSpace
@@ -29,7 +30,7 @@ from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.step import GoalPose, Stepper
+from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 

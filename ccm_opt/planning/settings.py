@@ -223,10 +223,18 @@ class ContinuationSettings:
 
     Attributes:
         settle_steps: most steps of settling on the goal. Taste.
-        polish_turn: turn of the tip's heading from the goal's at which polishing is tried [rad]. Taste.
+        settle_least: steps of settling that are taken even if the arm hardly moves. Taste.
+        settle_growth: growth of the goal's weight from step to step. Taste.
+        still_weight: weight on standing still while settling, for all links together. Taste.
+        polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
+        polish_turn: turn of the tip's direction from the goal's at which polishing is tried [rad]. Taste.
     """
 
     settle_steps: int = 150
+    settle_least: int = 20
+    settle_growth: float = 0.2
+    still_weight: float = 0.5
+    polish_distance: float = 0.1
     polish_turn: float = 0.1
 
 
@@ -239,11 +247,15 @@ class GoalSettings:
             orders below what the verifier allows.
         reached: times that tolerance which still counts as on the goal. Taste.
         heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
+        distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
+        turn_step: largest turn onto the goal's direction that a step asks for [rad]. Taste.
     """
 
     polish_tolerance: float = 1e-9
     reached: float = 10.0
     heading_weight: float = 0.3
+    distance_step: float = 1.5
+    turn_step: float = 0.3
 
     @property
     def on_goal(self) -> float:
@@ -456,28 +468,18 @@ class SpaceStepSettings:
 
 
 @dataclass(frozen=True)
-class SpaceGuideSettings:
+class GuideSettings:
     """Of what leads the tip.
 
     Attributes:
         onto_track: weight on their distance from it.
         advance: how far it moves on at a time [u].
-        settle_steps: most steps from the end of a path onto the goal.
-        settle_growth: by how much the weight of the goal grows from step to step.
-        polish_turn: the same of the direction [rad].
-        polish_steps: most steps of it.
         pose_step: how far the target moves on at a time on its way to a pose, in unknowns.
-        exact: distance at which the arm counts as on the goal, as a share of the arm's length, and turn [rad].
     """
 
     onto_track: float = 0.1
     advance: float = 0.4
-    settle_steps: int = 60
-    settle_growth: float = 0.5
-    polish_turn: float = 0.2
-    polish_steps: int = 12
     pose_step: float = 0.15
-    exact: float = 1e-9
 
 
 @dataclass(frozen=True)
@@ -507,6 +509,8 @@ class SpaceMotionSettings:
         certificate: of proofs.
         step: of single steps.
         guide: of what leads the tip.
+        continuation: of following a guide and settling on the goal.
+        goal: of putting the tip onto the goal.
         followable: ways for arms that follow their tip.
         swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
             arms beside a post, where some hundred draws are enough.
@@ -516,7 +520,9 @@ class SpaceMotionSettings:
 
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
     step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
-    guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
+    guide: GuideSettings = field(default_factory=GuideSettings)
+    continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
+    goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
     swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)

@@ -17,16 +17,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.pose_settings import SPACE_POSES
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.space_continuation import (
-    SpaceStalled,
-    SpaceTipPose,
-    follow,
-    keeps_terms_at_goal,
-    onto_goal,
-    terms_to_goal,
-)
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
@@ -70,19 +64,21 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
     stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
     pose = stepper.pose(motion.unknowns[-1])
     poses = [pose]
-    if task.goal is None:
+    goal = task.limited_goal
+    if goal is None:
         return poses
     for _ in range(_OPENING_STEPS):
         before = pose
-        pose = stepper.step(pose, terms_to_goal(stepper, task.goal, pose, _OPENING_WEIGHT))
+        pose = stepper.step(pose, goal.terms(stepper.space, pose, _OPENING_WEIGHT))
         if pose is before or task.deadline.passed():
             break
         poses.append(pose)
         moved = np.linalg.norm(pose.points - before.points, axis=1)
         if float(np.max(moved)) < _OPENED * task.unit:
             break
-    last = onto_goal(stepper, task.goal, pose)
-    if last is None or not stepper.within_limits(last.q) or not stepper.certificate.safe(pose.q, last.q):
+    last = moved_onto(stepper.space, goal, pose)
+    met = goal.on_goal(last) and goal.limits_met(last) and stepper.within_limits(last.q)
+    if not met or not stepper.certificate.safe(pose.q, last.q):
         return poses[:1]
     return [*poses, last]
 
@@ -115,25 +111,26 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         motion: to the goal.
     """
     settings = replace(SPACE_POSES, iterations=_ITERATIONS)
-    if task.goal is None or task.deadline.passed():
+    goal = task.limited_goal
+    if goal is None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
     asked = SpaceGoalPoses(problem, task.tree, terms=terms, settings=settings, room_share=_ROOM_SHARE)
-    ending = _asked_from(asked, task, task.goal, motion)
+    ending = _asked_from(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap:
         return ending
     opened_up = _opened_motion(asked, task, motion)
     if opened_up is motion:
         return ending
-    again = _asked_from(asked, task, task.goal, opened_up)
+    again = _asked_from(asked, task, goal, opened_up)
     if asked.gap(again.motion.configurations[-1]) <= room:
         return ending
     # The optimisation, whose planes stand still too, would only move what was opened back.
     return replace(again, task=_settled(task, again.motion.configurations[-1]))
 
 
-def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: SpaceTipPose, motion: SpaceMotion) -> Ending:
+def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
     """What the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
@@ -149,8 +146,8 @@ def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: SpaceTipPose, moti
     curve, end = motion.curve.blended_to(straight_at_exit(task.arm, best.q))
     begun = replace(motion, curve=curve, unknowns=np.pad(motion.unknowns, ((0, 0), (0, 1))))
     stepper = task.stepper(curve, 0.0)
-    last = onto_goal(stepper, goal, stepper.pose(end))
-    if last is None or not keeps_terms_at_goal(stepper, last):
+    last = moved_onto(stepper.space, goal, stepper.pose(end))
+    if not goal.on_goal(last) or not goal.limits_met(last):
         return Ending(task, motion, refused("the curve of the motion cannot take it at the goal"))
     enough = _ENOUGH * task.wanted_gap
     if asked.gap(last.q) < min(asked.gap(motion.configurations[-1]), enough):
@@ -243,5 +240,5 @@ def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: 
     guide = PoseLed(start, end.v, task.settings.guide.pose_step, task.settings.guide)
     try:
         return follow(stepper, guide, first, task.deadline)
-    except SpaceStalled as stalled:
+    except Stalled as stalled:
         return stalled.poses

@@ -7,8 +7,8 @@ import numpy as np
 from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray
 from ccm_opt.core.length_words import place, short_length
 from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.space_certificate import LinkMotion
-from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
@@ -36,7 +36,7 @@ def refuse_ends(problem: Problem, task: SpaceTask) -> None:
         refuse_goal(problem, task, task.goal)
 
 
-def refuse_goal(problem: Problem, task: SpaceTask, goal: SpaceTipPose) -> None:
+def refuse_goal(problem: Problem, task: SpaceTask, goal: GoalPose) -> None:
     """Refuse a goal for the tip that leaves it no room, or that is out of reach.
 
     Raises:
@@ -78,7 +78,7 @@ def _depth_words(found: Enclosure) -> str:
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
-def _refuse_goal_without_room(problem: Problem, task: SpaceTask, goal: SpaceTipPose) -> None:
+def _refuse_goal_without_room(problem: Problem, task: SpaceTask, goal: GoalPose) -> None:
     """Refuse a goal for the tip inside of a body, or nearer to a surface than the arm may come."""
     found = deepest_enclosure(problem.workspace, goal.position[None])
     if found is not None:
@@ -121,7 +121,7 @@ def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
     return ""
 
 
-def _refuse_far_goal(task: SpaceTask, goal: SpaceTipPose) -> None:
+def _refuse_far_goal(task: SpaceTask, goal: GoalPose) -> None:
     """Refuse a goal that no stretched arm reaches."""
     arm = task.arm
     low, high = arm.base_range

@@ -13,17 +13,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.settings import SpaceConnectSettings
-from ccm_opt.planning.space_continuation import (
-    SpaceStalled,
-    SpaceTipPose,
-    follow,
-    keeps_terms_at_goal,
-    onto_goal,
-    terms_to_goal,
-)
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, in_pieces, pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -47,12 +41,13 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
         stepper: in whose unknowns they are.
         rng: for the draws.
     """
-    if task.goal is None:
+    goal = task.limited_goal
+    if goal is None:
         return
     for _ in range(_DRAWS):
         if task.deadline.passed():
             return
-        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(drawn_unknowns(stepper, rng)))
+        pose = _brought_onto_goal(stepper, goal, stepper.pose(drawn_unknowns(stepper, rng)))
         if pose is not None:
             yield pose
 
@@ -78,22 +73,20 @@ def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArra
     return v
 
 
-def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: Pose) -> Pose | None:
+def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     for k in range(_STEPS):
-        pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), checked=False)
+        pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + k), checked=False)
         distance, turn = goal.errors(pose)
         if distance < 0.1 * stepper.unit and turn < 0.05:
             break
-    onto = onto_goal(stepper, goal, pose, POLISH_TURN)
-    return onto if onto is not None and _free(stepper, onto) else None
+    onto = moved_onto(stepper.space, goal, pose, POLISH_TURN)
+    return onto if goal.on_goal(onto) and goal.limits_met(onto) and _free(stepper, onto) else None
 
 
 def _free(stepper: SpaceStepper, pose: Pose) -> bool:
     """Whether a pose touches nothing and keeps the limits."""
-    if not stepper.within_limits(pose.q) or not keeps_terms_at_goal(stepper, pose):
-        return False
-    return stepper.certificate.safe(pose.q, pose.q)
+    return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)
 
 
 _EXTENSION = 2.0
@@ -228,7 +221,7 @@ def unbent_from(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[P
     guide = PoseLed(pose.v, stepper.curve.unbent(pose.v), stepper.settings.guide.pose_step, stepper.settings.guide)
     try:
         return follow(stepper, guide, pose, deadline)
-    except SpaceStalled as stalled:
+    except Stalled as stalled:
         return stalled.poses
 
 
@@ -269,5 +262,5 @@ def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pos
     guide = SpaceTrackLed(shape, arm.length - left, stepper.unit, stepper.settings.guide)
     try:
         return follow(stepper, guide, pose, deadline)
-    except SpaceStalled as stalled:
+    except Stalled as stalled:
         return stalled.poses

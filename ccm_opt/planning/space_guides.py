@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import SpaceGuideSettings
+from ccm_opt.planning.settings import GuideSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _LEASH = 1.5
@@ -113,7 +113,7 @@ class SpaceTipLed:
         settings: of guides.
     """
 
-    def __init__(self, track: SpaceTipTrack, unit: float, follow: float, settings: SpaceGuideSettings) -> None:
+    def __init__(self, track: SpaceTipTrack, unit: float, follow: float, settings: GuideSettings) -> None:
         self._track = track
         self._unit = unit
         self._follow = follow
@@ -185,7 +185,7 @@ class SpaceTrackLed:
         track: SpaceTipTrack,
         end: float,
         unit: float,
-        settings: SpaceGuideSettings,
+        settings: GuideSettings,
         weight: float | None = None,
     ) -> None:
         self._track = track
@@ -261,7 +261,7 @@ class PoseLed:
         settings: of guides.
     """
 
-    def __init__(self, start: FloatArray, end: FloatArray, step: float, settings: SpaceGuideSettings) -> None:
+    def __init__(self, start: FloatArray, end: FloatArray, step: float, settings: GuideSettings) -> None:
         self._start = start
         self._end = end
         self._settings = settings

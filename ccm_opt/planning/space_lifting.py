@@ -11,8 +11,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.goal import moved_onto
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
@@ -87,8 +87,10 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     curve, start = CurveMap.through(task.arm, task.start, found.curve.knots)
     stepper = task.stepper(curve, 0.0)
     unknowns = _fitted(stepper, found, start)
-    end = None if task.goal is None else onto_goal(stepper, task.goal, stepper.pose(unknowns[-1]))
-    if end is None:
+    if task.goal is None:
+        return None
+    end = moved_onto(curve, task.goal, stepper.pose(unknowns[-1]))
+    if not task.goal.on_goal(end):
         return None
     unknowns = np.vstack((unknowns[:-1], end.v))
     if len(failing_edges(stepper, unknowns)) > 0:

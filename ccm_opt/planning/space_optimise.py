@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.goal import moved_onto
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, restored_keyframes
 from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.motion import SpaceMotion
@@ -18,7 +19,6 @@ from ccm_opt.planning.optimisation.objective import Objective, decimated, normal
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.settings import ConvexSettings
-from ccm_opt.planning.space_continuation import onto_goal
 from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -184,7 +184,7 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
         """Rows that hold the tip in its goal, shape (r, p)."""
         if self.task.goal is None:
             raise ValueError("a motion without a goal for the tip has a fixed end")
-        return self.task.goal.rows(sweep.poses[-1], self.unit)[0]
+        return self.task.goal.rows(sweep.poses[-1], self.unit)
 
     def further_costs(self, sweep: SpaceSweep) -> tuple[MotionCost, ...]:
         """The user's costs."""
@@ -197,11 +197,11 @@ class SpaceProgram(MotionProgram[SpaceSweep]):
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
         """The keyframes on the user's equations, the last one exactly on the goal; None where that fails."""
-        goal = self.task.goal
+        goal = self.task.limited_goal
         if not self.end_fixed and goal is not None:
             last = self.stepper.pose(unknowns[-1])
-            onto = onto_goal(self.stepper, goal, last)
-            if onto is not None:
+            onto = moved_onto(self.stepper.space, goal, last)
+            if goal.on_goal(onto) and goal.limits_met(onto):
                 unknowns = np.vstack((unknowns[:-1], onto.v))
             elif not goal.met(last):
                 return None
@@ -330,10 +330,11 @@ def _few_keyframes(
 
 def _is_end_fixed(task: SpaceTask, stepper: SpaceStepper, end: FloatArray) -> bool:
     """Whether a motion has to end in a given pose: where no tip counts, or limits keep it a little off its goal."""
-    if task.goal is None:
+    goal = task.limited_goal
+    if goal is None:
         return True
-    exact = onto_goal(stepper, task.goal, stepper.pose(end))
-    return exact is None or not stepper.within_limits(exact.q)
+    exact = moved_onto(stepper.space, goal, stepper.pose(end))
+    return not (goal.on_goal(exact) and goal.limits_met(exact) and stepper.within_limits(exact.q))
 
 
 def _with_passings(

@@ -10,13 +10,14 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import MotionNotFound
+from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search import Attempt, Failure, first_found
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
-from ccm_opt.planning.space_continuation import SpaceGuide, SpaceStalled, SpaceTipPose, follow, settle
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
@@ -234,15 +235,16 @@ class _Search:
                     return curve, end, unknowns
         return None
 
-    def _goal(self, end: Pose | None) -> SpaceTipPose:
+    def _goal(self, end: Pose | None) -> GoalPose:
         """Where the tip has to be: the goal, or where it is in the pose that is asked."""
-        if self.task.goal is not None:
-            return self.task.goal
+        goal = self.task.limited_goal
+        if goal is not None:
+            return goal
         if end is None:
             raise ValueError("a task has a goal for the tip or a pose of the whole arm")
-        return SpaceTipPose(end.tip, end.tip_direction)
+        return self.task.limited(GoalPose(end.tip, end.tip_direction))
 
-    def _along(self, way: TipWay, goal: SpaceTipPose, end: Pose | None) -> Callable[[SpaceStepper, Pose], list[Pose]]:
+    def _along(self, way: TipWay, goal: GoalPose, end: Pose | None) -> Callable[[SpaceStepper, Pose], list[Pose]]:
         """Follows a way of the tip, then settles on the goal, or moves on to a pose of the whole arm."""
         task = self.task
 
@@ -250,7 +252,7 @@ class _Search:
             poses = [pose]
             for corners, place in self._legs(way):
                 track = SpaceTipTrack.along(poses[-1].points, corners)
-                guide: SpaceGuide = SpaceTipLed(track, task.unit, _FOLLOW, task.settings.guide)
+                guide: Guide = SpaceTipLed(track, task.unit, _FOLLOW, task.settings.guide)
                 if way.followed:
                     guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide, way.followed)
                 poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
@@ -260,13 +262,13 @@ class _Search:
 
         return lead
 
-    def _ended(self, poses: list[Pose], goal: SpaceTipPose, end: Pose | None, stepper: SpaceStepper) -> list[Pose]:
+    def _ended(self, poses: list[Pose], goal: GoalPose, end: Pose | None, stepper: SpaceStepper) -> list[Pose]:
         """Poses that have come near the goal, and others onto it, or on to a pose of the whole arm."""
         if end is None:
             return [*poses, *settle(stepper, goal, poses[-1], self.task.deadline)[1:]]
         return [*poses, *self._moved_to(end, stepper, poses[-1])[1:]]
 
-    def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, SpaceTipPose | None]]:
+    def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, GoalPose | None]]:
         """A way from place to place that the tip passes, each with the place at its end, and from the last on."""
         task = self.task
         before = way.corners[:0]
@@ -276,7 +278,7 @@ class _Search:
             legs = passings(way.corners, np.stack(task.via)).leg
             for leg, place in zip(legs, task.via, strict=True):
                 corners = np.vstack((before, way.corners[first : leg + 1], place))
-                yield corners, SpaceTipPose(place, tolerance=0.5 * task.via_reach)
+                yield corners, GoalPose(place, near_enough=(0.5 * task.via_reach, 0.0), settings=task.settings.goal)
                 before = place[None]
                 first = int(leg) + 1
         yield np.vstack((before, way.corners[first:])), None
@@ -315,17 +317,17 @@ class _Search:
         """Poses from one to another.
 
         Raises:
-            SpaceStalled: when there is no straight way.
+            Stalled: when there is no straight way.
         """
         task = self.task
         guide = PoseLed(pose.v, end.v, self.task.settings.guide.pose_step, task.settings.guide)
         try:
             poses = follow(stepper, guide, pose, task.deadline)
-        except SpaceStalled as stalled:
+        except Stalled as stalled:
             # Unknowns that hardly turn a joint may be the last that differ.
             poses = stalled.poses
         if not edge_is_safe(stepper, poses[-1].v, end.v):
-            raise SpaceStalled(guide.describe(poses[-1]), poses)
+            raise Stalled(guide.describe(poses[-1]), poses)
         return [*poses, *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end.v)[1:])]
 
     # ------------------------------------------------------------ drawn
@@ -362,7 +364,7 @@ class _Search:
         if task.user is not None:
             return None
         curve, now, _ = self._spaces()
-        places = (SpaceTipPose(place, tolerance=0.5 * task.via_reach) for place in task.via)
+        places = (GoalPose(place, near_enough=(0.5 * task.via_reach, 0.0)) for place in task.via)
         parts: list[SpaceMotion] = []
         for goal in (*places, task.goal):
             asked = replace(task, via=(), goal=goal, refuse=lambda: None)
@@ -400,7 +402,7 @@ class _Search:
         self._announce(name, first)
         try:
             return SpaceMotion.of(stepper.curve, lead(stepper, first), name)
-        except SpaceStalled as stalled:
+        except Stalled as stalled:
             goal = self.task.goal
             target = None if goal is None else goal.position
             self._failed(name, str(stalled), stepper, stalled.poses[-1], target)

@@ -10,6 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit_stack import AtRest, CoordinateLimit, SurfaceLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.path_on_limits import KnotJoints
@@ -17,7 +18,6 @@ from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import Sought
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
-from ccm_opt.planning.space_continuation import SpaceTipPose
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, OptimiserName, Problem, TipGoal, Weights
 from ccm_opt.robot.arm import Arm
@@ -61,7 +61,7 @@ class SpaceTask:
     arm: Arm
     tree: SurfaceTree
     start: FloatArray
-    goal: SpaceTipPose | None
+    goal: GoalPose | None
     goal_pose: FloatArray | None
     via: tuple[FloatArray, ...]
     via_reach: float
@@ -78,6 +78,16 @@ class SpaceTask:
     user: UserLimit | None = None
     optimiser: OptimiserName = "sequential-convex"
     weights: Weights = field(default_factory=Weights)
+
+    @property
+    def limited_goal(self) -> GoalPose | None:
+        """The goal for the tip with the limits that hold there."""
+        return None if self.goal is None else self.limited(self.goal)
+
+    def limited(self, goal: GoalPose) -> GoalPose:
+        """A goal for the tip with the limits that hold at the end of the motion."""
+        limits = () if self.user is None else (self.user.placed_at_goal(),)
+        return replace(goal, limits=limits, settings=self.settings.goal)
 
     @property
     def unit(self) -> float:
@@ -248,10 +258,11 @@ def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
     )
 
 
-def tip_pose(problem: Problem, goal: TipGoal) -> SpaceTipPose:
+def tip_pose(problem: Problem, goal: TipGoal) -> GoalPose:
     """The goal of the tip; half of the tolerances is left to what comes after planning."""
     tolerances = problem.tolerances
-    return SpaceTipPose(goal.position, goal.direction, 0.5 * tolerances.position, 0.5 * tolerances.heading)
+    near_enough = (0.5 * tolerances.position, 0.5 * tolerances.heading)
+    return GoalPose(goal.position, goal.direction, near_enough=near_enough)
 
 
 def slowness(problem: Problem) -> FloatArray:

@@ -14,11 +14,11 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.errors import Diagnosis, MotionNotFound
+from ccm_opt.planning.continuation import Stalled, follow, settle
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
-from ccm_opt.planning.space_continuation import SpaceStalled, follow, settle
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -186,14 +186,15 @@ class _Tracking:
         guide = PoseLed(pose.v, end, task.settings.guide.pose_step, task.settings.guide)
         try:
             poses = follow(at_end, guide, pose, task.deadline)
-        except SpaceStalled as stalled:
+        except Stalled as stalled:
             poses = stalled.poses
         if edge_is_safe(at_end, poses[-1].v, end):
             return [*poses[1:], *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end)[1:])]
         try:
-            if task.goal is not None:
-                return [*poses[1:], *settle(at_end, task.goal, poses[-1], task.deadline)[1:]]
-        except SpaceStalled as stalled:
+            goal = task.limited_goal
+            if goal is not None:
+                return [*poses[1:], *settle(at_end, goal, poses[-1], task.deadline)[1:]]
+        except Stalled as stalled:
             raise self._failed(at_end, stalled.poses[-1], 1.0, f": {stalled}") from None
         raise self._failed(at_end, poses[-1], 1.0)
 

@@ -13,11 +13,12 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.core.polyline import heading_of, wrap
+from ccm_opt.core.polyline import heading_of, unit_vector, wrap
 from ccm_opt.planning.backward import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.ending import optimised_to_end_pose
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.lifting import coarse_task, taken_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
@@ -28,7 +29,6 @@ from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search import TREES, Attempt, Failure, first_found
 from ccm_opt.planning.search_run import SearchRun, SearchStrategy
 from ccm_opt.planning.shortcuts import straightened
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
 from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.robot.arm import Arm
@@ -147,7 +147,7 @@ class ArcsAtLimits:
         for _ in range(_ARC_STEPS):
             headings = arm.headings(bends)
             points = arm.joint_positions(headings)
-            member = self.goal.nearest_member(points[-1], float(headings[-1]))
+            member = self.goal.nearest_member(points[-1], unit_vector(headings[-1]))
             # Joint k turns the tip about itself.
             lever = (points[-1] - points[:-1]) / arm.length
             rows = np.stack((-lever[:, 1], lever[:, 0]))

@@ -17,9 +17,9 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_continuation import SpaceTipPose, onto_goal
 from ccm_opt.planning.space_goal_poses import POLISH_TURN, drawn_unknowns
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem, TipGoal
@@ -205,8 +205,8 @@ class TipLooker:
             # Straight across the side that the cells share, as a duct may go, and then to the middle.
             across = _into(task.middle, width, near.tip)
             if float(np.linalg.norm(across - task.middle)) > self.stepper.unit:
-                _, near = self._led(near, SpaceTipPose(across))
-            arrived, pose = self._led(near, SpaceTipPose(task.middle))
+                _, near = self._led(near, self.task.limited(GoalPose(across)))
+            arrived, pose = self._led(near, self.task.limited(GoalPose(task.middle)))
             if arrived is not None:
                 return CellFound(arrived=arrived.v, stone=stone, tried=number)
             if not self.free(pose):
@@ -224,7 +224,7 @@ class TipLooker:
         for number in np.argsort(-directions @ pose.tip_direction):
             direction = directions[number]
             nearest = max(found, key=lambda each: float(each.tip_direction @ direction))
-            turned, _ = self._led(nearest, SpaceTipPose(task.middle, direction))
+            turned, _ = self._led(nearest, self.task.limited(GoalPose(task.middle, direction)))
             if turned is not None:
                 found.append(turned)
                 taken[number] = True
@@ -243,7 +243,7 @@ class TipLooker:
         least = float(np.min(self.task.tree.distances(segments, reach + kept), initial=reach + kept))
         return least - kept
 
-    def _led(self, pose: Pose, goal: SpaceTipPose) -> tuple[Pose | None, Pose]:
+    def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
         """A free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
         stepper = self.stepper
         before = np.inf
@@ -256,9 +256,9 @@ class TipLooker:
                 if left > _PROGRESS * before:
                     return None, pose
                 before = left
-            pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + number)], checked=False)
-        onto = onto_goal(stepper, goal, pose, POLISH_TURN)
-        return (onto if onto is not None and self.free(onto) else None), pose
+            pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + number), checked=False)
+        onto = moved_onto(stepper.space, goal, pose, POLISH_TURN)
+        return (onto if goal.on_goal(onto) and goal.limits_met(onto) and self.free(onto) else None), pose
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:

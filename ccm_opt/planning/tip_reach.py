@@ -10,17 +10,18 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.polyline import wrap
+from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.ends import clamped_arm, resolve_ends
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_over_routes import pose_search, pose_tries
 from ccm_opt.planning.settings import MotionSettings
-from ccm_opt.planning.step import GoalPose, Stepper
+from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
@@ -209,7 +210,7 @@ class _Explorer:
         """Link headings with the tip at a place, from a pose nearby; None when something keeps it off."""
         space, v = LinkSpace.through(self.arm, near, clamped=self.clamped)
         stepper = Stepper(space, self._limits, self._motion, finder=self._finder)
-        goal = GoalPose(target, heading)
+        goal = GoalPose(target, None if heading is None else unit_vector(heading))
         pose = stepper.pose(v)
         for _ in range(self.settings.settle_rounds):
             try:

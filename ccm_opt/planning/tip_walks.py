@@ -20,6 +20,7 @@ from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import path_length, unit_vector
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.continuation import GuideCandidate, GuideIntoSet, Stalled, follow, settle
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
@@ -29,7 +30,6 @@ from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun, SearchStrategy, pose_headings
 from ccm_opt.planning.settings import TipWalkSettings
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
@@ -106,7 +106,7 @@ class TipWays:
 
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Where the run onto the goal begins and ends, each of shape (2,) [m]; onto the member nearest to a pose."""
-        member = self.goal.nearest_member(pose.points[-1], pose.tip_heading)
+        member = self.goal.nearest_member(pose.tip, pose.tip_direction)
         place = member.position
         if member.heading is None:
             return place, place

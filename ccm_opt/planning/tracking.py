@@ -14,9 +14,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.continuation import Stalled, settle
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
-from ccm_opt.planning.step import GoalPose, Stepper
+from ccm_opt.planning.step import Stepper
 
 _STILL_WEIGHT = 0.02
 """Weight of standing still. Taste."""

@@ -12,12 +12,12 @@ from enum import IntEnum
 import numpy as np
 
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
 from ccm_opt.planning.search_run import SearchRun
-from ccm_opt.planning.step import GoalPose
 
 _STEPS = 250
 """Of the longest extension. Taste."""

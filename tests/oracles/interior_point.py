@@ -161,7 +161,7 @@ def _end_values(program: PlanarProgram, sweep: PlanarSweep, v: Any, points: tupl
     if goal.heading is None:
         return tip
     # Linear, with the turn still to go taken from the last iterate: a goal heading is given only up to multiples of 2π.
-    turn = goal.turn(program.space.pose(sweep.unknowns[-1]))
+    (turn,) = goal.turn(program.space.pose(sweep.unknowns[-1]))
     heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
     return ca.vertcat(tip, heading)
 

@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.planning.ends import tip_goal
 from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.feed.member_problems import PartBeyond
 from ccm_opt.planning.feed.query import FeedQuery
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
@@ -32,7 +34,6 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 
@@ -316,7 +317,7 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
     start = query.pose(query.start)
     goal_pose = None if query.goal is None else query.pose(query.goal)
     if goal_pose is not None:
-        goal = GoalPose(arm.points(goal_pose)[-1], float(goal_pose[arm.links - 1]))
+        goal = GoalPose(arm.points(goal_pose)[-1], unit_vector(goal_pose[arm.links - 1]))
     elif isinstance(problem.goal, TipGoal):
         goal = tip_goal(problem, problem.goal)
     return MotionTask(

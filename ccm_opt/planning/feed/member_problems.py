@@ -18,11 +18,11 @@ from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, path_lengt
 from ccm_opt.planning.ends import Ends, resolve_ends, tip_goal
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, slide
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
-from ccm_opt.planning.step import GoalPose
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.free_space import FreeSpace
@@ -359,7 +359,7 @@ def led_between(start: FloatArray, end: FloatArray, task: MotionTask) -> FloatAr
     """
     arm = task.arm
     pose = arm.poses(end)
-    goal = GoalPose(arm.points(pose)[-1], float(pose[arm.links - 1]))
+    goal = GoalPose(arm.points(pose)[-1], unit_vector(pose[arm.links - 1]))
     asked = replace(task, start=arm.poses(start), goal=goal, goal_headings=pose)
     for links in task.settings.search.margins:
         run = SearchRun.from_task(asked, links)

@@ -259,7 +259,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
         wanted_gap=task.wanted_gap,
         space=motion.curve,
         # Of a goal that is a set the motion keeps the member to which it was found.
-        goal=task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
+        goal=task.limited_goal.nearest_member(end.tip, end.tip_direction),
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
         limits=task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap),
         u=np.zeros(0),

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import KeyframeRows, Limit, MotionCost, restored_keyframes
 from ccm_opt.planning.limits.motion_certificate import failed_intervals
 from ccm_opt.planning.link_space import LinkSpace
@@ -12,7 +11,6 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_row
 from ccm_opt.planning.optimisation.objective import JointSlowness, Objective
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.settings import ConvexSettings, MotionSettings
-from ccm_opt.planning.step import GoalPose, polish
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.robot.arm import Arm
 
@@ -97,9 +95,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
 
     def tip_rows(self, sweep: PlanarSweep) -> FloatArray:
         """Rows that hold the tip in its goal, and its heading where one is asked, shape (2 or 3, p)."""
-        position = sweep.moving[-1, self.arm.links] / self.unit
-        heading = self.space.tip_heading_row[: int(self.goal.heading is not None)]
-        return np.vstack((position, heading))
+        return self.goal.rows(self.space.pose(sweep.unknowns[-1]), self.unit)
 
     def further_costs(self, sweep: PlanarSweep) -> tuple[MotionCost, ...]:
         """The costs of the limits."""
@@ -114,7 +110,7 @@ class PlanarProgram(MotionProgram[PlanarSweep]):
         """The coordinates with the keyframes on the limits and the last one polished onto the goal."""
         coordinates = self.restored(unknowns)
         if not self.end_fixed:
-            coordinates[-1] = polish(self.space, self.goal, coordinates[-1])
+            coordinates[-1] = moved_onto(self.space, self.goal, self.space.pose(coordinates[-1])).v
         return coordinates
 
     def holds(self, sweep: PlanarSweep, before: PlanarSweep) -> bool:

@@ -1,0 +1,173 @@
+"""Where the tip has to be, what draws it there, and Newton's method onto the place."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.planning.limits.limit import LimitOf
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, least_change
+from ccm_opt.planning.settings import GoalSettings
+
+_POLISH_STEPS = 12
+"""Most steps of Newton's method. Taste: it converges in four or never."""
+_INWARDS = 0.1
+"""Share of the room about a goal's position, and about its direction, by which a tip outside is led in beyond the edge.
+Taste."""
+
+
+@dataclass(frozen=True, eq=False)
+class GoalPose:
+    """Where the tip, or the whole arm, has to be.
+
+    Attributes:
+        position: of the tip, shape (d,) [m].
+        direction: of the last link, a unit vector of shape (d,), or None where any will do.
+        coordinates: of a whole-arm goal in the unknowns of the curve, or None.
+        room: distance [m] and turn [rad] by which every pose may miss the position and the direction: then the goal is
+            a set, and any member of it will do. Nothing for a goal that is to be met exactly.
+        near_enough: distance [m] and turn [rad] that still count where no pose meets the goal exactly.
+        limits: what else has to be met at the goal; usually nothing.
+        settings: numbers.
+    """
+
+    position: FloatArray
+    direction: FloatArray | None = None
+    coordinates: FloatArray | None = None
+    room: tuple[float, float] = (0.0, 0.0)
+    near_enough: tuple[float, float] = (0.0, 0.0)
+    limits: tuple[LimitOf[Any], ...] = ()
+    settings: GoalSettings = field(default_factory=GoalSettings)
+
+    @property
+    def heading(self) -> float | None:
+        """The direction as an angle in the plane [rad]."""
+        return None if self.direction is None else float(np.arctan2(self.direction[1], self.direction[0]))
+
+    @property
+    def is_set(self) -> bool:
+        """Whether there is more than one place or direction that will do."""
+        return self.room[0] > 0.0 or (self.direction is not None and self.room[1] > 0.0)
+
+    def nearest_member(self, tip: FloatArray, direction: FloatArray) -> "GoalPose":
+        """The goal less its room: of a set the member nearest to a tip, shape (d,) [m], and its direction, (d,)."""
+        if not self.is_set:
+            return self
+        towards = self.direction
+        if towards is not None:
+            across = direction - (direction @ towards) * towards
+            size = float(np.linalg.norm(across))
+            angle = min(float(np.arctan2(size, direction @ towards)), self.room[1])
+            towards = np.cos(angle) * towards + np.sin(angle) * across / max(size, TINY)
+        return replace(self, position=tip + self._offset_from(tip), direction=towards, room=(0.0, 0.0))
+
+    def offset(self, pose: Pose) -> FloatArray:
+        """From the tip to the nearest place that will do, shape (d,) [m]; zero within the room about the position."""
+        return self._offset_from(pose.tip)
+
+    def _offset_from(self, tip: FloatArray) -> FloatArray:
+        towards = self.position - tip
+        distance = float(np.linalg.norm(towards))
+        if distance <= self.room[0]:
+            return np.zeros(len(tip))
+        return np.asarray(towards * (1.0 - self.room[0] / distance))
+
+    def turn(self, pose: Pose) -> FloatArray:
+        """Turn of the last link to the nearest direction that will do, towards its other axes, shape (d − 1,) [rad]."""
+        if self.direction is None:
+            return np.zeros(len(pose.tip) - 1)
+        along, *aside = self.direction @ pose.frames[-1]
+        sine = float(np.linalg.norm(aside))
+        axis = np.array(aside) / sine if sine > 1e-12 else np.eye(len(aside))[0]
+        return np.asarray(max(float(np.arctan2(sine, along)) - self.room[1], 0.0) * axis)
+
+    def errors(self, pose: Pose) -> tuple[float, float]:
+        """Distance [m] and turn [rad] still to go."""
+        return float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
+
+    def met(self, pose: Pose) -> bool:
+        """Whether a pose is near enough."""
+        distance, turn = self.errors(pose)
+        return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
+
+    def on_goal(self, pose: Pose) -> bool:
+        """Whether a pose is on the goal but for rounding."""
+        distance, turn = self.errors(pose)
+        return max(distance / pose.length, turn) <= self.settings.on_goal
+
+    def limits_met(self, pose: Pose) -> bool:
+        """Whether a pose meets all that has to be met at the goal beside the tip."""
+        return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
+
+    def describe_limits(self, pose: Pose) -> str:
+        """What of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
+        return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
+
+    def terms(self, space: CurveUnknowns, pose: Pose, weight: float) -> list[Term]:
+        """What draws the tip onto the goal."""
+        settings = self.settings
+        unit = space.nominal_length
+        terms = []
+        error = self.offset(pose)
+        distance = float(np.linalg.norm(error))
+        if self.room[0] == 0.0 or distance > 0.0:
+            # Some way into the room, or the tip would only creep up to its edge. A far goal is asked for a stretch at a
+            # time: beyond that the linearised tip says nothing of use.
+            asked = min(distance + _INWARDS * self.room[0], settings.distance_step * unit)
+            terms.append(Term(pose.moving[-1] / unit, asked / max(distance, TINY) * error / unit, weight))
+        turn = self.turn(pose)
+        size = float(np.linalg.norm(turn))
+        if self.direction is not None and (self.room[1] == 0.0 or size > 0.0):
+            asked = min(size + _INWARDS * self.room[1], settings.turn_step)
+            step = asked / max(size, TINY) * turn
+            terms.append(Term(pose.tip_turning, step, settings.heading_weight * weight))
+        for limit in self.limits:
+            rows, wanted = limit.mending(pose, settings.turn_step)
+            terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
+        return terms
+
+    def rows(self, pose: Pose, unit: float) -> FloatArray:
+        """Derivatives of the tip's place in units of length, and of its direction where one is asked, shape (k, p)."""
+        place = pose.moving[-1] / unit
+        return place if self.direction is None else np.concatenate((place, pose.tip_turning))
+
+    def equations(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
+        """Rows of the tip that Newton's method solves, shape (k, p), and by how much they have to change, shape (k,).
+
+        A place and a direction within the room ask for nothing: they have no rows.
+        """
+        offset = self.offset(pose) / unit
+        turn = self.turn(pose)
+        far = self.room[0] == 0.0 or bool(np.any(offset))
+        turned = self.direction is not None and (self.room[1] == 0.0 or bool(np.any(turn)))
+        rows = [pose.moving[-1][: len(offset) * far] / unit, pose.tip_turning[: len(turn) * turned]]
+        return np.concatenate(rows), np.concatenate((offset[: len(offset) * far], turn[: len(turn) * turned]))
+
+
+def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: float = np.inf) -> Pose:
+    """A pose moved onto the goal by Newton's method of least change of the links, whatever is in the way.
+
+    Args:
+        space: the map of the unknowns.
+        goal: where the tip has to be.
+        pose: to begin at.
+        largest_turn: of a link in one step of the method [rad].
+
+    Returns:
+        The last iterate, whose errors the caller checks.
+    """
+    for _ in range(_POLISH_STEPS):
+        rows, error = goal.equations(pose, space.arm.length)
+        for limit in goal.limits:
+            missed, change = limit.missed(space, pose)
+            rows = np.vstack((rows, missed))
+            error = np.append(error, change)
+        if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:
+            break
+        change = least_change(space, pose, rows, error)
+        if np.isfinite(largest_turn):
+            size = float(np.max(np.linalg.norm(pose.turning @ change, axis=1)))
+            change = change * min(1.0, largest_turn / max(size, TINY))
+        pose = space.pose(pose.v + change)
+    return pose
