@@ -8,30 +8,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.scene.corridor import Corridor
 
-
-@dataclass(frozen=True)
-class ConfigurationSettings:
-    """How a configuration is guessed, what the NLP weighs and keeps, and what its check allows.
-
-    Lengths marked [L] are in units of the arm's length, as all of the NLP.
-
-    Attributes:
-        end_tolerance: a base or goal this near its region counts as inside [arm lengths]. Taste.
-        knot_weight: weight of uneven knots. Taste; leaves no direction of the variables without curvature.
-        violation: violation of a row, in the NLP's units, at which IPOPT may stop. Derived: a tenth of ``feasibility``.
-        first_barrier: IPOPT's first barrier parameter. Taste.
-        tip_tolerance: distance of the tip from the goal that the check allows [arm lengths]. Taste.
-    """
-
-    end_tolerance: float = 1e-6
-    knot_weight: float = 4.0
-    violation: float = 1e-7
-    first_barrier: float = 0.1
-    tip_tolerance: float = 1e-5
-
-
-DEFAULT_CONFIGURATION = ConfigurationSettings()
-"""The numbers that are used unless a task brings others."""
+END_TOLERANCE = 1e-6
+"""A base or goal this near its region counts as inside [m], as all of the task of an arm of length 1. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +31,6 @@ class ConfigurationTask:
         bending_weight: of the arm's bending in the objective.
         clearance_weight: of nearness to walls in the objective.
         side_gaps: how far behind each side of each region the walls begin [m]; needed for the clearance's weight.
-        settings: numbers of the method.
     """
 
     base: FloatArray
@@ -69,7 +46,6 @@ class ConfigurationTask:
     bending_weight: float = 1.0
     clearance_weight: float = 0.0
     side_gaps: tuple[FloatArray, ...] = ()
-    settings: ConfigurationSettings = DEFAULT_CONFIGURATION
 
     def __post_init__(self) -> None:
         low, high = self.base_heading_range
@@ -91,5 +67,5 @@ class ConfigurationTask:
     def stub(self) -> float:
         """Length of the straight stub at the base [m]: the mount when the base is outside its region, else zero."""
         region = self.corridor.regions[0]
-        outside = bool(np.any(region.normals @ self.base > region.offsets + self.settings.end_tolerance))
+        outside = bool(np.any(region.normals @ self.base > region.offsets + END_TOLERANCE))
         return self.mount_length if outside else 0.0

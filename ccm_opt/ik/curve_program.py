@@ -17,9 +17,10 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.ik.configuration_task import DEFAULT_CONFIGURATION, ConfigurationSettings
 from ccm_opt.robot.segment import PIECES
 
+_KNOT_WEIGHT = 4.0
+"""Weight of uneven knots. Taste; leaves no direction of the variables without curvature."""
 _BOUND_WEIGHT = 0.1
 """Weight of the bounds on ``|κ|``. Taste; as for the knots, and it keeps the certificates tight."""
 _SLOPE_WEIGHT = 1e-3
@@ -286,12 +287,11 @@ def configuration_cost(
     control: ca.SX,
     squared_curvature: ca.SX,
     weight: ca.SX,
-    settings: ConfigurationSettings = DEFAULT_CONFIGURATION,
 ) -> ca.SX:
     """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term, with the weights usual."""
     return (
         weight * bending(squared_curvature)
-        + settings.knot_weight * uneven_knots(control)
+        + _KNOT_WEIGHT * uneven_knots(control)
         + _BOUND_WEIGHT * curvature_bounds(control)
         + _SLOPE_WEIGHT * curvature_steps(state, control)
     )

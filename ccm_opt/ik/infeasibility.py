@@ -10,8 +10,8 @@ from ccm_opt.core.length_words import curvature, long_length, short_length
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import Diagnosis
-from ccm_opt.ik.configuration_task import ConfigurationTask
-from ccm_opt.ik.multiple_shooting import ConfigurationNLP, NLPResult, unpack_variables
+from ccm_opt.ik.configuration_task import END_TOLERANCE, ConfigurationTask
+from ccm_opt.ik.multiple_shooting import ConfigurationAnswer, ConfigurationNLP, unpack_variables
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES
 
@@ -20,6 +20,8 @@ _CONTAINMENT_TOLERANCE = 1e-6
 
 _ROWS_REPORTED = 3
 """Violated rows that a message names. Taste."""
+_TIP_TOLERANCE = 1e-5
+"""Distance of the tip from the goal that the check allows [m]. Taste."""
 _TIP_HEADING_TOLERANCE = 1e-6
 """Turn of the tip from the goal's heading that the check allows [rad]. Taste."""
 _CHECK_SAMPLES = 201
@@ -47,7 +49,6 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
         configuration: in metres, from ``polished_configuration``.
     """
     task = nlp.task
-    settings = task.settings
     tip, heading = configuration.tip
     goal = heading if task.goal_heading is None else task.goal_heading
     low, high = task.base_heading_range
@@ -56,7 +57,7 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
     curvature = float(np.abs(configuration.curvature_at(arc)).max())
     outside = _outside(nlp, configuration)
     figures = (
-        Shortfall("tip position", float(np.hypot(*(tip - task.goal))), settings.tip_tolerance, "m"),
+        Shortfall("tip position", float(np.hypot(*(tip - task.goal))), _TIP_TOLERANCE, "m"),
         Shortfall("tip heading", abs(wrap(heading - goal)), _TIP_HEADING_TOLERANCE, "rad"),
         Shortfall("base heading", base_miss, 1e-12, "rad"),
         Shortfall("length", abs(configuration.length - task.length), 1e-9 * task.length, "m"),
@@ -116,20 +117,21 @@ class FailedAttempt:
     """One attempt that gave no configuration: its NLP, the solver's answer, and what the dense check refused."""
 
     nlp: ConfigurationNLP
-    result: NLPResult
+    result: ConfigurationAnswer
     shortfalls: tuple[Shortfall, ...] = ()
 
     @property
     def words(self) -> str:
         """One line: size, status, worst row."""
-        what = "; ".join(map(str, self.shortfalls)) or f"{self.result.worst_row} by {self.result.violation:.3g}"
-        return f"{len(self.nlp.regions)} segments: {self.result.status}, {what}"
+        answer = self.result.answer
+        what = "; ".join(map(str, self.shortfalls)) or f"{answer.worst_row} by {answer.violation:.3g}"
+        return f"{len(self.nlp.regions)} segments: {answer.status}, {what}"
 
 
 def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
     """A diagnosis from all failed attempts; the one that came nearest speaks for them."""
-    nearest = min(attempts, key=lambda attempt: attempt.result.violation)
-    result = nearest.result
+    nearest = min(attempts, key=lambda attempt: attempt.result.answer.violation)
+    answer = nearest.result.answer
     rows = broken_rows(nearest)
     what = "; ".join(broken.words for broken in rows) or nearest.words
     reason = (
@@ -137,16 +139,16 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
         f"{len(task.corridor.regions)} region(s); nearest attempt: {what}"
     )
     evidence: dict[str, object] = {
-        "solver_status": result.status,
-        "worst_row": result.worst_row,
-        "violation": result.violation * task.length,
+        "solver_status": answer.status,
+        "worst_row": answer.worst_row,
+        "violation": answer.violation * task.length,
         "route_length": task.corridor.route.length,
         "arm_length": task.length,
         "curvature_limit": task.curvature_limit,
         "rows": [asdict(broken) for broken in rows],
         "attempts": [attempt.words for attempt in attempts],
     }
-    return Diagnosis(reason, "configuration", _advice(result.worst_row), evidence)
+    return Diagnosis(reason, "configuration", _advice(answer.worst_row), evidence)
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
@@ -165,7 +167,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
     )
     for name, region, point, allowed in ends:
         outside = float((region.normals @ point - region.offsets).max())
-        if outside > allowed + task.settings.end_tolerance:
+        if outside > allowed + END_TOLERANCE:
             return _end_outside(name, outside, allowed)
     return None
 
@@ -182,7 +184,7 @@ def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
     """The rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
-    for name, violation in attempt.result.broken:
+    for name, violation in attempt.result.answer.broken.items():
         row = _broken_row(attempt, name, violation)
         # Rows come worst first, so the first of a kind and segment is its worst.
         found.setdefault((row.constraint, row.segment), row)

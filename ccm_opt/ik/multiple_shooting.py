@@ -1,8 +1,7 @@
 """The configuration NLP by multiple shooting, solved by IPOPT."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from weakref import WeakKeyDictionary
+from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -10,9 +9,10 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.ipopt_call import ipopt_answer
 from ccm_opt.ik import curve_program as constraints
-from ccm_opt.ik.built_solver import IPOPT_SWITCHES
-from ccm_opt.ik.configuration_task import DEFAULT_CONFIGURATION, ConfigurationSettings, ConfigurationTask
+from ccm_opt.ik.built_solver import IPOPT_SWITCHES, built_solver
+from ccm_opt.ik.configuration_task import END_TOLERANCE, ConfigurationTask
 from ccm_opt.ik.curve_program import CONTROLS, STATES, SegmentFlow, configuration_cost, nearness, segment_function
+from ccm_opt.ik.row_program import RowAnswer, RowProgram, RowReading, Symbols
 from ccm_opt.robot.segment import PIECES
 from ccm_opt.scene.corridor import ConvexRegion
 
@@ -34,34 +34,6 @@ STAGE = STATES + CONTROLS
 
 
 @dataclass(frozen=True, eq=False)
-class ShootingProgram:
-    """The symbolic part, shared by all tasks of one size and one choice of settings.
-
-    Attributes:
-        settings: weights of the objective, and the solver's patience.
-        segments: number of curvature segments.
-        variables: X_0, U_0, X_1, U_1, .., X_K in one column.
-        parameters: a column: normals, offsets of each segment, knot fraction, stub length,
-            weight of the bending.
-        objective: scalar.
-        constraints: one column, ``lower <= constraints <= upper``.
-        row_names: what each row says.
-        lower: shape (rows,).
-        upper: shape (rows,).
-    """
-
-    settings: ConfigurationSettings
-    segments: int
-    variables: ca.SX
-    parameters: ca.SX
-    objective: ca.SX
-    constraints: ca.SX
-    row_names: tuple[str, ...]
-    lower: FloatArray
-    upper: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class ConfigurationNLP:
     """One task's NLP: the symbolic program with the task's numbers.
 
@@ -78,23 +50,12 @@ class ConfigurationNLP:
     """
 
     task: ConfigurationTask
-    program: ShootingProgram
+    program: RowProgram
     regions: tuple[int, ...]
     tip_heading: float | None
     lower: FloatArray
     upper: FloatArray
     parameters: FloatArray
-
-    def with_constraint(self, name: str, expression: ca.SX, lower: float, upper: float) -> "ConfigurationNLP":
-        """The NLP with one more scalar row over ``program.variables``; its solver is built anew."""
-        program = replace(
-            self.program,
-            constraints=ca.vertcat(self.program.constraints, expression),
-            row_names=(*self.program.row_names, name),
-            lower=np.append(self.program.lower, lower),
-            upper=np.append(self.program.upper, upper),
-        )
-        return replace(self, program=program)
 
     def with_cost(self, expression: ca.SX) -> "ConfigurationNLP":
         """The NLP with one more term in its objective; its solver is built anew."""
@@ -118,11 +79,9 @@ def build_configuration_nlp(
         tip_heading = task.goal_heading
     most = max(len(region.offsets) for region in task.corridor.regions)
     half_planes = padded_rows(most, _HALF_PLANE_COUNTS)
-    program = symbolic_program(len(regions), half_planes, task.settings)
+    program = symbolic_program(len(regions), half_planes, fixed_knots=task.fixed_knots)
     lower, upper = _variable_bounds(task, len(regions), tip_heading)
     parameters = _parameter_values(task, regions, half_planes)
-    if task.fixed_knots:
-        program = _with_fixed_knots(program)
     nlp = ConfigurationNLP(task, program, regions, tip_heading, lower, upper, parameters)
     return nlp.with_cost(_nearness(nlp)) if task.clearance_weight > 0.0 and task.side_gaps else nlp
 
@@ -159,10 +118,12 @@ def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 # Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
 @lru_cache(maxsize=4)
-def symbolic_program(
-    segments: int, half_planes: int, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
-) -> ShootingProgram:
-    """Symbols, objective and rows for a number of segments and half-planes a region."""
+def symbolic_program(segments: int, half_planes: int, *, fixed_knots: bool = False) -> RowProgram:
+    """Symbols, objective and rows for a number of segments and half-planes a region.
+
+    The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are normals and offsets of each segment, knot
+    fraction, stub length and weight of the bending.
+    """
     states = [ca.SX.sym(f"X{k}", STATES) for k in range(segments + 1)]
     controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
     normals = [ca.SX.sym(f"A{k}", half_planes, 2) for k in range(segments)]
@@ -175,11 +136,14 @@ def symbolic_program(
     blocks: list[constraints.RowBlock] = []
     for k in range(segments):
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
-        objective += configuration_cost(states[k], controls[k], flow.bending, weight, settings)
+        objective += configuration_cost(states[k], controls[k], flow.bending, weight)
         ends = (k == 0, k == segments - 1)
+        spacing = constraints.knot_spacing(k, controls[k], fraction)
+        if fixed_knots:  # equations a_i = L_k / 4; the last of the four follows from the others
+            spacing = replace(spacing, upper=np.append(np.zeros(PIECES - 1), np.inf))
         blocks += [
             constraints.gap_closing(k, flow, states[k + 1]),
-            constraints.knot_spacing(k, controls[k], fraction),
+            spacing,
             constraints.certified_curvature(k, controls[k], flow),
             constraints.certified_containment(k, controls[k], flow, normals[k], offsets[k], ends),
         ]
@@ -187,27 +151,15 @@ def symbolic_program(
 
     stages = [symbol for pair in zip(states[:-1], controls, strict=True) for symbol in pair]
     region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
-    return ShootingProgram(
-        settings,
-        segments,
-        ca.vertcat(*stages, states[-1]),
-        ca.vertcat(*region_symbols, fraction, stub, weight),
-        objective,
-        ca.vertcat(*(block.expression for block in blocks)),
-        tuple(name for block in blocks for name in block.names),
-        np.concatenate([block.lower for block in blocks]),
-        np.concatenate([block.upper for block in blocks]),
+    return RowProgram(
+        unknowns=Symbols({"stages": ca.vertcat(*stages, states[-1])}),
+        parameters=Symbols(
+            {"regions": ca.vertcat(*region_symbols), "fraction": fraction, "stub": stub, "bending": weight}
+        ),
+        rows=tuple(blocks),
+        parts={},
+        objective=objective,
     )
-
-
-@lru_cache(maxsize=4)
-def _with_fixed_knots(program: ShootingProgram) -> ShootingProgram:
-    """Spacing rows as equations a_i = L_k / 4; the last of the four follows from the others."""
-    upper = program.upper.copy()
-    for row, name in enumerate(program.row_names):
-        if "spacing of knots" in name and not name.endswith(f"{PIECES - 1} and {PIECES}"):
-            upper[row] = 0.0
-    return replace(program, upper=upper)
 
 
 def _variable_bounds(
@@ -240,7 +192,7 @@ def _variable_bounds(
 
 
 def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
-    """Values of the parameters, in the order of ``ShootingProgram.parameters``."""
+    """Values of the parameters, in their order."""
     blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
     fraction = 1.0 / PIECES if task.fixed_knots else _LEAST_SPACING
     return np.concatenate([*blocks, [fraction, task.stub / task.length, task.bending_weight]])
@@ -253,7 +205,7 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
     # A base or goal that lies in the region stays in it: a side next to one moves by half of what is left there.
     ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
     slack = offsets - ends @ region.normals.T
-    room = np.where(slack > -task.settings.end_tolerance / task.length, slack, np.inf).min(axis=0)
+    room = np.where(slack > -END_TOLERANCE / task.length, slack, np.inf).min(axis=0)
     offsets = offsets - np.minimum(_REGION_SHRINKAGE, np.where(room > 0.0, 0.5 * room, room))
 
     padding = count - len(offsets)
@@ -268,38 +220,34 @@ _OPTIMALITY = 1e-4
 follows."""
 _FEASIBILITY = 1e-6
 """Violation of a row, in the NLP's units, that counts as satisfied. Taste; the polish mends more."""
-_ROWS_KEPT = 40
-"""Violated rows that a result names. Taste."""
-
-_solvers: WeakKeyDictionary[ShootingProgram, ca.Function] = WeakKeyDictionary()
+_OPTIONS = {
+    **IPOPT_SWITCHES,
+    "ipopt.tol": _OPTIMALITY,
+    "ipopt.constr_viol_tol": 0.1 * _FEASIBILITY,
+    "ipopt.mu_init": 0.1,
+    "ipopt.max_iter": _MOST_ITERATIONS,
+}
 
 
 @dataclass(frozen=True)
-class NLPResult:
+class ConfigurationAnswer:
     """What the solver returned.
 
     Attributes:
         variables: the final iterate, shape (variables,).
-        status: the solver's own word for how it stopped.
-        iterations: number of iterations.
-        objective: value at the final iterate.
-        violation: largest violation of any row, in units of the arm's length.
-        worst_row: name of that row.
-        feasible: whether all rows hold, however the solver stopped.
-        broken: names of the rows that are violated most, each with its violation, the worst first.
+        answer: how the program was answered.
     """
 
     variables: FloatArray
-    status: str
-    iterations: int
-    objective: float
-    violation: float
-    worst_row: str
-    feasible: bool
-    broken: tuple[tuple[str, float], ...] = ()
+    answer: RowAnswer
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all rows hold, however the solver stopped."""
+        return self.answer.violation <= _FEASIBILITY
 
 
-def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
+def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> ConfigurationAnswer:
     """Solve from a guess; never raises on failure, the result says how it went. Threads wait for each other.
 
     Args:
@@ -309,55 +257,8 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed meanwhile.
     """
-    program = nlp.program
-    bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": program.lower, "ubg": program.upper}
-    answer, statistics = ipopt_answer(lambda: built_solver(program), guess, p=nlp.parameters, **bounds)
-    variables = np.asarray(answer["x"], dtype=np.float64).ravel()
-    worst = _worst_rows(nlp, variables, np.asarray(answer["g"]).ravel())
-    row, violation = worst[0]
-    allowed = _FEASIBILITY
-    return NLPResult(
-        variables,
-        str(statistics["return_status"]),
-        int(statistics["iter_count"]),
-        float(answer["f"]),
-        violation,
-        row,
-        violation <= allowed,
-        tuple(pair for pair in worst if pair[1] > allowed),
-    )
-
-
-def built_solver(program: ShootingProgram) -> ca.Function:
-    """The IPOPT solver of a program; built once, kept as long as the program lives."""
-    if program not in _solvers:
-        symbols = {
-            "x": program.variables,
-            "p": program.parameters,
-            "f": program.objective,
-            "g": program.constraints,
-        }
-        options = {**IPOPT_SWITCHES, **_numbers(program.settings)}
-        _solvers[program] = ca.nlpsol("configuration", "ipopt", symbols, options)
-    return _solvers[program]
-
-
-def _numbers(settings: ConfigurationSettings) -> dict[str, float]:
-    """The settings in IPOPT's names."""
-    return {
-        "ipopt.tol": _OPTIMALITY,
-        "ipopt.constr_viol_tol": settings.violation,
-        "ipopt.mu_init": settings.first_barrier,
-        "ipopt.max_iter": _MOST_ITERATIONS,
-    }
-
-
-def _worst_rows(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) -> list[tuple[str, float]]:
-    """Names and violations of the rows and bounds that are violated most, the worst first."""
-    names = (*nlp.program.row_names, *(f"bound of variable {i}" for i in range(len(variables))))
-    values = np.concatenate((rows, variables))
-    lower = np.concatenate((nlp.program.lower, nlp.lower))
-    upper = np.concatenate((nlp.program.upper, nlp.upper))
-    violation = np.nan_to_num(np.maximum(lower - values, values - upper), nan=np.inf)
-    worst = np.argsort(-violation, kind="stable")[:_ROWS_KEPT]
-    return [(names[row], max(0.0, float(violation[row]))) for row in worst]
+    lower, upper = nlp.program.bounds
+    bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": lower, "ubg": upper}
+    solver = partial(built_solver, nlp.program, _OPTIONS)
+    reading = RowReading(nlp.program, *ipopt_answer(solver, guess, p=nlp.parameters, **bounds))
+    return ConfigurationAnswer(reading.variables, reading.says({}, {}, binding=np.inf, feasible=_FEASIBILITY))

@@ -291,7 +291,6 @@ def configuration_task(
         bending_weight=weights.bending,
         clearance_weight=weights.clearance,
         side_gaps=side_gaps(room, corridor) if weights.clearance > 0.0 else (),
-        settings=settings.configuration,
     )
 
 

@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.ik.configuration_task import ConfigurationSettings
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.scene.contact_finder import CertificateSettings, ContactSettings
@@ -543,7 +542,6 @@ class CurvePlannerSettings:
         full_curvature_share: the same for another guess when there is none at that share. Taste.
         cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
             found; the first is all of them, the last none. Taste.
-        configuration: of the configuration NLP.
         motion: of the search for a motion.
         goal_pose: of the goal pose's NLP.
     """
@@ -553,7 +551,6 @@ class CurvePlannerSettings:
     curvature_share: float = 0.9
     full_curvature_share: float = 1.0
     cost_shares: tuple[float, ...] = COST_SHARES
-    configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     goal_pose: PoseSettings = field(default_factory=PoseSettings)
 

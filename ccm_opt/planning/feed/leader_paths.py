@@ -405,7 +405,6 @@ class LeaderPaths:
             goal=end,
             goal_heading=self.goal.heading,
             corridor=free_space.corridor(Route(route.sleeve, taut, path_length(taut))),
-            settings=self.settings.curve.configuration,
         )
         try:
             return find_configuration(task, _CURVE_ATTEMPTS)
