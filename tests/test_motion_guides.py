@@ -22,11 +22,7 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import CachedItems
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search_run import first_candidates
-from ccm_opt.planning.settings import (
-    GoalSettings,
-    SearchSettings,
-    StepSettings,
-)
+from ccm_opt.planning.settings import GoalSettings, SearchSettings, StepSettings
 from ccm_opt.planning.spline_path import certified_spline, clamped_spline
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, round_base

@@ -22,11 +22,11 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app as command_line
+from ccm_opt.cli.drawing import viewer_of
 from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.app import Replanner, ViewerApp, claim_port
 from ccm_opt.cli.view.frames import MotionFrames, extruded
 from ccm_opt.cli.view.settings import ViewSettings
-from ccm_opt.cli.viewing import viewer_of
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem import TipGoal
 

@@ -241,7 +241,7 @@ def view_command(
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page.")] = False,
 ) -> int:
     """Show a motion in space in the browser; drag its goal or a wall, and it is planned again."""
-    from ccm_opt.cli.viewing import view_item  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.drawing import view_item  # noqa: PLC0415 - loads numpy
 
     return view_item(item, port, browser=not no_browser)
 

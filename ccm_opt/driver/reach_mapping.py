@@ -3,18 +3,18 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from ccm_opt.core.arguments import expect_that, is_number, is_whole
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
-from ccm_opt.core.executors import Workers
+from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
 from ccm_opt.driver.arguments import expect_arguments
-from ccm_opt.driver.reach_flood import Cell, ReachFlood, flooded
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.planning.curve_map import CurveMap
@@ -29,7 +29,7 @@ from ccm_opt.planning.tip_cells import (
     even_directions,
     look_at_cell,
 )
-from ccm_opt.planning.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
+from ccm_opt.planning.tip_reach import FREE, Cell, ReachFlood, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -41,6 +41,53 @@ _MOTION_TIME = 5.0
 PLACE_CHECKS = (TIPS, REACH, SUPPLE)
 """Checks of a place that cost next to nothing; each is a proof."""
 EXACTLY = Tolerances(0.0, 0.0)
+
+
+TASK = TypeVar("TASK")
+FOUND = TypeVar("FOUND")
+FOUND_contra = TypeVar("FOUND_contra", contravariant=True)
+
+
+class Flood(Protocol[TASK, FOUND_contra]):
+    """Hands out cells to be looked at, and learns what was found."""
+
+    @property
+    def poses(self) -> Mapping[Any, Any]:
+        """What is known of the cells that were reached."""
+
+    def __iter__(self) -> Iterator[TASK]:
+        """Cells to be looked at; new ones as more is added."""
+
+    def add(self, task: TASK, found: FOUND_contra, /) -> None:
+        """Learn what was found in a cell."""
+
+
+def flooded(
+    flood: Flood[TASK, FOUND],
+    look: Callable[[TASK], FOUND],
+    workers: Workers | int,
+    open_cells: int,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Look at all cells that a flood hands out.
+
+    Args:
+        flood: learns what is found.
+        look: at one cell; pickled.
+        workers: where cells are looked at, or on how many processes of this machine.
+        open_cells: how many cells there may be.
+        progress: called with the numbers of cells reached and of cells that may be; None for nobody.
+
+    Raises:
+        BaseException: what looking at a cell raised.
+    """
+    crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
+    for task, found in completed(crew, look, flood):
+        if isinstance(found, BaseException):
+            raise found
+        flood.add(task, found)
+        if progress is not None:
+            progress(len(flood.poses), open_cells)
 
 
 @dataclass(frozen=True, eq=False)
