@@ -5,25 +5,24 @@ stays in its homotopy class, and the last iterate is always fit for use.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import moved_onto
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, restored_keyframes
-from ccm_opt.planning.limits.user_motion_rows import UserCosts
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, restored_keyframes
+from ccm_opt.planning.limits.limit_stack import CoordinateLimit
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.optimisation.interval_rows import IntervalRows
-from ccm_opt.planning.optimisation.objective import Objective, decimated, normalised, subdivided
+from ccm_opt.planning.optimisation.objective import decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
-from ccm_opt.planning.settings import ConvexSettings
-from ccm_opt.planning.space_rows import motion_rows, room_lacking, room_lacking_on_the_way
+from ccm_opt.planning.space_rows import RoomRows, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
-from ccm_opt.robot.arm import Arm
 
 _LEG_DEPTH = 4
 """How often an edge of the thinned motion may be halved by its certificate."""
@@ -33,13 +32,6 @@ _ROUNDS = 24
 """Most steps."""
 _FIRST_ROUNDS = 2
 """Steps at many keyframes, before the motion is thinned again."""
-_SPARE_TURN = 0.004
-"""Of the limits that rows leave [rad, m]."""
-_NEAR_LIMIT = 0.3
-"""Coordinates nearer to their limit than this are limited in the program [rad, m]."""
-_KNOT_BEND = 1.1
-"""Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
-about its place, which is less."""
 _PASSING = 0.5
 """How near the tip stays to the places that it passes, as a share of what counts as passing."""
 
@@ -61,7 +53,7 @@ _GROUPS = 24
 
 
 @dataclass(frozen=True, eq=False)
-class PassingKeyframes:
+class PassingKeyframes(LimitOf[CurveMap]):
     """Keyframes at which the tip passes places.
 
     Attributes:
@@ -80,8 +72,9 @@ class PassingKeyframes:
         away = np.linalg.norm(sweep.joints[keyframe, -1] - places, axis=1)
         return cls(keyframe, places, np.maximum(wanted, away))
 
-    def rows(self, sweep: SpaceSweep) -> KeyframeRows:
+    def keyframe_rows(self, sweep: SpaceSweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Six rows a place: the tip stays in the cube that fits into the ball, or leaves it no farther on any axis."""
+        del u
         moved = np.flatnonzero(self.keyframe > 0)
         keyframe = self.keyframe[moved]
         unit = sweep.stepper.unit
@@ -89,158 +82,52 @@ class PassingKeyframes:
         most = np.maximum(self.reach[moved, None] / (np.sqrt(3.0) * unit), np.abs(off))
         slopes = sweep.moving[keyframe, sweep.curve.arm.links] / unit
         p = slopes.shape[-1]
-        return KeyframeRows(
+        rows = KeyframeRows(
             np.repeat(keyframe, 6),
             np.concatenate((slopes, -slopes), axis=1).reshape(-1, p),
             np.concatenate((-most - off, off - most), axis=1).ravel(),
             np.full(6 * len(keyframe), UNBOUNDED),
         )
+        return (rows,)
 
-    def holds(self, sweep: SpaceSweep) -> bool:
+    def holds(self, sweep: SpaceSweep, before: SpaceSweep, u: FloatArray) -> bool:
         """Whether the tip is within reach of every place at its keyframe."""
+        del before, u
         away = np.linalg.norm(sweep.joints[self.keyframe, -1] - self.places, axis=1)
         return bool(np.all(away <= self.reach * (1.0 + 1e-9)))
 
 
-@dataclass(frozen=True, eq=False)
-class SpaceProgram(MotionProgram[SpaceSweep]):
-    """A motion in space.
+def space_program(
+    task: SpaceTask, stepper: SpaceStepper, u: FloatArray, passing: PassingKeyframes | None, *, end_fixed: bool
+) -> MotionProgram[SpaceSweep]:
+    """The program of a motion.
 
-    Attributes:
-        task: what the motion is for.
+    Args:
+        task: what it is for.
         stepper: of its unknowns.
         u: path parameters of the keyframes, shape (K + 1,).
         passing: keyframes at which the tip passes places; None where it need not.
+        end_fixed: whether the last keyframe stays.
     """
-
-    task: SpaceTask
-    stepper: SpaceStepper
-    u: FloatArray
-    passing: PassingKeyframes | None = None
-
-    @classmethod
-    def of(
-        cls,
-        task: SpaceTask,
-        stepper: SpaceStepper,
-        u: FloatArray,
-        passing: PassingKeyframes | None,
-        *,
-        end_fixed: bool,
-    ) -> "SpaceProgram":
-        """The program of a task; arguments are attributes."""
-        weights = normalised(task.weights)
-        return cls(end_fixed, task.deadline, weights, task.wanted_gap, task, stepper, u, passing)
-
-    @property
-    def steps(self) -> ConvexSettings:
-        """Numbers of the steps."""
-        return self.task.settings.optimisation.steps
-
-    @property
-    def groups(self) -> int:
-        """Arms with more links than this have rows for groups of neighbouring joints."""
-        return _GROUPS
-
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        return self.task.arm
-
-    def sweep(self, unknowns: FloatArray) -> SpaceSweep:
-        """The motion through keyframes, shape (K + 1, p)."""
-        return SpaceSweep(self.stepper, unknowns)
-
-    def objective(self, intervals: int) -> Objective:
-        """The quadratic part of what is made small: a coordinate counts by the speed that it allows."""
-        task = self.task
-        return Objective(self.stepper.curve, intervals, self.weights, None, task.slowness)
-
-    def rows(self, sweep: SpaceSweep) -> IntervalRows:
-        """All rows over intervals about a motion."""
-        return motion_rows(sweep, self.wanted_gap, _MARGIN * self.unit, _SEEN * self.unit)
-
-    def seen_by_steps(self, sweep: SpaceSweep) -> float:
-        """How near to their bound rows enter the QP [m]."""
-        del sweep
-        return _SEEN * self.unit
-
-    def keyframe_rows(self, sweep: SpaceSweep) -> tuple[KeyframeRows, ...]:
-        """Limits of coordinates, gaps of the user, and places that the tip passes."""
-        found = [_limit_rows(sweep)]
-        if sweep.curve.arm.base_axes:
-            found.append(_knot_rows(sweep))
-        if self.task.user is not None:
-            found.extend(self.task.user.keyframe_rows(sweep, self.u))
-        if self.passing is not None:
-            found.append(self.passing.rows(sweep))
-        return tuple(found)
-
-    def equations(self, sweep: SpaceSweep) -> tuple[KeyframeRows, ...]:
-        """Equations of the user."""
-        return () if self.task.user is None else self.task.user.keyframe_equations(sweep, self.u)
-
-    def tip_rows(self, sweep: SpaceSweep) -> FloatArray:
-        """Rows that hold the tip in its goal, shape (r, p)."""
-        if self.task.goal is None:
-            raise ValueError("a motion without a goal for the tip has a fixed end")
-        return self.task.goal.rows(sweep.poses[-1], self.unit)
-
-    def further_costs(self, sweep: SpaceSweep) -> tuple[MotionCost, ...]:
-        """The user's costs."""
-        del sweep
-        return () if self.task.user is None else (UserCosts(self.task.user.terms, self.u),)
-
-    def lack(self, sweep: SpaceSweep) -> float:
-        """Room that a motion lacks over all its intervals, in nominal links."""
-        return float(np.sum(room_lacking(sweep, self.wanted_gap))) / self.unit
-
-    def ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """The keyframes on the user's equations, the last one exactly on the goal; None where that fails."""
-        goal = self.task.limited_goal
-        if not self.end_fixed and goal is not None:
-            last = self.stepper.pose(unknowns[-1])
-            onto = moved_onto(self.stepper.space, goal, last)
-            if goal.on_goal(onto) and goal.limits_met(onto):
-                unknowns = np.vstack((unknowns[:-1], onto.v))
-            elif not goal.met(last):
-                return None
-        return restored_keyframes(self.task.user_limits, self.stepper.curve, unknowns, self.u)
-
-    def feasible(self, sweep: SpaceSweep, before: SpaceSweep) -> bool:
-        """Whether a motion's keyframes keep what they have to."""
-        user = self.task.user
-        held = user is None or user.holds(sweep, before, self.u)
-        held = held and (self.passing is None or self.passing.holds(sweep))
-        return held and all(self.stepper.within_limits(q) for q in sweep.configurations)
-
-    def failures(self, sweep: SpaceSweep) -> IntArray:
-        """Intervals of a motion that are not certified."""
-        return failing_edges(self.stepper, sweep.unknowns)
-
-
-def _limit_rows(sweep: SpaceSweep) -> KeyframeRows:
-    """The limits of coordinates that are near them and can be moved."""
-    arm = sweep.curve.arm
-    up = arm.upper_limits - sweep.configurations[1:]
-    down = sweep.configurations[1:] - arm.lower_limits
-    at, coordinate = np.nonzero((np.minimum(up, down) < _NEAR_LIMIT) & (arm.upper_limits > arm.lower_limits))
-    high = np.maximum(up[at, coordinate] - _SPARE_TURN, 0.0)
-    low = np.maximum(down[at, coordinate] - _SPARE_TURN, 0.0)
-    return KeyframeRows(at + 1, sweep.slopes[at + 1, coordinate], -low, high)
-
-
-def _knot_rows(sweep: SpaceSweep) -> KeyframeRows:
-    """Bounds on the curvature at the knots of a fed arm.
-
-    Between two keyframes the feed carries joints past knots at which no joint is at either of them.
-    """
-    arm = sweep.curve.arm
-    rows = arm.link_length * sweep.curve.curvature_rows
-    now = sweep.unknowns[1:] @ rows.T
-    most = np.maximum(_KNOT_BEND * arm.joint_limit, np.abs(now))
-    keyframe = np.repeat(np.arange(1, sweep.intervals + 1), len(rows))
-    return KeyframeRows(keyframe, np.tile(rows, (sweep.intervals, 1)), (-most - now).ravel(), (most - now).ravel())
+    unit = stepper.unit
+    always = (RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit), CoordinateLimit(task.settings.step))
+    return MotionProgram(
+        curve=stepper.space,
+        sweep=partial(SpaceSweep, stepper),
+        limits=(*always, *task.user_limits, *(() if passing is None else (passing,))),
+        failures=lambda sweep: failing_edges(stepper, sweep.unknowns),
+        goal=task.limited_goal,
+        end_fixed=end_fixed,
+        u=u,
+        deadline=task.deadline,
+        weights=normalised(task.weights),
+        wanted_gap=task.wanted_gap,
+        seen=_SEEN * unit,
+        groups=_GROUPS,
+        steps=task.settings.optimisation.steps,
+        scale=task.slowness,
+        lack=lambda sweep: float(np.sum(room_lacking(sweep, task.wanted_gap))) / unit,
+    )
 
 
 def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
@@ -296,7 +183,7 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         many = few is not None and len(keyframes) - 1 > _MANY * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
         passing = None if not task.via else _passing(task, stepper, keyframes, passed[0][passed[2]])
-        better = sequential_convex(SpaceProgram.of(task, stepper, u, passing, end_fixed=end_fixed), keyframes, taken)
+        better = sequential_convex(space_program(task, stepper, u, passing, end_fixed=end_fixed), keyframes, taken)
         left -= taken
         stuck = np.array_equal(better, keyframes)
         unknowns = better

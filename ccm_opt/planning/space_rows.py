@@ -5,9 +5,13 @@ half-space free of walls about where the link is at some time. What a point is n
 is asked for beside, and so is how far it is off that mean at a time in between.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.space_sweep import SpaceSweep
@@ -23,6 +27,25 @@ BETWEEN = (0.25, 0.75)
 """Shares of an interval at which links that lack room have rows too."""
 _PLANES = 6
 """Most half-spaces about a link."""
+
+
+@dataclass(frozen=True)
+class RoomRows(LimitOf[CurveMap]):
+    """Asks the optimisation for room to surfaces and between links.
+
+    Attributes:
+        wanted: room beyond contact that is asked for [m].
+        margin: gap beyond contact that rows keep in any case [m].
+        seen: what is farther beyond that makes no rows [m].
+    """
+
+    wanted: float
+    margin: float
+    seen: float
+
+    def interval_rows(self, sweep: SpaceSweep) -> tuple[IntervalRows, ...]:
+        """All rows of a motion."""
+        return (motion_rows(sweep, self.wanted, self.margin, self.seen),)
 
 
 def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, seen: float) -> IntervalRows:

@@ -13,7 +13,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.ipopt_call import ipopt_call
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.optimisation.objective import Objective, WallNearness
-from ccm_opt.planning.optimisation.planar_program import PlanarProgram
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
+from ccm_opt.planning.settings import StepSettings
 from ccm_opt.planning.swept_motion import PlanarSweep
 
 _ITERATIONS = 200
@@ -29,7 +30,7 @@ _WIDER = 2.0
 """Rows this many times farther away than those of a sequential step are taken in. Taste."""
 
 
-def interior_point(program: PlanarProgram, coordinates: FloatArray) -> FloatArray:
+def interior_point(program: MotionProgram[PlanarSweep], coordinates: FloatArray) -> FloatArray:
     """Optimise a certified motion.
 
     Args:
@@ -42,28 +43,29 @@ def interior_point(program: PlanarProgram, coordinates: FloatArray) -> FloatArra
     for _ in range(_SOLUTIONS):
         if program.deadline.passed():
             break
-        sweep = PlanarSweep(program.space, coordinates)
+        sweep = PlanarSweep(program.curve, coordinates)
         coordinates = _certified_part(program, sweep, _solution(program, sweep, program.rows(sweep)))
     return coordinates
 
 
-def _certified_part(program: PlanarProgram, sweep: PlanarSweep, solution: FloatArray) -> FloatArray:
+def _certified_part(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, solution: FloatArray) -> FloatArray:
     """As much of the way to the solution as is certified."""
     change = solution - sweep.unknowns
     for share in _SHORTENINGS:
-        moved = PlanarSweep(program.space, program.ended(sweep.unknowns + share * change))
+        ended = program.ended(sweep.unknowns + share * change)
+        moved = sweep if ended is None else program.sweep(ended)
         if program.feasible(moved, sweep) and len(program.failures(moved)) == 0:
             return moved.unknowns
     return sweep.unknowns
 
 
-def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows) -> FloatArray:
+def _solution(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, all_rows: IntervalRows) -> FloatArray:
     """Keyframes at which IPOPT ends, shape (K + 1, p)."""
-    space = program.space
+    space = program.curve
     frames, p = sweep.unknowns.shape
 
     # The rows stay as they are for a whole solution, and keyframes travel farther in it than in one step.
-    rows = program.active_rows(all_rows, sweep, _WIDER * program.active)
+    rows = program.active_rows(all_rows, sweep, _WIDER * program.seen)
     objective = program.objective(frames - 1)
 
     moving = ca.SX.sym("v", p, frames - 1)
@@ -80,7 +82,7 @@ def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows
     ends = _end_values(program, sweep, v, points)
     bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.unknowns[1:].T)))
     near = nearness_cost(program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
-    low, high = _bend_bounds(sweep, program.settings.step.limit_share)
+    low, high = _bend_bounds(sweep, StepSettings.limit_share)
 
     problem = {
         "x": ca.vertcat(ca.vec(moving), ca.vec(turning), slack),
@@ -111,10 +113,10 @@ def _solution(program: PlanarProgram, sweep: PlanarSweep, all_rows: IntervalRows
     return np.vstack((sweep.unknowns[:1], found))
 
 
-def _points(program: PlanarProgram, headings: Any) -> tuple[Any, Any]:
+def _points(program: MotionProgram[PlanarSweep], headings: Any) -> tuple[Any, Any]:
     """Both coordinates of ``Sweep.points``, each (n + 3) × (K + 1)."""
-    arm = program.space.arm
-    link, share = program.space.mount_end
+    arm = program.curve.arm
+    link, share = program.curve.mount_end
     parts = []
     for direction, base in ((ca.cos(headings), arm.base[0]), (ca.sin(headings), arm.base[1])):
         joints = ca.vertcat(ca.DM.zeros(1, headings.shape[1]), arm.link_length * ca.cumsum(direction)) + base
@@ -151,18 +153,18 @@ def nearness_cost(costs: tuple[WallNearness, ...], points: tuple[Any, Any], head
     return total
 
 
-def _end_values(program: PlanarProgram, sweep: PlanarSweep, v: Any, points: tuple[Any, Any]) -> Any:
+def _end_values(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, v: Any, points: tuple[Any, Any]) -> Any:
     """What has to vanish at the last keyframe."""
     if program.end_fixed:
         return v[:, -1] - ca.DM(sweep.unknowns[-1])
-    links = program.space.arm.links
+    links = program.curve.arm.links
     goal = program.goal
     tip = ca.vertcat(points[0][links, -1] - goal.position[0], points[1][links, -1] - goal.position[1])
     if goal.heading is None:
         return tip
     # Linear, with the turn still to go taken from the last iterate: a goal heading is given only up to multiples of 2π.
-    (turn,) = goal.turn(program.space.pose(sweep.unknowns[-1]))
-    heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
+    (turn,) = goal.turn(program.curve.pose(sweep.unknowns[-1]))
+    heading = ca.DM(program.curve.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
     return ca.vertcat(tip, heading)
 
 

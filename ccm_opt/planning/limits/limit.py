@@ -17,7 +17,7 @@ words               ``refuse_ends``, ``worst``, ``describe``, ``names``, ``advic
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from typing import Self
 
     from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
-    from ccm_opt.planning.swept_motion import PlanarSweep
 
 UNBOUNDED = 1e30
 """What QPs take for no bound."""
@@ -239,12 +238,12 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return True
 
     # ------------------------------------------------------------ the optimisation of a motion
-    def interval_rows(self, sweep: "PlanarSweep") -> "tuple[IntervalRows, ...]":
+    def interval_rows(self, sweep: Any) -> "tuple[IntervalRows, ...]":
         """Rows over whole intervals; each interval may buy slack at a price."""
         del sweep
         return ()
 
-    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Rows on keyframes that have to hold.
 
         Args:
@@ -254,7 +253,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         del sweep, u
         return ()
 
-    def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_equations(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Equations on keyframes; arguments as for ``keyframe_rows``."""
         del sweep, u
         return ()
@@ -269,7 +268,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         del space, u
         return coordinates
 
-    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
+    def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
         """The true check of a motion's keyframes after a step of the optimisation from another motion."""
         del sweep, before, u
         return True

@@ -27,6 +27,7 @@ from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 if TYPE_CHECKING:
+    from ccm_opt.planning.space_sweep import SpaceSweep
     from ccm_opt.planning.swept_motion import PlanarSweep
 
 _PLAY = 0.5
@@ -60,6 +61,13 @@ _TRAVEL_NEAR_WALLS = 0.8
 """The same where walls or other links are within reach."""
 _SPARE_TURN = 0.005
 """Of the joint limits that rows leave [rad]."""
+_SPARE_AT_KEYFRAMES = 0.004
+"""The same in the optimisation [rad, m]."""
+_NEAR_LIMIT = 0.3
+"""Coordinates nearer to their limit than this are limited there [rad, m]."""
+_KNOT_BEND = 1.1
+"""Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
+about its place, which is less."""
 
 
 @dataclass(frozen=True)
@@ -186,9 +194,36 @@ class CoordinateLimit(LimitOf[CurveMap]):
         del near
         return within_limits(space.arm, final.q)
 
+    def keyframe_rows(self, sweep: "SpaceSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Coordinates that are near their limits and can be moved; of a fed arm the curvature at the knots, too.
+
+        Between two keyframes the feed carries joints past knots at which no joint is at either of them.
+        """
+        del u
+        arm = sweep.curve.arm
+        up = arm.upper_limits - sweep.configurations[1:]
+        down = sweep.configurations[1:] - arm.lower_limits
+        at, coordinate = np.nonzero((np.minimum(up, down) < _NEAR_LIMIT) & (arm.upper_limits > arm.lower_limits))
+        high = np.maximum(up[at, coordinate] - _SPARE_AT_KEYFRAMES, 0.0)
+        low = np.maximum(down[at, coordinate] - _SPARE_AT_KEYFRAMES, 0.0)
+        near = KeyframeRows(at + 1, sweep.slopes[at + 1, coordinate], -low, high)
+        if not arm.base_axes:
+            return (near,)
+        rows = arm.link_length * sweep.curve.curvature_rows
+        now = sweep.unknowns[1:] @ rows.T
+        most = np.maximum(_KNOT_BEND * arm.joint_limit, np.abs(now))
+        keyframe = np.repeat(np.arange(1, sweep.intervals + 1), len(rows))
+        slopes = np.tile(rows, (sweep.intervals, 1))
+        return (near, KeyframeRows(keyframe, slopes, (-most - now).ravel(), (most - now).ravel()))
+
+    def holds(self, sweep: "SpaceSweep", before: "SpaceSweep", u: FloatArray) -> bool:
+        """Whether all keyframes are within the limits."""
+        del before, u
+        return within_limits(sweep.curve.arm, sweep.configurations)
+
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:
-    """Whether a configuration, shape (c,) [rad, m], keeps the limits of its coordinates."""
+    """Whether configurations, shape (..., c) [rad, m], keep the limits of their coordinates."""
     slack = 1e-9
     return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
 

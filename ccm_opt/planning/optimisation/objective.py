@@ -17,11 +17,11 @@ from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.limit import Quadratic
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
+from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.problem import Weights
-from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RIDGE = 1e-8
@@ -69,13 +69,8 @@ class JointSlowness:
         return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
 
 
-class Curve(Protocol):
+class Curve(CurveUnknowns, Protocol):
     """The map from p unknowns of a curve to c coordinates of the arm, as far as the objective has to know it."""
-
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        ...
 
     @property
     def affine(self) -> bool:
@@ -105,11 +100,6 @@ class Curve(Protocol):
     @property
     def following_rows(self) -> FloatArray:
         """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; no rows where it need not."""
-        ...
-
-    @property
-    def of_shape(self) -> BoolArray:
-        """Which unknowns shape the curve, shape (p,); others blend a goal in."""
         ...
 
 

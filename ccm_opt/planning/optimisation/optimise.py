@@ -6,16 +6,16 @@ interval, the more room that costs beside what there is; between near keyframes 
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate, failed_intervals
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
-from ccm_opt.planning.optimisation.planar_program import MANY, PlanarProgram
-from ccm_opt.planning.optimisation.sequential_convex import sequential_convex
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.settings import OptimisationSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -47,6 +47,10 @@ _KEPT_SHARE = 0.8
 """Share of its gap that a motion keeps when it is thinned. Taste."""
 _ENOUGH_ROOM = 0.95
 """Share of the wanted gap, or of what the ends leave of it, that is enough. Taste."""
+_GROUPS = 36
+"""Arms with more links than this have rows for groups of neighbouring joints. Taste."""
+_MANY = 1.5
+"""Keyframes that are many, as a multiple of the intervals wanted. Taste."""
 _FINER = 2.2
 """As many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked it, few
 gained much with as many as before, some with half as many more, most with this."""
@@ -61,6 +65,8 @@ _ROOM_GROWTH = 1.02
 _ROOM_PATIENCE = 6
 """Steps without growth after which a pass ends. Taste."""
 
+PlanarProgram: TypeAlias = MotionProgram[PlanarSweep]
+"""The program of a motion in the plane."""
 NO_BREAKS = np.zeros(0)
 """No path parameters."""
 _MARGIN = 1e-3
@@ -127,7 +133,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
     keyframes, u = _few_keyframes(motion, task, whole, 0.0)
     while left > 0:
         program = replace(whole, u=u)
-        many = len(keyframes) - 1 > MANY * settings.intervals
+        many = len(keyframes) - 1 > _MANY * settings.intervals
         taken = min(left, _FIRST_ROUNDS) if many else left
         before = keyframes
         length = motion.travel
@@ -138,7 +144,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
         stuck = np.array_equal(motion.unknowns, before)
         # A motion that keeps room already is not thinned into the walls again.
         keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.configurations))
-        if len(keyframes) - 1 <= MANY * settings.intervals:
+        if len(keyframes) - 1 <= _MANY * settings.intervals:
             continue
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
         # become few stays as it is, or is cut finer where nothing moves.
@@ -162,7 +168,7 @@ def _few_keyframes(
 ) -> tuple[FloatArray, FloatArray]:
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
-    if settings.intervals <= len(motion.unknowns) - 1 <= MANY * settings.intervals:
+    if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
     if task.gates is not None:
         return _few_in_gates(motion, whole)
@@ -205,8 +211,8 @@ def _breaks(task: MotionTask) -> FloatArray:
 
 def _certified(program: PlanarProgram, coordinates: FloatArray) -> bool:
     """Whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
-    sweep = PlanarSweep(program.space, coordinates)
-    return program.holds(sweep, sweep) and len(program.failures(sweep)) == 0
+    sweep = program.sweep(coordinates)
+    return program.feasible(sweep, sweep) and len(program.failures(sweep)) == 0
 
 
 def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | None) -> Motion:
@@ -252,21 +258,27 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, _LARGEST_LINK * length)
     end = motion.curve.pose(motion.unknowns[-1])
-    return PlanarProgram(
+    optimisation = task.settings.optimisation
+    # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
+    limits = task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap)
+    return MotionProgram(
+        curve=motion.curve,
+        sweep=partial(PlanarSweep, motion.curve),
+        limits=limits,
+        failures=lambda sweep: failed_intervals(limits, sweep.headings),
+        # Of a goal that is a set the motion keeps the member to which it was found.
+        goal=task.limited_goal.nearest_member(end.tip, end.tip_direction),
         end_fixed=task.goal_headings is not None,
+        u=np.zeros(0),
         deadline=task.deadline,
         weights=normalised(task.weights),
         wanted_gap=task.wanted_gap,
-        space=motion.curve,
-        # Of a goal that is a set the motion keeps the member to which it was found.
-        goal=task.limited_goal.nearest_member(end.tip, end.tip_direction),
-        # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
-        limits=task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap),
-        u=np.zeros(0),
-        active=_ACTIVE * link + task.wanted_gap,
+        seen=_ACTIVE * link + task.wanted_gap,
+        groups=_GROUPS,
+        steps=optimisation.steps,
         slowness=task.slowness,
-        in_gates=task.gates is not None,
-        settings=task.settings,
+        many=_MANY * optimisation.intervals,
+        yielding=task.gates is not None,
     )
 
 
