@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -48,7 +49,14 @@ class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
 
 
 def follow(
-    stepper: StepperOf[AnyUnknowns], guide: Guide, pose: Pose, deadline: Deadline, patience: int = _PATIENCE
+    stepper: StepperOf[AnyUnknowns],
+    guide: Guide,
+    pose: Pose,
+    deadline: Deadline,
+    *,
+    patience: int = _PATIENCE,
+    into: GoalPose | None = None,
+    steps: int | None = None,
 ) -> list[Pose]:
     """Poses from the given one to where the guide ends.
 
@@ -58,13 +66,18 @@ def follow(
         pose: to begin at.
         deadline: when to stop.
         patience: steps without progress before the guide is given up.
+        into: a goal; where it is a set, the guide leads no farther than to its first member. None leads to the end.
+        steps: at most; None for as many as it takes.
 
     Raises:
         Stalled: when the guide makes no progress, or the deadline passes.
     """
     poses = [pose]
     waiting = 0
-    while not guide.finished(pose):
+    goal_set = into if into is not None and into.is_set else None
+    for _ in count() if steps is None else range(steps):
+        if guide.finished(pose) or (goal_set is not None and goal_set.met(pose)):
+            break
         before = pose
         pose = stepper.step(pose, guide.terms(pose))
         if pose is not before:
@@ -154,32 +167,3 @@ class GuideCandidate:
     name: str
     make_guide: Callable[[], Guide]
     resume: tuple[Callable[[Guide, Pose], Guide], ...] = ()
-
-
-@dataclass(frozen=True)
-class GuideIntoSet:
-    """Another guide, followed no farther than to the goal.
-
-    Attributes:
-        guide: to follow.
-        goal: a set, of which the guide is led to one member.
-    """
-
-    guide: Guide
-    goal: GoalPose
-
-    def terms(self, pose: Pose) -> list[Term]:
-        """What draws the arm on from a pose."""
-        return self.guide.terms(pose)
-
-    def progress(self, pose: Pose) -> bool:
-        """Move the guide's target on if the arm keeps up; whether it did."""
-        return self.guide.progress(pose)
-
-    def finished(self, pose: Pose) -> bool:
-        """Whether the goal is met, or the guide has ended."""
-        return self.goal.met(pose) or self.guide.finished(pose)
-
-    def describe(self, pose: Pose) -> str:
-        """How far the guide has come."""
-        return self.guide.describe(pose)

@@ -18,7 +18,7 @@ from ccm_opt.core.polyline import leg_headings, without_repeats
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.backward import pose_at_goal
-from ccm_opt.planning.continuation import Guide, GuideCandidate, GuideIntoSet, Stalled, follow, settle, without_pauses
+from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, follow, settle, without_pauses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pulled_over
@@ -347,7 +347,7 @@ class SearchRun:
         """Follow the candidate's guide, then those that resume where it ends or stalls, until one of them arrives."""
         guide = _made(candidate.make_guide, self.start)
         try:
-            poses = follow(self.stepper, self._into_set(guide), self.start, self.task.deadline)
+            poses = follow(self.stepper, guide, self.start, self.task.deadline, into=self.goal)
         except Stalled as stalled:
             if not candidate.resume:
                 raise
@@ -357,17 +357,13 @@ class SearchRun:
             if self.goal.is_set and self.goal.met(poses[-1]):
                 return poses
             try:
-                onward = self._into_set(_made(partial(resume, guide, poses[-1]), poses[-1]))
-                return poses + follow(self.stepper, onward, poses[-1], self.task.deadline)[1:]
+                onward = _made(partial(resume, guide, poses[-1]), poses[-1])
+                return poses + follow(self.stepper, onward, poses[-1], self.task.deadline, into=self.goal)[1:]
             except Stalled as stalled:
                 if resume is candidate.resume[-1]:
                     raise
                 poses = poses + stalled.poses[1:]
         return poses
-
-    def _into_set(self, guide: Guide) -> Guide:
-        """A guide that leads, where the goal is a set, no farther than into it."""
-        return GuideIntoSet(guide, self.goal) if self.goal.is_set else guide
 
     def _arrive(self, pose: Pose) -> list[Pose]:
         """Poses from near the goal onto it: settled, or for a whole-arm goal led straight into its coordinates."""

@@ -19,7 +19,7 @@ from ccm_opt.core.arrays import SHORTEST, FloatArray
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import path_length, unit_vector
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.planning.continuation import GuideCandidate, GuideIntoSet, Stalled, follow, settle
+from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
@@ -250,8 +250,7 @@ class TipWalks:
         """Poses with the tip led along a path, of a goal that is a set no farther than into it; whether to its end."""
         guide = led_along(run.stepper, begin, taut)
         try:
-            into_set = GuideIntoSet(guide, run.goal) if run.goal.is_set else guide
-            return follow(run.stepper, into_set, begin, run.task.deadline), True
+            return follow(run.stepper, guide, begin, run.task.deadline, into=run.goal), True
         except Stalled as stalled:
             return stalled.poses, False
 

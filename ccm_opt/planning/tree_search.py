@@ -15,7 +15,7 @@ from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
 from ccm_opt.planning.search_run import SearchRun
 
@@ -42,36 +42,6 @@ class _Root(IntEnum):
 
     START = 0
     GOAL = 1
-
-
-@dataclass
-class LimitedGuide:
-    """A guide that is followed for some steps only.
-
-    Attributes:
-        guide: to follow.
-        steps: still to go.
-    """
-
-    guide: Guide
-    steps: int
-
-    def terms(self, pose: Pose) -> list[Term]:
-        """What draws the arm on from a pose."""
-        return self.guide.terms(pose)
-
-    def progress(self, pose: Pose) -> bool:
-        """Move the guide's target on, and count."""
-        self.steps -= 1
-        return self.guide.progress(pose)
-
-    def finished(self, pose: Pose) -> bool:
-        """Whether the steps are used up or the guide has ended."""
-        return self.steps <= 0 or self.guide.finished(pose)
-
-    def describe(self, pose: Pose) -> str:
-        """How far the guide has come."""
-        return self.guide.describe(pose)
 
 
 def search_by_trees(runs: list[SearchRun]) -> list[Pose]:
@@ -187,7 +157,7 @@ class TreeSearch:
         # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
         stepper = self.runs[int(self.rng.integers(len(self.runs)))].stepper
         try:
-            return follow(stepper, LimitedGuide(guide, _STEPS), pose, self.task.deadline, patience)
+            return follow(stepper, guide, pose, self.task.deadline, patience=patience, steps=_STEPS)
         except Stalled as stalled:
             return stalled.poses
 
