@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Collection
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from ccm_opt.io.dxf_pieces import Piece, joined_pieces
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
 from ccm_opt.io.shapes import Line, Region, flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
-from ccm_opt.io.table_reading import toml_with_obstacles
 from ccm_opt.scene.workspace import Obstacle
 
 from .conftest import SMALL_PROBLEM
@@ -660,27 +658,3 @@ import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert "ezdxf" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=8)
-
-
-@given(
-    obstacles=st.lists(
-        st.fixed_dictionaries(
-            {"name": NAMES},
-            optional={
-                "polygon": st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2)),
-                "circle": st.fixed_dictionaries({"center": st.just([0, 1.5]), "radius": st.floats(0.0, 1e300)}),
-                "holes": st.just([[[0.0, 1e-300], [1.0, 2.0]]]),
-            },
-        ),
-        max_size=4,
-    )
-)
-def test_written_obstacles_read_as_they_were(obstacles: list[dict[str, object]]) -> None:
-    """The text with the obstacles of a drawing gives, parsed, the data that it was made of."""
-    data = {"schema": 1, "workspace": {"bounds": [0.0, 1.0], "obstacles": obstacles}, "goal": [{"a": 1}, {"a": 2}]}
-    read = tomllib.loads(toml_with_obstacles(data))
-    read["workspace"].setdefault("obstacles", [])
-    assert read == data

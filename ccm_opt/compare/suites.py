@@ -18,12 +18,13 @@ from scipy.optimize import brentq
 from ccm_opt.compare.space_clutter import JOBS, USUAL_LINKS, disturbed_job, space_clutter
 from ccm_opt.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.files import strict_text
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import ProblemError
+from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import load_problem
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 SPACE = "space-"
@@ -337,11 +338,8 @@ def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tup
 
 
 def _content_hash(problem: Problem) -> str:
-    """By content, meshes included: a file of the same name that was edited is another problem."""
-    parts = [problem.source]
-    if problem.dimension == 3:
-        parts += [each.body.digest for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
-    return hashlib.sha256("".join(parts).encode()).hexdigest()
+    """By content, drawings and meshes included: a file of the same name that was edited is another problem."""
+    return hashlib.sha256(strict_text(problem_data(problem)).encode()).hexdigest()
 
 
 def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:

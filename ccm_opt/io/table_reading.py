@@ -1,13 +1,11 @@
 """Reads checked tables into problems."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, get_args
 
 import numpy as np
-import tomlkit
 
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.errors import ProblemError
@@ -57,38 +55,6 @@ IN_SPACE_KEY = 3
 _Pose: TypeAlias = PoseTable | SpacePoseTable
 
 
-def toml_with_obstacles(data: Mapping[str, object]) -> str:
-    """The text of a problem file.
-
-    Args:
-        data: what a TOML parser would make of it, valid, with a list ``workspace.obstacles``.
-    """
-    workspace = data["workspace"]
-    if not isinstance(workspace, Mapping):
-        raise TypeError(f"expected a table workspace, got {type(workspace).__name__}")
-    rest = {**data, "workspace": {key: value for key, value in workspace.items() if key != "obstacles"}}
-    # Elements of arrays of tables may stand anywhere behind their table.
-    parts = [tomlkit.dumps(rest)]
-    for obstacle in workspace["obstacles"]:
-        parts.append("\n[[workspace.obstacles]]\n")
-        parts += [f"{_text(key)} = {_value(value)}\n" for key, value in obstacle.items()]
-    return "".join(parts)
-
-
-def _value(value: object) -> str:
-    """A value in one line: what of TOML differs from JSON are tables."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_text(key)} = {_value(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return _text(value)
-
-
-def _text(value: object) -> str:
-    # Of what JSON leaves as it is, TOML wants one character escaped.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def check_data(
     data: Mapping[str, object],
     issues: Issues,
@@ -102,7 +68,7 @@ def check_data(
     Args:
         data: the parsed TOML.
         issues: receives every defect found.
-        source: the text of the file, kept in the problem; obstacles from a drawing are written out in it.
+        source: the text of the file, kept in the problem unless a drawing says a part of it.
         folder: of the problem file, where the paths to drawings and meshes begin; None when there is no file.
         allow_outside: whether they may lie outside that folder.
 
@@ -124,8 +90,7 @@ def check_data(
         if issues.found or any(table is None for table in found.values()):
             _hint_at_scale(drawing, found, issues)
             return None
-    # With the obstacles of a drawing written out the problem can be read again without that drawing.
-    problem = build_problem(Tables(**found), source if whole is data else toml_with_obstacles(whole))
+    problem = build_problem(Tables(**found), source if whole is data else "")
     return replace(problem, drawing=drawing)
 
 

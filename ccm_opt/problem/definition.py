@@ -255,7 +255,7 @@ class Problem:
         simulation: simulation options.
         joint_error: of every joint at any time, with which the motion has to touch nothing [rad]; 0 asks for none.
         verification: how strictly plans are judged.
-        source: the text of the problem file, kept for the record; empty when built in Python.
+        source: the text of the problem file, kept for the record; empty when built in Python or with a drawing.
         length_unit: in which people are told lengths, that of the problem file: ``m``, ``mm`` or ``in``. All values
             are in metres whatever it is.
         drawing: what became of the drawing that some obstacles are from; None where there was none.
