@@ -5,7 +5,6 @@ one arm then suit another of the same shape. A weight "per nominal link" is shar
 """
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -385,20 +384,6 @@ class MotionSettings:
 
 
 # ------------------------------------------------------------ in space
-@dataclass(frozen=True)
-class SpaceConnectSettings:
-    """Of the sampler, RRT-Connect in the unknowns of the curve.
-
-    Attributes:
-        draws: extensions at most, each time that it begins.
-        base_share: share of the draws in which the base alone is turned anywhere, and the curve is that between the
-            start and a goal.
-    """
-
-    draws: int = 8000
-    base_share: float = 0.0
-
-
 _STEPS = ConvexSettings(
     tries=6,
     price=100.0,
@@ -511,9 +496,6 @@ class SpaceMotionSettings:
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
         followable: ways for arms that follow their tip.
-        swing: trees between poses that have been unbent; they meet after few draws or not at all. Measured on curled
-            arms beside a post, where some hundred draws are enough.
-        connect: trees as the last resort.
         optimisation: of a found motion.
     """
 
@@ -523,8 +505,6 @@ class SpaceMotionSettings:
     continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
     goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
-    swing: SpaceConnectSettings = field(default_factory=partial(SpaceConnectSettings, draws=1000, base_share=0.8))
-    connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
 
 

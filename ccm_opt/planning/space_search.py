@@ -43,6 +43,8 @@ optimisation seldom makes room for such a one."""
 _ROUNDS = 4
 """How often it begins with other draws and poses, as long as there is time; the first half of them before the finest
 grid is searched. Measured among 320 bodies."""
+_EXTENSIONS = 8000
+"""Of trees that are the last resort, at most, each time that it begins."""
 _GOALS = 8
 """Poses at the goal that the second tree grows from."""
 
@@ -310,7 +312,7 @@ class _Search:
             return None
         first = stepper.pose(start)
         self._announce("unbent and swung", first)
-        poses = swung(stepper, first, goals, self._draws(), task.settings.swing, task.deadline)
+        poses = swung(stepper, first, goals, self._draws(), task.deadline)
         return None if poses is None else SpaceMotion.of(curve, poses, "unbent and swung")
 
     def _moved_to(self, end: Pose, stepper: SpaceStepper, pose: Pose) -> list[Pose]:
@@ -338,7 +340,6 @@ class _Search:
             number: how many times that was tried before, with other draws and other poses.
         """
         task = self.task
-        settings = task.settings.connect
         if number and not self._goal_reached:
             return None
         curve, start, end = self._spaces()
@@ -350,7 +351,7 @@ class _Search:
             return None
         first = stepper.pose(start)
         self._announce("a sampler", first)
-        poses = CurveDraws(stepper, first, goals, settings.base_share).way(rng, settings.draws, task.deadline)
+        poses = CurveDraws(stepper, first, goals).way(rng, _EXTENSIONS, task.deadline)
         if poses is None:
             self._failed("a sampler", "no tree met the other", stepper, first, goals[0].tip)
             return None
