@@ -7,7 +7,7 @@ The path parameter u advances in small steps. At each the arm is drawn to a refe
 these constraints, while those at u are rows of every step; u goes on when they are met.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,14 +17,13 @@ from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.continuation import Stalled, follow, settle
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
-from ccm_opt.planning.tracking import tracked_to_arrival
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.planning.tracking import tracked_to_arrival, why_missed
 
 _PRICE = 10000.0
 """Of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste."""
@@ -112,98 +111,56 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
     u = schedule(motion, task.user, task.slowness)
     if not task.user.terms.hard:
         return replace(motion, u=u)
-    return _Tracking(task, task.user, motion, u).run()
+    return _bent(task, task.user, motion, u)
 
 
-@dataclass(eq=False)
-class _Tracking:
-    """One motion that is tracked.
+@dataclass(frozen=True, eq=False)
+class _ReferenceUnknowns:
+    """A motion in space to be tracked.
 
-    Args:
-        task: with the constraints.
-        user: the constraints.
-        motion: the reference.
-        of_motion: its path parameters, shape (K,).
+    Attributes:
+        u: path parameters of its keyframes, shape (K,).
+        unknowns: at these, shape (K, p).
     """
 
-    task: SpaceTask
-    user: UserLimit
-    motion: SpaceMotion
-    of_motion: FloatArray
-    settings: TrackingSettings = field(default_factory=TrackingSettings)
+    u: FloatArray
+    unknowns: FloatArray
 
-    def run(self) -> SpaceMotion:
-        """The tracked motion."""
-        stepper = self.task.stepper(self.motion.curve)
-        start = stepper.pose(self.motion.unknowns[0])
+    def drawn(self, space: CurveUnknowns, u: float, pose: Pose, settings: TrackingSettings) -> tuple[list[Term], bool]:
+        """What draws the links to where they are at u, and whether one step could turn them there."""
+        target = np.array([np.interp(u, self.u, column) for column in self.unknowns.T])
+        missing = target - pose.v
+        turning = pose.turning.reshape(-1, len(missing))
+        turn = turning @ missing
+        turn *= min(1.0, settings.largest_turn / max(float(np.max(np.abs(turn))), 1e-12))
+        near = Term(np.eye(len(missing)), missing, 1e-2)
+        weight = settings.pull_weight * space.nominal_per_link
+        return [Term(turning, turn, weight), near], float(np.max(np.abs(turn))) < settings.largest_turn
 
-        def placed(u: float) -> SpaceStepper:
-            return stepper.at(u)
 
-        tracked = tracked_to_arrival(
-            start,
-            lambda u, pose: self._advanced(placed(u), u, pose),
-            lambda u, poses: self._failed(placed(u), poses[-1], u),
-            self.task.deadline,
-            self.settings,
-            self.user.breaks,
-        )
-        tracked.append(self._ended(stepper, tracked.poses[-1]), 1.0)
-        return self._motion(tracked.poses, np.array(tracked.u))
+def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:
+    """A motion with path parameters u, shape (K,), bent to the constraints."""
+    stepper = task.stepper(motion.curve)
+    start = stepper.pose(motion.unknowns[0])
+    reference = _ReferenceUnknowns(u, motion.unknowns)
+    try:
+        tracked = tracked_to_arrival(stepper, reference, start, task.deadline, TrackingSettings())
+        tracked.append(_ended(task, stepper.at(1.0), tracked.poses[-1], motion.unknowns[-1]), 1.0)
+    except Stalled as stalled:
+        raise MotionNotFound(Diagnosis(str(stalled), "motion", user.advice)) from None
+    return replace(SpaceMotion.of(motion.curve, tracked.poses, motion.candidate), u=np.array(tracked.u))
 
-    def _reference(self, share: float) -> FloatArray:
-        """Unknowns of the reference, shape (p,)."""
-        return np.array([np.interp(share, self.of_motion, column) for column in self.motion.unknowns.T])
 
-    def _advanced(self, stepper: SpaceStepper, u: float, pose: Pose) -> list[Pose] | None:
-        """Poses towards the reference at u, to one that meets the constraints there; None when there is none."""
-        settings = self.settings
-        target = self._reference(u / settings.arrival)
-        kept = False
-        poses = []
-        weight = settings.pull_weight * NOMINAL_LINKS / self.task.arm.links
-        for _ in range(settings.steps):
-            before = pose
-            missing = target - pose.v
-            turning = pose.turning.reshape(-1, len(missing))
-            turn = turning @ missing
-            turn *= min(1.0, settings.largest_turn / max(float(np.max(np.abs(turn))), 1e-12))
-            near = Term(np.eye(len(missing)), missing, 1e-2)
-            pose = stepper.step(pose, [Term(turning, turn, weight), near])
-            if pose is not before:
-                poses.append(pose)
-            kept = self.user.placed(u).miss(pose.q) <= 0.0
-            if pose is before or (kept and float(np.max(np.abs(turn))) < settings.largest_turn):
-                break
-        # The arm may stay where it is while u goes on.
-        return (poses or [pose]) if kept else None
-
-    def _ended(self, stepper: SpaceStepper, pose: Pose) -> list[Pose]:
-        """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
-        at_end = stepper.at(1.0)
-        task = self.task
-        end = self.motion.unknowns[-1]
-        guide = PoseLed(pose.v, end, task.settings.guide.pose_step, task.settings.guide)
-        try:
-            poses = follow(at_end, guide, pose, task.deadline)
-        except Stalled as stalled:
-            poses = stalled.poses
-        if edge_is_safe(at_end, poses[-1].v, end):
-            return [*poses[1:], *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end)[1:])]
-        try:
-            goal = task.limited_goal
-            if goal is not None:
-                return [*poses[1:], *settle(at_end, goal, poses[-1], task.deadline)[1:]]
-        except Stalled as stalled:
-            raise self._failed(at_end, stalled.poses[-1], 1.0, f": {stalled}") from None
-        raise self._failed(at_end, poses[-1], 1.0)
-
-    def _motion(self, poses: list[Pose], u: FloatArray) -> SpaceMotion:
-        motion = SpaceMotion.of(self.motion.curve, poses, self.motion.candidate)
-        return replace(motion, u=u)
-
-    def _failed(self, stepper: SpaceStepper, pose: Pose, u: float, why: str = "") -> MotionNotFound:
-        what = "" if stepper.user is None else stepper.user.describe(pose.q)
-        names = " and ".join(f"'{name}'" for name in self.user.names)
-        reason = f"at u = {u:.3f} {what or f'a motion that was found cannot be bent to constraint {names}'}{why}"
-        return MotionNotFound(Diagnosis(reason, "motion", ("relax the constraints, or make them soft",)))
+def _ended(task: SpaceTask, stepper: SpaceStepper, pose: Pose, end: FloatArray) -> list[Pose]:
+    """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
+    guide = PoseLed(pose.v, end, task.settings.guide.pose_step, task.settings.guide)
+    try:
+        poses = follow(stepper, guide, pose, task.deadline)
+    except Stalled as stalled:
+        poses = stalled.poses
+    if edge_is_safe(stepper, poses[-1].v, end):
+        return [*poses[1:], *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end)[1:])]
+    goal = task.limited_goal
+    if goal is None:
+        raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)
+    return [*poses[1:], *settle(stepper, goal, poses[-1], task.deadline)[1:]]

@@ -269,46 +269,29 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Rows of all that is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
-        term = self.drawn_onto(pose.q, pose.slopes, most)
-        return term.rows, term.target
-
-    def drawn_onto(self, q: FloatArray, slopes: FloatArray, most: float) -> Term:
-        """What draws a pose onto equations and out of narrow gaps, by at most a turn [rad] at a time.
+        """Rows of equations and of narrow gaps, per radian, shape (k, p), and what they should gain, at most ``most``.
 
         Args:
-            q: the pose, shape (c,).
-            slopes: of it by the unknowns, shape (c, p).
+            pose: where they are missed.
             most: largest turn of the whole arm [rad].
         """
-        values = self.values(q)
+        values = self.values(pose.q)
         margins = _MARGIN * self.turns(values.gap_slopes)
         short = values.gaps < margins
         by_pose = np.vstack((values.equation_slopes, values.gap_slopes[short]))
         scale = self.turns(by_pose)
         wanted = np.append(-values.equations, margins[short] - values.gaps[short]) / scale
-        return Term(by_pose @ slopes / scale[:, None], np.clip(wanted, -most, most), _PULL_WEIGHT)
+        return by_pose @ pose.slopes / scale[:, None], np.clip(wanted, -most, most)
 
     def missed(self, space: CurveUnknowns, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
         del space
-        by_pose, change = self._missed_at(pose.q)
-        return by_pose @ pose.slopes, change
-
-    def missed_turns(self, q: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same at a pose with slopes by the unknowns, shapes (c,) and (c, p), as turns of the whole arm [rad]."""
-        by_pose, change = self._missed_at(q)
-        scale = self.turns(by_pose)
-        return by_pose @ slopes / scale[:, None], change / scale
-
-    def _missed_at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the equations and of broken gaps by the pose, shape (k, c), and by how much they have to change."""
-        values = self.values(q)
+        values = self.values(pose.q)
         broken = values.gaps < 0.0
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
         # Aimed a little beyond 0, else rounding would leave the gap broken and Newton would go on in vain.
         aim = _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes[broken])
-        return slopes, np.append(-values.equations, aim - values.gaps[broken])
+        return slopes @ pose.slopes, np.append(-values.equations, aim - values.gaps[broken])
 
     # ------------------------------------------------------------ the optimisation of a motion
     def at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
