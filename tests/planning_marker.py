@@ -15,7 +15,7 @@ PLANNERS = frozenset(
     """
     solve find_pose pareto retarget reach_map LivePlan LivePlan tolerance_of simulate
     CurvePlanner FeedPlanner SpacePlanner plan plan_legs find_motion optimise search_by_trees CurveDraws
-    GoalPoseSearch goal_poses SpaceGoalPoses solve_files
+    GoalPoseSearch goal_poses PosesAmongSurfaces solve_files
     compare compare_methods run_apart RunProcess completed execute with_constraint_first
     TipWalkStrategy TreeStrategy PortfolioStrategy ConnectStrategy DirectStrategy FollowSearch runpy
     subprocess dask_cluster Process

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.curve_frames import PlanarFrames
-from ccm_opt.ik.holding import HoldingLoads
 from ccm_opt.ik.lifted_curve import LiftedCurve
+from ccm_opt.ik.pose_program import HoldingLoads
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.ends import resolve_ends

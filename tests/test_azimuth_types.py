@@ -8,12 +8,19 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import wrap
 from ccm_opt.errors import ProblemError
-from ccm_opt.robot.azimuth_types import AzimuthType, natural_space_segment, select_azimuth_type
+from ccm_opt.robot.azimuth_types import (
+    AzimuthType,
+    BaseOperator,
+    KnotOperator,
+    PointOperator,
+    natural_space_segment,
+    select_azimuth_type,
+    space_operators,
+)
 from ccm_opt.robot.biarc import Biarc
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.rigid_motions import polar, transported, turned_towards
 from ccm_opt.robot.segment import SegmentType, natural_segment, select_segment_type
-from ccm_opt.robot.space_configuration import SpaceConfiguration
-from ccm_opt.robot.space_operators import BaseOperator, KnotOperator, PointOperator, space_operators
 from tests.space_arms import random_rotation
 from tests.test_space_configuration import random_curve
 

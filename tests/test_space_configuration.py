@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.bishop_curve import SpaceConfiguration, SpaceSegment
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import Knots
-from ccm_opt.robot.space_configuration import SpaceConfiguration, SpaceSegment
 from tests.space_arms import random_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.mapping import curve_points, map_curve, shape_error
-from ccm_opt.robot.space_configuration import SpaceConfiguration
 from tests.space_arms import FEED_OF_TESTS, planar_twin, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -24,7 +24,7 @@ from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
 from ccm_opt.io.records import pose_json, segment_words
 from ccm_opt.io.result_folders import reach_json, write_pose, write_pose_failure, write_reach
 from ccm_opt.problem import Problem
-from ccm_opt.robot.space_configuration import SpaceSegment
+from ccm_opt.robot.bishop_curve import SpaceSegment
 from ccm_opt.solution import ReachMap, StaticPose
 
 ROWS_SHOWN = 5

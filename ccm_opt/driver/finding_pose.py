@@ -19,7 +19,7 @@ from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, Proble
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.pose_task import JointRegions
-from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.goal_members import pose_record
 from ccm_opt.planning.goal_pose import GoalPoseSearch
@@ -253,7 +253,7 @@ def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, n
         if task.goal is not None:
             refuse_goal(problem, task, task.goal)
     # Of all poses that which is nearest to the start is the best, all else being equal.
-    asked = SpaceGoalPoses(problem, tree, near=task.start, terms=terms)
+    asked = PosesAmongSurfaces(problem, tree, near=task.start, terms=terms)
     with stages("configuration"):
         tries = _tries(asked, task, numbers.poses)
     best = tries[0]
@@ -269,7 +269,7 @@ def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, n
     )
 
 
-def _tries(asked: SpaceGoalPoses, task: SpaceTask, search: PoseSearchSettings) -> list[_SpaceTry]:
+def _tries(asked: PosesAmongSurfaces, task: SpaceTask, search: PoseSearchSettings) -> list[_SpaceTry]:
     """What comes of every beginning, the best first.
 
     Raises:

@@ -22,8 +22,8 @@ from ccm_opt.ik.curve_frames import Bounds, CurveFrames, CurveNumbers, held_at
 from ccm_opt.ik.curve_program import RowBlock, equal_to_zero
 from ccm_opt.ik.row_program import Repeated, repeated_rows
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.rigid_motions import exponential
-from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 
 def product(first: ca.SX, second: ca.SX) -> Any:

@@ -17,10 +17,10 @@ from ccm_opt.core.files import strict_text
 from ccm_opt.errors import Diagnosis
 from ccm_opt.io.problem_data import mesh_data, recorded_data
 from ccm_opt.problem import Problem
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
-from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import (
     Check,
     EndRecord,

@@ -23,8 +23,8 @@ from ccm_opt.io.folder import (
 from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
 from ccm_opt.io.records import SCHEMA, arrays_npz, curve_arrays, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.problem import Problem
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.space_configuration import SpaceConfiguration
 from ccm_opt.solution import ParetoPlan, ParetoPlans, ReachMap, StaticPose
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.pose_settings import SPACE_POSES
 from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.motion import SpaceMotion
@@ -115,7 +115,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     if goal is None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
-    asked = SpaceGoalPoses(problem, task.tree, terms=terms, settings=settings, room_share=_ROOM_SHARE)
+    asked = PosesAmongSurfaces(problem, task.tree, terms=terms, settings=settings, room_share=_ROOM_SHARE)
     ending = _asked_from(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap:
@@ -130,7 +130,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     return replace(again, task=_settled(task, again.motion.configurations[-1]))
 
 
-def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
+def _asked_from(asked: PosesAmongSurfaces, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
     """What the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
@@ -184,7 +184,7 @@ def _led_on(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Po
     return _continued(motion, [*poses[1:], end], motion.candidate)
 
 
-def _opened_motion(asked: SpaceGoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
+def _opened_motion(asked: PosesAmongSurfaces, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
     """The motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:

@@ -14,8 +14,8 @@ import numpy as np
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS, across, polar, turned_towards
-from ccm_opt.robot.space_configuration import SpaceConfiguration
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.ik.pose_settings import SPACE_POSES
-from ccm_opt.ik.space_goal_pose import SpaceGoalPoses
+from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
 from tests.space_clutter import clutter
 
 
@@ -20,7 +20,7 @@ def main(links: int = 24, bodies: int = 150, scenes: int = 20, segments: int = S
     rows = []
     for number in range(scenes):
         scene = clutter(number, links, bodies)
-        poses = SpaceGoalPoses(scene.problem, scene.tree, settings=settings)
+        poses = PosesAmongSurfaces(scene.problem, scene.tree, settings=settings)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_utime
         found = poses.improved(scene.seed)
         took = resource.getrusage(resource.RUSAGE_SELF).ru_utime - before

@@ -14,7 +14,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.ik.bishop_shooting import axis, link_quaternions, product, quaternions_of, turned_by
 from ccm_opt.ik.pose_settings import SPACE_POSES
 from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.ik.space_goal_pose import SpaceGoalPoses, goal_pose, regions_among_surfaces
+from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces, goal_pose, regions_among_surfaces
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
@@ -141,7 +141,7 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
     held = arm.held_bends(float(found.q[24]))
     assert held.any()
     np.testing.assert_array_equal(found.q[:24][held], 0.0)
-    poses = SpaceGoalPoses(problem, tree)
+    poses = PosesAmongSurfaces(problem, tree)
     assert poses.gap(found.q) > poses.gap(q)
 
 
@@ -153,7 +153,7 @@ def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
     for turning in np.linspace(0.0, 0.3, 601):
         azimuth = turning * np.arange(24)
         q = 2.0 * np.pi / 14.0 * np.column_stack((np.cos(azimuth), -np.sin(azimuth))).ravel()
-        poses = SpaceGoalPoses(problem_at(arm, workspace, q), tree)
+        poses = PosesAmongSurfaces(problem_at(arm, workspace, q), tree)
         before = poses.gap(q)
         if before > 0.0005:
             break
@@ -193,7 +193,7 @@ def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
     scene = clutter(0, 8)
     goal = scene.problem.goal
     far = replace(scene.problem, goal=replace(goal, position=np.array([3.0, 0.0, 0.0])))  # type: ignore[type-var]
-    poses = SpaceGoalPoses(far, scene.tree)
+    poses = PosesAmongSurfaces(far, scene.tree)
     (found,) = poses.improved(scene.seed)
     assert not poses.feasible(found)
     assert found.answer.broken

@@ -96,7 +96,7 @@ def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
 
 
 @dataclass(frozen=True, eq=False)
-class SpaceGoalPoses(GoalPoses):
+class PosesAmongSurfaces(GoalPoses):
     """Improves poses at the goal of one problem in space.
 
     Attributes:
@@ -193,5 +193,5 @@ def goal_pose(
     Raises:
         ProblemError: the goal is a pose of the whole arm.
     """
-    poses = SpaceGoalPoses(problem, tree, near, terms, settings)
+    poses = PosesAmongSurfaces(problem, tree, near, terms, settings)
     return poses.best(seed, deadline)
