@@ -251,6 +251,16 @@ def test_why_nothing_is_found_names_the_wall() -> None:
         find_motion(task)
 
 
+def test_how_near_the_best_attempt_came_to_a_pose_counts_every_joint() -> None:
+    """A pose of the whole arm that lies across a wall is missed by its farthest joint, and not by nothing."""
+    goal = np.zeros(24)
+    goal[:6:2] = 0.5
+    wall = boxes([([-0.2, 0.1, -0.6], [1.1, 0.12, 0.6])])
+    task = task_of(snake(12), wall, None, goal_pose=goal, seconds=2.0)
+    with pytest.raises(NoPlanFound, match=r"a joint [1-9]\d*\.\d mm from the goal"):
+        find_motion(task)
+
+
 def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
     """Drawn poses hold the goal, and the trees of the sampler meet."""
     arm = snake(8)

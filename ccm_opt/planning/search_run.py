@@ -15,7 +15,6 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import leg_headings, without_repeats
-from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.backward import pose_at_goal
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, follow, settle, without_pauses
@@ -29,7 +28,7 @@ from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, slid_out, 
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
-from ccm_opt.planning.search import Failure
+from ccm_opt.planning.search import Failure, tell_tried
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
@@ -300,8 +299,7 @@ class SearchRun:
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
-            nearest = min((failure.remaining for failure in failures), default=np.inf)
-            tell_candidate(len(failures) + 1, candidate.name, nearest)
+            tell_tried(candidate.name, failures)
             try:
                 poses = self._led(candidate)
                 arriving = self._arrive(poses[-1])[1:]

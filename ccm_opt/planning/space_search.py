@@ -8,7 +8,6 @@ from itertools import islice
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
@@ -16,7 +15,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.search import Attempt, Failure, first_found
+from ccm_opt.planning.search import Attempt, Failure, first_found, tell_tried
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
@@ -97,7 +96,6 @@ class _Search:
     task: SpaceTask
     stage: "_Stage | None" = None
     failures: list[Failure] = field(default_factory=list)
-    _tried: int = 0
     _other_ways: SpaceTipWays | None = None
     _goal_poses: list[Pose] = field(default_factory=list)  # those to which no straight way leads
     _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
@@ -105,7 +103,7 @@ class _Search:
     def attempts(self) -> Iterator[Attempt[SpaceMotion]]:
         """What is tried, in this order, as long as there is time."""
         for name, tactic in self._tactics():
-            if self._tried and self.task.deadline.passed():
+            if self.failures and self.task.deadline.passed():
                 yield Attempt(name, lambda: None)
             else:
                 yield Attempt(name, tactic, costly=name not in {_FIRST_WAYS, _WITHDRAWAL})
@@ -311,9 +309,12 @@ class _Search:
         if not goals:
             return None
         first = stepper.pose(start)
-        self._announce("unbent and swung", first)
+        tell_tried("unbent and swung", self.failures)
         poses = swung(stepper, first, goals, self._draws(), task.deadline)
-        return None if poses is None else SpaceMotion.of(curve, poses, "unbent and swung")
+        if poses is None:
+            self._failed("unbent and swung", "no tree met the other", stepper, first)
+            return None
+        return SpaceMotion.of(curve, poses, "unbent and swung")
 
     def _moved_to(self, end: Pose, stepper: SpaceStepper, pose: Pose) -> list[Pose]:
         """Poses from one to another.
@@ -350,10 +351,10 @@ class _Search:
         if not goals:
             return None
         first = stepper.pose(start)
-        self._announce("a sampler", first)
+        tell_tried("a sampler", self.failures)
         poses = CurveDraws(stepper, first, goals).way(rng, _EXTENSIONS, task.deadline)
         if poses is None:
-            self._failed("a sampler", "no tree met the other", stepper, first, goals[0].tip)
+            self._failed("a sampler", "no tree met the other", stepper, first)
             return None
         return SpaceMotion.of(curve, poses, "a sampler")
 
@@ -400,19 +401,15 @@ class _Search:
     ) -> SpaceMotion | None:
         """What comes of one tactic; its failure is kept."""
         first = stepper.pose(start)
-        self._announce(name, first)
+        tell_tried(name, self.failures)
         try:
             return SpaceMotion.of(stepper.curve, lead(stepper, first), name)
         except Stalled as stalled:
-            goal = self.task.goal
-            target = None if goal is None else goal.position
-            self._failed(name, str(stalled), stepper, stalled.poses[-1], target)
+            self._failed(name, str(stalled), stepper, stalled.poses[-1])
             return None
 
-    def _failed(
-        self, candidate: str, message: str, stepper: SpaceStepper, pose: Pose, target: FloatArray | None
-    ) -> None:
-        """Keep why a candidate failed that ended in a pose; ``target`` is where the tip should be, or None."""
+    def _failed(self, candidate: str, message: str, stepper: SpaceStepper, pose: Pose) -> None:
+        """Keep why a candidate failed that ended in a pose."""
         task = self.task
         first, segments = task.arm.exposed_links(pose.points)
         near = task.tree.nearest(segments, stepper.kept + 0.5 * task.arm.length)
@@ -420,17 +417,15 @@ class _Search:
         owner = int(near.owner[k])
         name = f"'{task.names[owner]}'" if 0 <= owner < len(task.names) else "a wall"
         gap = float(near.gap[k]) - task.arm.radius
-        remaining = 0.0 if target is None else float(np.linalg.norm(pose.tip - target))
+        if task.goal_pose is None:
+            apart = pose.tip - self._goal(None).position
+        else:
+            apart = pose.points - task.arm.joint_positions_at(task.goal_pose)
+        remaining = float(np.max(np.linalg.norm(np.atleast_2d(apart), axis=1)))
         limit = "" if task.user is None else task.user.placed_at_goal().describe(pose.q)
         tightest = None if owner < 0 else (first + k + 1, name, gap)
         bends = task.arm.bend_pairs(pose.q)
         self.failures.append(Failure(candidate, message, remaining, tightest, pose.q, bends, limit))
-
-    def _announce(self, name: str, pose: Pose) -> None:
-        self._tried += 1
-        goal = self.task.goal
-        left = 0.0 if goal is None else float(np.linalg.norm(pose.tip - goal.position))
-        tell_candidate(self._tried, name, left)
 
     def _draws(self, number: int = 0) -> np.random.Generator:
         """The draws of a tactic, others for every time that it is tried."""

@@ -99,8 +99,9 @@ class SpaceTask:
         """What is looked for, as a search in vain says it."""
         names = () if self.user is None else self.user.names
         places = ("add goal.via places on the way",)
+        what = "the tip" if self.goal_pose is None else "a joint"
         arm = self.arm
-        return Sought(arm.radius, self.clearance, arm.bend_limits, self.deadline, names, "the tip", places)
+        return Sought(arm.radius, self.clearance, arm.bend_limits, self.deadline, names, what, places)
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
         """The same task with a deadline after so much CPU time from now on, or its own if that is earlier."""
