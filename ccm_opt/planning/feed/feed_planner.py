@@ -362,7 +362,7 @@ class _FeedSearch:
                 break
         if not found:
             raise self._nothing_found()
-        return min(found, key=self.finishing.time_for_room)
+        return found[0] if len(found) == 1 else min(found, key=self.finishing.time_for_room)
 
     def _motions(self) -> Iterator[ProposedMotion]:
         """All motions to try; those that follow a leader all the time first, but where an end cannot be drawn back."""
