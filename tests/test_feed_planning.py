@@ -20,8 +20,7 @@ from ccm_opt.planning.feed.feed_planner import FeedPlanner, reshaped, reshaping_
 from ccm_opt.planning.feed.finishing import path_time
 from ccm_opt.planning.feed.leader_paths import ElasticBand
 from ccm_opt.planning.feed.query import FeedQuery
-from ccm_opt.planning.following.leader import LeaderPath, path_of_pose, pose_on, slide
-from ccm_opt.planning.settings import DEFAULT_FOLLOWING
+from ccm_opt.planning.following.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, path_of_pose, pose_on, slide
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
@@ -284,7 +283,7 @@ def test_a_fast_feed_is_held_back_where_joints_leave_the_guide() -> None:
     problem = load_problem(PROBLEMS / "feed-s-duct.toml")
     fast = replace(problem, limits=replace(problem.limits, feed_velocity=300.0, feed_acceleration=300.0))
     solution = solve(fast)
-    most = DEFAULT_FOLLOWING.links_per_sample * problem.arm.link_length / DEFAULT_FOLLOWING.sample_period
+    most = LINKS_PER_SAMPLE * problem.arm.link_length / SAMPLE_PERIOD
     assert np.max(np.abs(solution.trajectory.base_velocities)) <= most
 
 

@@ -47,7 +47,7 @@ def default_planner(
     if problem.arm.base_axes:
         from ccm_opt.planning.feed.feed_planner import FeedPlanner  # noqa: PLC0415
 
-        return FeedPlanner(stages, settings.feed, terms)
+        return FeedPlanner(stages, settings.curve, terms)
     from ccm_opt.planning.curve_planner import CurvePlanner  # noqa: PLC0415
 
     return CurvePlanner(stages, terms, refuse_hopeless, settings.curve)

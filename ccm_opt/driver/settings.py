@@ -8,7 +8,7 @@ from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
 from ccm_opt.ik.terms import TermCheckSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
-from ccm_opt.planning.settings import CurvePlannerSettings, FeedPlannerSettings, SpaceMotionSettings
+from ccm_opt.planning.settings import CurvePlannerSettings, SpaceMotionSettings
 from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.retiming.paul import PaulSettings
@@ -31,7 +31,6 @@ class Settings:
         poses: of the search for the best pose at a goal in space.
         reach: of the map of where the tip can be.
         space_reach: the same in space.
-        feed: of the planner for an arm on a feed axis.
         hill_climbing: of the paper's planner.
         timing: of timing along a path.
         transitions: of timing by Paul's transitions.
@@ -49,7 +48,6 @@ class Settings:
     poses: PoseSearchSettings = field(default_factory=PoseSearchSettings)
     reach: ReachSettings = field(default_factory=ReachSettings)
     space_reach: SpaceReachSettings = field(default_factory=SpaceReachSettings)
-    feed: FeedPlannerSettings = field(default_factory=FeedPlannerSettings)
     hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
     transitions: PaulSettings = field(default_factory=PaulSettings)

@@ -142,7 +142,7 @@ def _timings_as_it_stands(leg: Leg, dynamics: InverseDynamics, settings: Setting
     hair = 0.5 * problem.contact_tolerance
     yield from retiming.timings(
         leg.path,
-        feed_limits(arm, problem.limits, settings.feed.following),
+        feed_limits(arm, problem.limits),
         dynamics,
         revolutes=partial(revolute_angles, arm),
         method=problem.planner.retiming,

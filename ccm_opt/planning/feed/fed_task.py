@@ -11,7 +11,7 @@ a row that keeps it outside.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -45,6 +45,22 @@ _KEYFRAMES_A_LINK = 2.0
 the hole."""
 _MOST_KEYFRAMES = 48
 """Of the optimisation. Taste: its cost grows with them and with the cube of the links."""
+_RESERVE = 0.1
+"""How far beyond the hole, and what the base travels between two samples, planning lets joints bend, in link lengths;
+the smooth path beside the keyframes takes some of it. Taste."""
+_MIXED = 2
+"""Keyframes to either side that the smooth path mixes with one: a joint may bend at a keyframe where it is outside at
+all of these. Derived: four control points shape every span of a cubic spline, and where a span begins the first
+three."""
+_BEND_SHARE = 2.0
+"""Share of its limit by which the bend of a joint may grow for every link length that it comes out in a step. Taste."""
+_TINY_BEND = 1e-4
+"""Bends below this, of joints that should be straight, are the accuracy of a QP [rad]. Derived: its tolerance, ten
+times."""
+_ROUNDING = 1e-9
+"""Of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis."""
+_AT_END = 1e-3
+"""How near to an end of its range the base counts as there, in link lengths. Taste."""
 _OPTIMISING_SHARE = 0.1
 """Share of the time limit that the optimisation of one motion may use. Taste: what is not finished then is certified
 all the same."""
@@ -89,32 +105,6 @@ class FedEndPoses:
             yield np.concatenate((pose[: part.first], best.headings, pose[arm.links :]))
 
 
-@dataclass(frozen=True)
-class GuideTubeSettings:
-    """Numbers of the rows that keep straight what a guide tube holds.
-
-    Attributes:
-        reserve: how far beyond the hole, and what the base travels between two samples, planning lets joints bend, in
-            link lengths; the smooth path beside the keyframes takes some of it. Taste.
-        mixed: keyframes to either side that the smooth path mixes with one: a joint may bend at a keyframe where it is
-            outside at all of these. Derived: four control points shape every span of a cubic spline, and where a span
-            begins the first three.
-        bend_share: share of its limit by which the bend of a joint may grow for every link length that it comes out
-            in a step. Taste.
-        tiny_bend: bends below this, of joints that should be straight, are the accuracy of a QP [rad]. Derived: its
-            tolerance, ten times.
-        rounding: of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis.
-        at_end: how near to an end of its range the base counts as there, in link lengths. Taste.
-    """
-
-    reserve: float = 0.1
-    mixed: int = 2
-    bend_share: float = 2.0
-    tiny_bend: float = 1e-4
-    rounding: float = 1e-9
-    at_end: float = 1e-3
-
-
 Number = TypeVar("Number", np.float64, np.intp)
 
 
@@ -128,12 +118,10 @@ class GuideTubeLimit(Limit):
         arm: with axes that carry its base.
         travel: distance beyond the hole up to which a joint that comes out stays straight, so that no two samples of
             the timed motion have it bend in the tube between them [m].
-        settings: of its rows.
     """
 
     arm: Arm
     travel: float = 0.0
-    settings: GuideTubeSettings = field(default_factory=GuideTubeSettings)
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
@@ -141,7 +129,7 @@ class GuideTubeLimit(Limit):
         bends = space.bends(pose.q)
         room = self._beyond(pose.q) - self._reserve
         held = (room < 0.0) & (bends == 0.0)
-        slope = self.settings.bend_share * space.bend_limits
+        slope = _BEND_SHARE * space.bend_limits
         # s (f + j l − …) ∓ b ≥ 0; where it is not kept already, it may not become worse.
         slack = slope * room - np.abs(bends)
         near = ~held & (slack < (2.0 + slope) * turn)
@@ -190,7 +178,7 @@ class GuideTubeLimit(Limit):
         """The base where joints that bend, here or at a keyframe beside, stay outside the tube, and in its range."""
         del u
         first = self._first_free(sweep.headings)
-        around = _least_around(first, self.settings.mixed)
+        around = _least_around(first, _MIXED)
         base = self._base(sweep.headings)
         # Nothing bends where the first that may is beyond the last joint: then only the range counts.
         outside = np.where(around < self.arm.links, self._hole + self._reserve - around, -np.inf)
@@ -223,7 +211,7 @@ class GuideTubeLimit(Limit):
     def describe(self, headings: FloatArray) -> str:
         """That the base is at an end of its range; empty when it is not."""
         low, high = self._range_left(headings)
-        if min(-float(low), float(high)) > self.settings.at_end:
+        if min(-float(low), float(high)) > _AT_END:
             return ""
         return "the feed is at the end of its range"
 
@@ -235,7 +223,7 @@ class GuideTubeLimit(Limit):
     @property
     def _reserve(self) -> float:
         """How far beyond the hole rows let joints bend [link lengths]."""
-        return self.settings.reserve + self.travel / self.arm.link_length
+        return _RESERVE + self.travel / self.arm.link_length
 
     def _base(self, poses: FloatArray) -> FloatArray:
         """How far the base is carried, shape (..., c) to (...) [link lengths]."""
@@ -258,8 +246,8 @@ class GuideTubeLimit(Limit):
     def _first_free(self, poses: FloatArray) -> IntArray:
         """Of every keyframe the first joint that may bend, shape (K,); the number of links where none may."""
         base = self._base(poses)
-        least = _least_around(base, self.settings.mixed)
-        outside = np.ceil(self._hole + self._reserve - least - self.settings.rounding)
+        least = _least_around(base, _MIXED)
+        outside = np.ceil(self._hole + self._reserve - least - _ROUNDING)
         bent = self._bent(poses)
         first_bent = np.where(bent.any(axis=1), np.argmax(bent, axis=1), self.arm.links)
         # What is bent already may stay so: the motion is certified.
@@ -276,7 +264,7 @@ class GuideTubeLimit(Limit):
         beyond = self._beyond(poses)
         # A joint that an end of the motion bends nearer to the hole than that has not just come out.
         ends = np.where(bent[[0, -1]], beyond[[0, -1]], np.inf).min(axis=0)
-        least = np.clip(self.travel / self.arm.link_length, 0.0, np.maximum(ends, 0.0)) - self.settings.rounding
+        least = np.clip(self.travel / self.arm.link_length, 0.0, np.maximum(ends, 0.0)) - _ROUNDING
         if len(poses) == 1:
             return np.asarray(np.any(bent & (beyond < least), axis=1))
         bent_within = bent[:-1] | bent[1:]
@@ -287,8 +275,8 @@ class GuideTubeLimit(Limit):
         """Coordinates, shape (K, p), with tiny bends of joints within the reserve 0, and the base within its range."""
         poses = space.configurations(coordinates)
         bends = space.bends(poses)
-        inside = self._beyond(poses) < self._reserve + self.settings.rounding
-        tiny = inside & (np.abs(bends) < self.settings.tiny_bend)
+        inside = self._beyond(poses) < self._reserve + _ROUNDING
+        tiny = inside & (np.abs(bends) < _TINY_BEND)
         snapped = coordinates.copy()
         snapped[:, : self.arm.links][tiny] = 0.0
         low, high = self.arm.base_range
@@ -335,11 +323,11 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         slowness=fed_slowness(problem),
         user_limits=user_limits,
         wanted_gap=problem.wanted_gap,
-        end_poses=FedEndPoses(query, query.settings.curve.goal_pose),
+        end_poses=FedEndPoses(query, query.settings.goal_pose),
         guide_tubes=(GuideTubeLimit(arm, query.travel),),
         # In it a way of the base counts by the time that it takes.
         fed_space=FedSpace.of_arm(arm, turn_per_link(problem)),
-        settings=query.settings.curve.motion,
+        settings=query.settings.motion,
     )
 
 

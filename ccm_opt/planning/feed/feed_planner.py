@@ -32,7 +32,7 @@ from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, pose
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
@@ -80,9 +80,7 @@ def reshaped(
     settings = query.settings
     deadline = query.deadline.within(share * query.problem.planner.time_limit)
     try:
-        motion = find_motion(
-            CurvePlanner(settings=settings.curve).motion_task(part.problem, part.ends(settings), deadline)
-        )
+        motion = find_motion(CurvePlanner(settings=settings).motion_task(part.problem, part.ends(settings), deadline))
     except NoPlanFound:
         return None
     bends = part.problem.arm.bends(motion.configurations)
@@ -228,6 +226,8 @@ def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
     return slide(query.arm, query.start_path, query.start.feed, feed)
 
 
+_MOST_CURVES = 60
+"""Curves that are asked for at most, of a leader's path that leaves the axis as early as it can. Taste."""
 _FIRST_CURVES = 5
 """The same where other straight beginnings may do as well. Taste."""
 _MEMBER_SHARE = 0.02
@@ -252,12 +252,12 @@ class FeedPlanner:
 
     Attributes:
         stages: names and times the stages.
-        settings: shares of the time, margins and tolerances.
+        settings: of the search and its stages.
         terms: the user's constraints and costs, or None.
     """
 
     stages: Stages = field(default_factory=Stages)
-    settings: FeedPlannerSettings = DEFAULT_FEED
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
     terms: UserTerms | None = None
 
     def plan(self, problem: Problem) -> JointPath:
@@ -485,7 +485,6 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
 
     A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
     """
-    settings = query.settings.leaders
     arm = query.arm
     least = query.least_straight
     tip_drawn_back = query.feed.low + query.arm.length
@@ -503,9 +502,9 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
     # Nor can it bend where a guide or a hole is hardly wider than it: no joint may before the place where it widens.
     tight = ends_of_tight_places(query.problem, query.feed.hole - arm.link_length)
     straights.extend((max(end + arm.link_length, least), _FIRST_CURVES) for end in tight)
-    straights.append((least, settings.curves))
+    straights.append((least, _MOST_CURVES))
     if query.feed.high > least:
-        straights.append((query.feed.high + 2.0 * query.travel, settings.curves))
+        straights.append((query.feed.high + 2.0 * query.travel, _MOST_CURVES))
     return straights
 
 

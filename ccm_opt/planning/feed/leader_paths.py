@@ -28,7 +28,7 @@ from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.following.leader import LeaderPath, path_through
-from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
@@ -76,6 +76,8 @@ _BAND_EVENNESS = 1.0 / 16.0
 Taste."""
 _CHORD_ALLOWANCE = 1e-2
 """Share of a path's length by which the arm on it may be longer than its chords. Taste."""
+_CURVATURE_SHARE = 0.9
+"""Share of the tightest bend that a path may use, so that the arm can still be steered. Taste."""
 _CURVE_STRETCHES = (1.03, 1.1, 1.25, 1.5, 2.0)
 """Lengths of the continuous curve that are tried, over that of the taut path. Taste."""
 _CURVE_SPACING = 0.25
@@ -261,7 +263,7 @@ class LeaderPaths:
     problem: Problem
     goal: TipGoal
     deadline: Deadline
-    settings: FeedPlannerSettings = DEFAULT_FEED
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
     shortest: float = np.inf
     refusals: tuple[str, ...] = ()
 
@@ -348,7 +350,7 @@ class LeaderPaths:
         """What paths may bend [1/m]: chords of a link on an arc of curvature κ bend by 2 asin(κ l/2)."""
         arm = self.problem.arm
         tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))
-        return float(self.settings.leaders.curvature_share * tightest / arm.link_length)
+        return float(_CURVATURE_SHARE * tightest / arm.link_length)
 
     def _free_space(self, margin: float) -> FreeSpace:
         """Free space with a margin, as a share of a link's sagitta at its joint limit, beyond radius and clearance."""
@@ -372,7 +374,7 @@ class LeaderPaths:
 
     def _routes(self, free_space: FreeSpace, begin: FloatArray, end: FloatArray, longest: float) -> tuple[Route, ...]:
         """Routes between two points whose paths are not longer than ``longest`` [m]."""
-        corner_distance = self.settings.curve.corner_distance * self.problem.arm.length
+        corner_distance = self.settings.corner_distance * self.problem.arm.length
         routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=corner_distance)
         if routes:
             before = float(np.hypot(*(begin - self.problem.arm.base)))
@@ -418,4 +420,4 @@ class LeaderPaths:
         if self._last_link > 0.0:
             points = np.vstack((points, self.goal.position))
         arm = self.problem.arm
-        return path_through(arm, straight, points, name, self.goal.heading, self.settings.following)
+        return path_through(arm, straight, points, name, self.goal.heading)

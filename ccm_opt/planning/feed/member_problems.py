@@ -22,7 +22,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.search_run import SearchRun
-from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.free_space import FreeSpace
@@ -94,7 +94,9 @@ def _first_good(arm: Arm, goal: GoalPose, room: FreeSpace, way: FloatArray, spac
     yield GoalMember(points[best], float(headings[best]))
 
 
-def member_problems(problem: Problem, feed: Feed, settings: FeedPlannerSettings = DEFAULT_FEED) -> tuple[Problem, ...]:
+def member_problems(
+    problem: Problem, feed: Feed, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+) -> tuple[Problem, ...]:
     """The problem; where its goal is a set, one for each of some members of it, the most promising first.
 
     Args:
@@ -114,7 +116,7 @@ def member_problems(problem: Problem, feed: Feed, settings: FeedPlannerSettings 
     members = goal_members(at_hole, goal, room, fed=max(feed.high - feed.hole, 0.0))
     beyond = at_hole.base + arm.link_length * arm.direction
     spacing = _WAY_SPACING * arm.link_length
-    off_corners = settings.curve.corner_distance * arm.length
+    off_corners = settings.corner_distance * arm.length
     members = (*members_on_way(arm, goal, room, beyond, members, spacing, off_corners), *members)
     # A member is a place and not the middle of another set: around it the whole tolerance would reach beyond the goal.
     point = Tolerances()
@@ -201,13 +203,13 @@ class PartBeyond:
         first -= int(clamped)
         return cls(_problem_of_part(problem, start, goal, first), first, clamped)
 
-    def ends(self, settings: FeedPlannerSettings) -> Ends:
+    def ends(self, settings: CurvePlannerSettings) -> Ends:
         """Start and goal of the part.
 
         Raises:
             UnreachableGoal: one of them cannot be.
         """
-        ends = resolve_ends(self.problem, settings.curve.motion.ends)
+        ends = resolve_ends(self.problem, settings.motion.ends)
         # Clamped ends keep the first link still, which holds the extra link straight.
         return replace(ends, clamped=self.clamped or ends.clamped)
 

@@ -10,16 +10,19 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.planning.ends import refuse_blocked_tip
 from ccm_opt.planning.following.leader import LeaderPath, feed_step, path_of_pose, travel_between_samples
-from ccm_opt.planning.settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.bad_pose import refuse_bad_pose
 
+_STRAIGHTENING = 5e-4
+"""Distance that the tip may move when what the mapping of a curve bends inside the guide tube is straightened [m].
+Taste."""
 _CONTACT_REACH = 0.02
 """Contacts of a pose nearer than this are listed, as a share of the arm's length. Taste."""
 
 
-def fed_pose(problem: Problem, pose: JointPose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED) -> JointPose:
+def fed_pose(problem: Problem, pose: JointPose, which: str) -> JointPose:
     """A pose of a problem, its bends exactly 0 where the guide tube holds a joint; ``which`` names it in messages.
 
     Raises:
@@ -31,7 +34,7 @@ def fed_pose(problem: Problem, pose: JointPose, which: str, settings: FeedPlanne
     tolerance = ROUNDING
     if pose.curve is not None:
         # A bend moves the tip by no more than itself times the arm's length.
-        tolerance = settings.straightening / (arm.length * max(int(held.sum()), 1))
+        tolerance = _STRAIGHTENING / (arm.length * max(int(held.sum()), 1))
 
     bent = held & (np.abs(bends) > tolerance)
     if bent.any():
@@ -62,26 +65,26 @@ class FeedQuery:
     goal: JointPose | None
     travel: float
     deadline: Deadline
-    settings: FeedPlannerSettings = DEFAULT_FEED
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 
     @classmethod
     def from_problem(
-        cls, problem: Problem, feed: Feed, deadline: Deadline, settings: FeedPlannerSettings = DEFAULT_FEED
+        cls, problem: Problem, feed: Feed, deadline: Deadline, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
     ) -> "FeedQuery":
         """Resolve the ends of a problem.
 
         Raises:
             UnreachableGoal: the start or the goal cannot be.
         """
-        start = fed_pose(problem, problem.start, "start", settings)
+        start = fed_pose(problem, problem.start, "start")
         _refuse_bad(problem, start, "start")
         goal = None
         if isinstance(problem.goal, TipGoal):
             refuse_blocked_tip(problem, problem.goal)
         else:
-            goal = fed_pose(problem, problem.goal, "goal", settings)
+            goal = fed_pose(problem, problem.goal, "goal")
             _refuse_bad(problem, goal, "goal")
-        travel = travel_between_samples(problem.arm, problem.limits, settings.following)
+        travel = travel_between_samples(problem.arm, problem.limits)
         return cls(problem, feed, start, goal, travel, deadline, settings)
 
     def between(self, start: JointPose, goal: JointPose | None) -> "FeedQuery":
@@ -125,7 +128,7 @@ class FeedQuery:
 
     def path_of(self, pose: JointPose) -> LeaderPath | None:
         """The path that the arm lies on in a pose; None when it bends too near to the hole to have come by one."""
-        return path_of_pose(self.arm, pose.bends, pose.feed, self.least_straight, self.settings.following)
+        return path_of_pose(self.arm, pose.bends, pose.feed, self.least_straight)
 
     def fully_drawn_back(self, path: LeaderPath) -> float:
         """The greatest feed at which the whole arm lies on the straight part of a path [m]; may be below the range."""

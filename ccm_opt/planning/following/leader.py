@@ -14,7 +14,6 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_headings, whole_turns
-from ccm_opt.planning.settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm
 
@@ -30,6 +29,13 @@ _FEED_STEP = 1.0 / 8.0
 """Feed between two keyframes, in link lengths; arms of many links take ``least_feed_step``. Taste."""
 _LEAST_FEED_STEP = 1.0 / 300.0
 """The same as a share of the arm's length; the larger of both counts. Taste."""
+_SAMPLES_PER_LINK = 32
+"""Of a leader's path. Derived: cubic Hermite interpolation between them errs by less than 1e-7 of a link."""
+SAMPLE_PERIOD = 5e-3
+"""Longest time between two samples of a trajectory, between which all joints move linearly [s]. Derived: what the
+timing samples with."""
+LINKS_PER_SAMPLE = 0.25
+"""Part of a link that the base passes at most between two samples. Taste; it holds back feeds that no arm needs."""
 _LEAST_LEAD = 0.1
 """How far the first joint off the feed axis must be ahead of where the path leaves the axis, in link lengths; nearer,
 the spline through both would swing. Taste."""
@@ -124,9 +130,7 @@ class LeaderPath:
         return chords + whole_turns(middle - chords)
 
 
-def path_of_pose(
-    arm: Arm, bends: FloatArray, feed: float, straight: float, settings: FollowingSettings = DEFAULT_FOLLOWING
-) -> LeaderPath | None:
+def path_of_pose(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
     """A smooth path through all joints of a pose; it follows the feed axis at least up to a given arc length.
 
     Beyond the axis it is a cubic spline through the joints, so that a joint that slides to its neighbour's place takes
@@ -137,7 +141,6 @@ def path_of_pose(
         bends: of the pose, shape (links,) [rad].
         feed: of the pose [m].
         straight: arc length that the path follows the axis at least [m].
-        settings: of following.
 
     Returns:
         The path, or None when a joint bends so near to the hole that no such path exists.
@@ -154,7 +157,7 @@ def path_of_pose(
         lead = float((off_axis[0] - arm.base) @ arm.direction) - leaves
         if lead < _LEAST_LEAD * l:
             return None
-    return path_through(arm, leaves, off_axis, "own shape", settings=settings)
+    return path_through(arm, leaves, off_axis, "own shape")
 
 
 def path_through(
@@ -163,7 +166,6 @@ def path_through(
     points: FloatArray,
     name: str,
     end_heading: float | None = None,
-    settings: FollowingSettings = DEFAULT_FOLLOWING,
 ) -> LeaderPath:
     """The path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
 
@@ -173,7 +175,6 @@ def path_through(
         points: in order, shape (k, 2) [m]; with none the path is a piece of the axis.
         name: of the path.
         end_heading: heading at the last point [rad], or None when any will do.
-        settings: of following.
     """
     if len(points) == 0:
         return _axis_alone(arm, leaves, name)
@@ -190,7 +191,7 @@ def path_through(
         end = unit_vector(end_heading)
     curve = CubicSpline(chords, nodes, bc_type=((1, arm.direction), (order, end)))
 
-    parameters = _parameters(chords, settings.samples_per_link)
+    parameters = _parameters(chords, _SAMPLES_PER_LINK)
     tangents = np.asarray(curve(parameters, 1))
     speed = np.hypot(*tangents.T)
     arc = np.asarray(cumulative_simpson(speed, x=parameters, initial=0.0))
@@ -239,12 +240,12 @@ def _on_axis(arm: Arm, leaves: float) -> FloatArray:
     return arc[arc < leaves - SHORTEST * arm.link_length]
 
 
-def travel_between_samples(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> float:
+def travel_between_samples(arm: Arm, limits: Limits) -> float:
     """How far the base can move between two samples of a trajectory [m], given that it is timed by ``feed_limits``."""
-    return settings.sample_period * (feed_limits(arm, limits, settings).feed_velocity or 0.0)
+    return SAMPLE_PERIOD * (feed_limits(arm, limits).feed_velocity or 0.0)
 
 
-def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
+def feed_limits(arm: Arm, limits: Limits) -> Limits:
     """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
 
     Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
@@ -252,7 +253,7 @@ def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_
     """
     if limits.feed_velocity is None:
         return limits
-    fastest = settings.links_per_sample * arm.link_length / settings.sample_period
+    fastest = LINKS_PER_SAMPLE * arm.link_length / SAMPLE_PERIOD
     return replace(limits, feed_velocity=min(limits.feed_velocity, fastest))
 
 
