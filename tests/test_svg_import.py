@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.drawing import ImportedScene, ImportOptions, import_scene
-from ccm_opt.io.svg_paths import path_subpaths, transform_of
+from ccm_opt.io.svg import path_subpaths
+from ccm_opt.io.svg_document import transform_of
 
 HEAD = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '

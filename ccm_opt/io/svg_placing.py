@@ -1,243 +1,27 @@
 """Where an SVG draws what, and in which style.
 
-Of style sheets, rules are understood whose selectors name an element, classes and an id of one element; a shape that
-another rule would hide is taken, since an obstacle too many is better than one too few.
-
 References are followed as often as they are used, and the number of elements met is bounded on the way; the walk keeps
 its own list of what is still to be drawn, so that no nesting is too deep for it.
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
-from ccm_opt.io.svg_paths import Affine, View, fitted_view, length_of, numbers_in, transform_of
+from ccm_opt.io.svg_document import (
+    FOREIGN,
+    Affine,
+    Node,
+    StyleSheet,
+    View,
+    fitted_view,
+    length_of,
+    numbers_in,
+    style_sheet,
+    transform_of,
+)
 from ccm_opt.problem import LeftOut
-
-_LONGEST_ATTRIBUTE = 20_000
-"""Characters of a style, class or transform. Taste: a hundred times what programs write."""
-_LONGEST_TEXT = 1_000_000
-"""Characters of a style sheet or a title that are kept. Taste."""
-_MOST_STYLE_RULES = 300
-"""Rules of style sheets that decide whether and how shapes are filled. Taste: each is compared with every element."""
-
-NAMESPACE = "http://www.w3.org/2000/svg"
-FOREIGN = ""
-"""Tag of elements that are not in the namespace of SVG: what editors keep for themselves."""
-_SEPARATOR = " "
-"""Between namespace and name, as the parser reports them; a blank is in no namespace."""
-
-
-@dataclass
-class Node:
-    """An element of a document.
-
-    Attributes:
-        tag: name without namespace; ``FOREIGN`` for elements of other namespaces.
-        attributes: by name; those of other namespaces have it in front, with a blank between.
-        children: elements in it, in order.
-        text: characters directly in it, kept for titles and style sheets alone.
-    """
-
-    tag: str
-    attributes: dict[str, str]
-    children: list["Node"] = field(default_factory=list)
-    text: str = ""
-
-
-def parsed_document(content: bytes) -> Node:
-    """The outermost element of an SVG file.
-
-    Args:
-        content: of the file.
-
-    Raises:
-        ProblemError: the content is no XML, no SVG, or exceeds a bound.
-    """
-    builder = _Builder()
-    parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
-    parser.buffer_text = True
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.text
-    parser.EntityDeclHandler = builder.entity
-    builder.references = content.count(b"&")
-    try:
-        parser.Parse(content, True)  # noqa: FBT003 - the parser takes no keyword
-    except (expat.ExpatError, ValueError, LookupError) as error:  # encodings that nobody knows too
-        raise ProblemError(f"not readable as XML: {error}") from None
-    root = builder.root
-    if root is None or root.tag != "svg":
-        raise ProblemError(f"expected the outermost element svg, got {'nothing' if root is None else root.tag}")
-    if builder.namespace not in {NAMESPACE, ""}:
-        raise ProblemError(
-            f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', without "
-            "which no program shows the drawing"
-        )
-    return root
-
-
-class _Builder:
-    """Receives what the parser finds; ``root`` is the tree in the end."""
-
-    def __init__(self) -> None:
-        self.root: Node | None = None
-        self.namespace = ""
-        self.open: list[Node] = []
-        self.count = 0
-        self.references = 0
-        self.entity_length = 0
-
-    def start(self, name: str, attributes: dict[str, str]) -> None:
-        """Add an element to the one that is open."""
-        self.count += 1
-        if self.count > IMPORT.most_nodes:
-            raise ProblemError(f"it holds more than {IMPORT.most_nodes} elements; simplify the drawing")
-        if len(self.open) >= IMPORT.deepest:
-            raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
-        namespace, _, tag = name.rpartition(_SEPARATOR)
-        if self.root is None:
-            self.namespace = namespace
-        node = Node(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
-        if self.open:
-            self.open[-1].children.append(node)
-        else:
-            self.root = node
-        self.open.append(node)
-
-    def end(self, _name: str) -> None:
-        """Close the element that is open."""
-        self.open.pop()
-
-    def text(self, text: str) -> None:
-        """Keep the characters that count."""
-        node = self.open[-1]
-        if node.tag in {"title", "style"} and len(node.text) <= _LONGEST_TEXT:
-            node.text += text
-
-    def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
-        """Refuse abbreviations that make a small file large: such as hold others, or are long and often used."""
-        if value is None:
-            return
-        self.entity_length += len(value)
-        if "&" in value or self.references * self.entity_length > IMPORT.most_bytes:
-            raise ProblemError("its entities would make it too large to read; save it as plain SVG")
-
-
-PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
-"""Those that matter; of fills only whether there is one, and strokes do not."""
-_SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
-_PART = re.compile(r"[.#][\w-]+")
-
-
-@dataclass(frozen=True)
-class _Rule:
-    """One selector with what it says: ``tag`` may be empty, ``classes`` and ``ids`` must all be there."""
-
-    tag: str
-    parts: frozenset[str]
-    style: dict[str, str]
-
-    @property
-    def weight(self) -> tuple[int, int, int]:
-        """The specificity of CSS: ids before classes before elements."""
-        ids = sum(part.startswith("#") for part in self.parts)
-        return ids, len(self.parts) - ids, bool(self.tag)
-
-
-@dataclass
-class StyleSheet:
-    """The rules of a drawing that matter.
-
-    Attributes:
-        rules: in the order of their weight.
-        unread: selectors that could not be read and would hide shapes.
-    """
-
-    rules: list[_Rule] = field(default_factory=list)
-    unread: list[str] = field(default_factory=list)
-
-    def style_of(self, node: Node) -> dict[str, str]:
-        """The properties of one element, those of its parents left out.
-
-        Raises:
-            ProblemError: an attribute is longer than anything that a program writes.
-        """
-        for key in ("style", "class", "transform"):
-            if len(node.attributes.get(key, "")) > _LONGEST_ATTRIBUTE:
-                raise ProblemError(
-                    f"the attribute {key} of an element {node.tag} has {len(node.attributes[key])} characters, at most "
-                    f"{_LONGEST_ATTRIBUTE} can be read"
-                )
-        found = {key: node.attributes[key].strip() for key in PROPERTIES if key in node.attributes}
-        if self.rules:
-            marks = {f".{name}" for name in node.attributes.get("class", "").split()}
-            marks.add(f"#{node.attributes.get('id', '')}")
-            for rule in self.rules:
-                if rule.tag in {"", node.tag} and rule.parts <= marks:
-                    found |= rule.style
-        return found | _declarations(node.attributes.get("style", ""))
-
-
-def style_sheet(root: Node) -> StyleSheet:
-    """The style sheet of a drawing.
-
-    Raises:
-        ProblemError: it has more rules that matter than can be applied to every element.
-    """
-    sheet = StyleSheet()
-    pending = [root]
-    while pending:
-        node = pending.pop()
-        pending.extend(reversed(node.children))
-        if node.tag == "style":
-            for rule in _rules(node.text, sheet.unread):
-                sheet.rules.append(rule)
-            if len(sheet.rules) > _MOST_STYLE_RULES:
-                raise ProblemError(
-                    f"more than {_MOST_STYLE_RULES} style rules hide shapes or say how they are filled; save "
-                    "it as plain SVG"
-                )
-    sheet.rules.sort(key=lambda rule: rule.weight)  # stable: of equal weight the later counts
-    return sheet
-
-
-def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
-    """The rules of a sheet that matter; blocks that hold for some media only are skipped."""
-    for block in _without_comments(text).split("}"):
-        selectors, _, body = block.rpartition("{")
-        style = _declarations(body)
-        if style.get("fill") not in {None, "none"}:  # what most rules say, and what a shape has by itself
-            del style["fill"]
-        if not style:
-            continue
-        for selector in selectors.rpartition("{")[2].split(","):
-            match = _SIMPLE.fullmatch(selector.strip())
-            if match is None or "@" in selectors:
-                if "display" in style or "visibility" in style:
-                    unread.append(selector.strip()[:60])
-                continue
-            tag = match["tag"] or ""
-            yield _Rule("" if tag == "*" else tag, frozenset(_PART.findall(match["parts"])), style)
-
-
-def _without_comments(text: str) -> str:
-    # Split at ends of comments: what stands in a piece before the next beginning is no comment.
-    return "".join(piece.partition("/*")[0] for piece in text.split("*/"))
-
-
-def _declarations(text: str) -> dict[str, str]:
-    """The properties that matter among ``name: value; …``."""
-    found = {}
-    for declaration in text.split(";"):
-        name, _, value = declaration.partition(":")
-        if (key := name.strip().lower()) in PROPERTIES:
-            found[key] = value.replace("!important", "").strip()
-    return found
-
 
 SHAPES = frozenset(("circle", "ellipse", "line", "path", "polygon", "polyline", "rect"))
 _GROUPS = frozenset(("a", "g", "svg", "switch"))

@@ -1,0 +1,406 @@
+"""The document of an SVG: its elements, their styles, lengths and transforms.
+
+Of style sheets, rules are understood whose selectors name an element, classes and an id of one element; a shape that
+another rule would hide is taken, since an obstacle too many is better than one too few.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.io.shapes import IMPORT
+
+_LONGEST_ATTRIBUTE = 20_000
+"""Characters of a style, class or transform. Taste: a hundred times what programs write."""
+_LONGEST_TEXT = 1_000_000
+"""Characters of a style sheet or a title that are kept. Taste."""
+_MOST_STYLE_RULES = 300
+"""Rules of style sheets that decide whether and how shapes are filled. Taste: each is compared with every element."""
+
+NAMESPACE = "http://www.w3.org/2000/svg"
+FOREIGN = ""
+"""Tag of elements that are not in the namespace of SVG: what editors keep for themselves."""
+_SEPARATOR = " "
+"""Between namespace and name, as the parser reports them; a blank is in no namespace."""
+
+
+@dataclass
+class Node:
+    """An element of a document.
+
+    Attributes:
+        tag: name without namespace; ``FOREIGN`` for elements of other namespaces.
+        attributes: by name; those of other namespaces have it in front, with a blank between.
+        children: elements in it, in order.
+        text: characters directly in it, kept for titles and style sheets alone.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    children: list["Node"] = field(default_factory=list)
+    text: str = ""
+
+
+def parsed_document(content: bytes) -> Node:
+    """The outermost element of an SVG file.
+
+    Args:
+        content: of the file.
+
+    Raises:
+        ProblemError: the content is no XML, no SVG, or exceeds a bound.
+    """
+    builder = _Builder()
+    parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
+    parser.buffer_text = True
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.text
+    parser.EntityDeclHandler = builder.entity
+    builder.references = content.count(b"&")
+    try:
+        parser.Parse(content, True)  # noqa: FBT003 - the parser takes no keyword
+    except (expat.ExpatError, ValueError, LookupError) as error:  # encodings that nobody knows too
+        raise ProblemError(f"not readable as XML: {error}") from None
+    root = builder.root
+    if root is None or root.tag != "svg":
+        raise ProblemError(f"expected the outermost element svg, got {'nothing' if root is None else root.tag}")
+    if builder.namespace not in {NAMESPACE, ""}:
+        raise ProblemError(
+            f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', without "
+            "which no program shows the drawing"
+        )
+    return root
+
+
+class _Builder:
+    """Receives what the parser finds; ``root`` is the tree in the end."""
+
+    def __init__(self) -> None:
+        self.root: Node | None = None
+        self.namespace = ""
+        self.open: list[Node] = []
+        self.count = 0
+        self.references = 0
+        self.entity_length = 0
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        """Add an element to the one that is open."""
+        self.count += 1
+        if self.count > IMPORT.most_nodes:
+            raise ProblemError(f"it holds more than {IMPORT.most_nodes} elements; simplify the drawing")
+        if len(self.open) >= IMPORT.deepest:
+            raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
+        namespace, _, tag = name.rpartition(_SEPARATOR)
+        if self.root is None:
+            self.namespace = namespace
+        node = Node(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
+        if self.open:
+            self.open[-1].children.append(node)
+        else:
+            self.root = node
+        self.open.append(node)
+
+    def end(self, _name: str) -> None:
+        """Close the element that is open."""
+        self.open.pop()
+
+    def text(self, text: str) -> None:
+        """Keep the characters that count."""
+        node = self.open[-1]
+        if node.tag in {"title", "style"} and len(node.text) <= _LONGEST_TEXT:
+            node.text += text
+
+    def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
+        """Refuse abbreviations that make a small file large: such as hold others, or are long and often used."""
+        if value is None:
+            return
+        self.entity_length += len(value)
+        if "&" in value or self.references * self.entity_length > IMPORT.most_bytes:
+            raise ProblemError("its entities would make it too large to read; save it as plain SVG")
+
+
+PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
+"""Those that matter; of fills only whether there is one, and strokes do not."""
+_SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
+_PART = re.compile(r"[.#][\w-]+")
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """One selector with what it says: ``tag`` may be empty, ``classes`` and ``ids`` must all be there."""
+
+    tag: str
+    parts: frozenset[str]
+    style: dict[str, str]
+
+    @property
+    def weight(self) -> tuple[int, int, int]:
+        """The specificity of CSS: ids before classes before elements."""
+        ids = sum(part.startswith("#") for part in self.parts)
+        return ids, len(self.parts) - ids, bool(self.tag)
+
+
+@dataclass
+class StyleSheet:
+    """The rules of a drawing that matter.
+
+    Attributes:
+        rules: in the order of their weight.
+        unread: selectors that could not be read and would hide shapes.
+    """
+
+    rules: list[_Rule] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
+
+    def style_of(self, node: Node) -> dict[str, str]:
+        """The properties of one element, those of its parents left out.
+
+        Raises:
+            ProblemError: an attribute is longer than anything that a program writes.
+        """
+        for key in ("style", "class", "transform"):
+            if len(node.attributes.get(key, "")) > _LONGEST_ATTRIBUTE:
+                raise ProblemError(
+                    f"the attribute {key} of an element {node.tag} has {len(node.attributes[key])} characters, at most "
+                    f"{_LONGEST_ATTRIBUTE} can be read"
+                )
+        found = {key: node.attributes[key].strip() for key in PROPERTIES if key in node.attributes}
+        if self.rules:
+            marks = {f".{name}" for name in node.attributes.get("class", "").split()}
+            marks.add(f"#{node.attributes.get('id', '')}")
+            for rule in self.rules:
+                if rule.tag in {"", node.tag} and rule.parts <= marks:
+                    found |= rule.style
+        return found | _declarations(node.attributes.get("style", ""))
+
+
+def style_sheet(root: Node) -> StyleSheet:
+    """The style sheet of a drawing.
+
+    Raises:
+        ProblemError: it has more rules that matter than can be applied to every element.
+    """
+    sheet = StyleSheet()
+    pending = [root]
+    while pending:
+        node = pending.pop()
+        pending.extend(reversed(node.children))
+        if node.tag == "style":
+            for rule in _rules(node.text, sheet.unread):
+                sheet.rules.append(rule)
+            if len(sheet.rules) > _MOST_STYLE_RULES:
+                raise ProblemError(
+                    f"more than {_MOST_STYLE_RULES} style rules hide shapes or say how they are filled; save "
+                    "it as plain SVG"
+                )
+    sheet.rules.sort(key=lambda rule: rule.weight)  # stable: of equal weight the later counts
+    return sheet
+
+
+def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
+    """The rules of a sheet that matter; blocks that hold for some media only are skipped."""
+    for block in _without_comments(text).split("}"):
+        selectors, _, body = block.rpartition("{")
+        style = _declarations(body)
+        if style.get("fill") not in {None, "none"}:  # what most rules say, and what a shape has by itself
+            del style["fill"]
+        if not style:
+            continue
+        for selector in selectors.rpartition("{")[2].split(","):
+            match = _SIMPLE.fullmatch(selector.strip())
+            if match is None or "@" in selectors:
+                if "display" in style or "visibility" in style:
+                    unread.append(selector.strip()[:60])
+                continue
+            tag = match["tag"] or ""
+            yield _Rule("" if tag == "*" else tag, frozenset(_PART.findall(match["parts"])), style)
+
+
+def _without_comments(text: str) -> str:
+    # Split at ends of comments: what stands in a piece before the next beginning is no comment.
+    return "".join(piece.partition("/*")[0] for piece in text.split("*/"))
+
+
+def _declarations(text: str) -> dict[str, str]:
+    """The properties that matter among ``name: value; …``."""
+    found = {}
+    for declaration in text.split(";"):
+        name, _, value = declaration.partition(":")
+        if (key := name.strip().lower()) in PROPERTIES:
+            found[key] = value.replace("!important", "").strip()
+    return found
+
+
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_BETWEEN = re.compile(r"[\s,]*")
+_LENGTH = re.compile(rf"({NUMBER.pattern})([a-z%]*)", re.IGNORECASE)
+_PIXELS: Mapping[str, float] = {
+    "": 1.0,
+    "px": 1.0,
+    "pt": 96.0 / 72.0,
+    "pc": 16.0,
+    "in": 96.0,
+    "cm": 96.0 / 2.54,
+    "mm": 96.0 / 25.4,
+    "q": 96.0 / 101.6,
+}
+"""Units of length in user units (CSS Values, section 6.2)."""
+
+
+class Affine(NamedTuple):
+    """The map (x, y) ↦ (a x + c y + e, b x + d y + f), its numbers in SVG's order."""
+
+    a: float = 1.0
+    b: float = 0.0
+    c: float = 0.0
+    d: float = 1.0
+    e: float = 0.0
+    f: float = 0.0
+
+    def after(self, first: "Affine") -> "Affine":
+        """The map that does ``first`` and then this."""
+        return Affine(
+            self.a * first.a + self.c * first.b,
+            self.b * first.a + self.d * first.b,
+            self.a * first.c + self.c * first.d,
+            self.b * first.c + self.d * first.d,
+            self.a * first.e + self.c * first.f + self.e,
+            self.b * first.e + self.d * first.f + self.f,
+        )
+
+
+class View(NamedTuple):
+    """Size of the picture in its own units, of which lengths in per cent are parts; None where it has no size."""
+
+    width: float | None
+    height: float | None
+
+
+def numbers_in(text: str) -> list[float]:
+    """The numbers of a list with blanks or commas between them.
+
+    Raises:
+        ProblemError: there is something else in it.
+    """
+    if not _BETWEEN.fullmatch(NUMBER.sub(" ", text)):
+        raise ProblemError("it has coordinates with something that is no number")
+    numbers = [float(number) for number in NUMBER.findall(text)]
+    if not all(map(math.isfinite, numbers)):
+        raise ProblemError("it has a coordinate that is not a finite number")
+    return numbers
+
+
+def length_of(text: str, view: View, across: bool | None) -> float:
+    """A length in user units.
+
+    Args:
+        text: number and unit.
+        view: what per cent refers to.
+        across: whether it is one of width; None for neither width nor height, such as a radius.
+
+    Raises:
+        ProblemError: it is no length, or depends on a size of fonts or of the picture that is not known.
+    """
+    match = _LENGTH.fullmatch(text.strip())
+    if match is None:
+        raise ProblemError(f"it has the length '{text[:40]}'; expected a number")
+    value = float(match[1])
+    if not math.isfinite(value):
+        raise ProblemError("it has a length that is too large")
+    unit = match[2].lower()
+    if unit in _PIXELS:
+        return value * _PIXELS[unit]
+    if unit == "%" and view.width is not None and view.height is not None:
+        whole = math.hypot(view.width, view.height) / math.sqrt(2.0)
+        if across is not None:
+            whole = view.width if across else view.height
+        return 0.01 * value * whole
+    raise ProblemError(f"it has the length '{text[:40]}', whose unit has no fixed size here; use plain numbers")
+
+
+def transform_of(text: str) -> Affine:
+    """The map of a transform attribute.
+
+    Raises:
+        ProblemError: it cannot be read.
+    """
+    whole = Affine()
+    if text.strip() in {"", "none"}:
+        return whole
+    *calls, rest = text.split(")")
+    if rest.strip(" \t\r\n,"):
+        raise ProblemError(f"it has the transform '{text[:40]}', which cannot be read")
+    for call in calls:
+        name, _, listed = call.partition("(")
+        values = numbers_in(listed.lower().replace("deg", " ").replace("px", " "))
+        whole = whole.after(_single(name.strip(" \t\r\n,"), values, text))
+    return whole
+
+
+def _single(name: str, values: list[float], text: str) -> Affine:
+    """One function of a transform."""
+    make = _FUNCTIONS.get((name, len(values)))
+    if make is None:
+        raise ProblemError(f"it has the transform '{text[:40]}', which cannot be read at '{name[:20]}'")
+    return make(*values)
+
+
+def _turn(degrees: float) -> Affine:
+    cosine = math.cos(math.radians(degrees))
+    sine = math.sin(math.radians(degrees))
+    return Affine(cosine, sine, -sine, cosine)
+
+
+def _turn_about(degrees: float, x: float, y: float) -> Affine:
+    return Affine(e=x, f=y).after(_turn(degrees)).after(Affine(e=-x, f=-y))
+
+
+_FUNCTIONS: Mapping[tuple[str, int], Callable[..., Affine]] = {
+    ("matrix", 6): Affine,
+    ("translate", 1): lambda x: Affine(e=x),
+    ("translate", 2): lambda x, y: Affine(e=x, f=y),
+    ("scale", 1): lambda x: Affine(a=x, d=x),
+    ("scale", 2): lambda x, y: Affine(a=x, d=y),
+    ("rotate", 1): _turn,
+    ("rotate", 3): _turn_about,
+    ("skewX", 1): lambda angle: Affine(c=math.tan(math.radians(angle))),
+    ("skewY", 1): lambda angle: Affine(b=math.tan(math.radians(angle))),
+}
+"""The functions of transforms by name and number of arguments."""
+
+
+def fitted_view(box: str, width: float | None, height: float | None, aspect: str) -> Affine:
+    """The map from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
+
+    Args:
+        box: its attribute viewBox.
+        width: that it is given, or None.
+        height: likewise.
+        aspect: its attribute preserveAspectRatio.
+
+    Raises:
+        ProblemError: the box cannot be read, or its size is not known.
+    """
+    values = numbers_in(box)
+    if len(values) != 4 or values[2] <= 0.0 or values[3] <= 0.0:
+        raise ProblemError(f"it has the viewBox '{box[:40]}'; expected x, y and a positive width and height")
+    if width is None or height is None:
+        raise ProblemError("it has a viewBox but no width and height; give it both")
+    x, y, inner_width, inner_height = values
+    across = width / inner_width
+    up = height / inner_height
+    if aspect.strip().startswith("none"):
+        return Affine(across, 0.0, 0.0, up, -x * across, -y * up)
+    scale = max(across, up) if "slice" in aspect else min(across, up)
+    # Room that is left goes to one side or is shared: xMin, xMid or xMax, and the same for y.
+    shares = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+    share_x = shares.get(aspect.strip()[1:4], 0.5)
+    share_y = shares.get(aspect.strip()[5:8], 0.5)
+    left = share_x * (width - scale * inner_width) - x * scale
+    top = share_y * (height - scale * inner_height) - y * scale
+    return Affine(scale, 0.0, 0.0, scale, left, top)
