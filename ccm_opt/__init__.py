@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
-    from ccm_opt.driver.verified_plan import check
     from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
     from ccm_opt.ik.quantities import Quantities
     from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
         obstacles_of,
     )
     from ccm_opt.solution import JointPath, Solution
+    from ccm_opt.verification.verifier import verify as check
     from ccm_opt.viz.saved_plans import SavedPlan, animate, load, plot, save
 
 __version__ = "0.1.0"
@@ -99,7 +99,6 @@ __all__ = [
 
 _NAMES = {
     "ccm_opt.driver.planning_run": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
-    "ccm_opt.driver.verified_plan": ("check",),
     "ccm_opt.driver.finding_pose": ("find_pose",),
     "ccm_opt.driver.live_plan": ("LivePlan",),
     "ccm_opt.driver.pareto": ("pareto",),
@@ -123,6 +122,7 @@ _NAMES = {
 }
 """Public names by the module that has them under the same name."""
 _HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names}
+_HOMES["check"] = ("ccm_opt.verification.verifier", "verify")
 """Module and name of each public object."""
 _MODULES = {"errors": "ccm_opt.errors", "plotting": "ccm_opt.viz"}
 """Public modules."""

@@ -27,9 +27,9 @@ def remarks(arm: Arm, bends: Any) -> tuple[str, ...]:
     """What is said of a motion with given poses as samples."""
     positions = np.asarray(bends, dtype=np.float64)
     one = np.ones(3 * arm.links)
-    room = ROOM if arm.dimension == 2 else Workspace(bounds=None, obstacles=())
-    first, last = (JointPose.from_configuration(positions[k], arm.coordinates) for k in (0, -1))
-    problem = Problem("said", room, arm, Limits(one, one), first, last)
+    room = ROOM if arm.dimension == 2 else Workspace()
+    poses = (JointPose(bends.reshape(arm.links, -1).squeeze()) for bends in positions[[0, -1]])
+    problem = Problem("said", room, arm, Limits(one, one), *poses)
     still = np.zeros_like(positions)
     return left_unchecked(problem, JointTrajectory(0.005 * np.arange(len(positions)), positions, still, still))
 

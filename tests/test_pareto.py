@@ -17,13 +17,12 @@ from typer.testing import CliRunner
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.kept_plan import kept_room
 from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
+from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
-from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.viz.paper_figures import pareto_png
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
@@ -147,7 +146,7 @@ def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: f
     top = 4.0 * problem.default_gap
     for plan in found.plans:
         assert plan.solution is not None
-        room = kept_room(with_gap(problem, top), plan.solution.trajectory, plan.solution.checks)
+        room = room_over_time(problem, plan.solution.trajectory, top)
         bound = possible_gap(problem, room)
         assert bound is not None
         assert min(room.nearest.gap, top) <= bound.value + problem.tolerances.position

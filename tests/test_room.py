@@ -16,16 +16,20 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.kept_plan import gap_between_walls
-from ccm_opt.problem import JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.driver.room_over_time import RoomSettings, room_over_time
+from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
-from ccm_opt.verification.room_over_time import RoomSettings, room_over_time
+from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.room_section import room_sentences
 
 from .arms import plain_arm
 from .conftest import PROBLEMS
+from .space_arms import space_arm
+from .surface_scenes import slow_gaps
 from .test_verification import ROOM, make_case, quintic, random_motion, random_obstacles
 
 POST = Obstacle("post", PlaneShape(shapely.Point(0.3, 0.12), 0.02))
@@ -84,6 +88,44 @@ def test_the_least_gap_is_that_of_a_dense_sweep(seed: int, radius: float, cleara
         assert room.nearest.gap >= swept - step
     else:
         assert room.nearest.gap >= room.reach - step
+
+
+@pytest.mark.planning
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10**6), clearance=st.floats(0.0, 0.01))
+def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: float) -> None:
+    """Of an arm between balls, between samples too; gaps at samples are those of their poses, to the links as well."""
+    rng = np.random.default_rng(seed)
+    arm = space_arm(6, 0.1, 0.02, mount_length=0.05)
+    balls = tuple(Obstacle(f"ball {k}", SphereBody(rng.uniform(-0.6, 0.6, 3), 0.05)) for k in range(4))
+    poses = np.cumsum(rng.normal(0.0, 0.15, (5, 12)), axis=0)
+    still = np.zeros_like(poses)
+    trajectory = JointTrajectory(0.1 * np.arange(5), poses, still, still, arm.coordinates)
+    one = np.ones(18)
+    start, goal = (JointPose(pose.reshape(6, 2)) for pose in poses[[0, -1]])
+    problem = Problem("space", Workspace(obstacles=balls, clearance=clearance), arm, Limits(one, one), start, goal)
+    room = room_over_time(problem, trajectory, 0.0)
+
+    def gaps(positions: FloatArray) -> FloatArray:
+        points = arm.joint_positions_at(positions)
+        _, exposed = arm.exposed_links(points)
+        walls = slow_gaps(exposed.reshape(-1, 2, 3), problem.workspace.soup, 9.0)
+        i, j = arm.self_pairs
+        itself = segment_distances(*(points[:, k].reshape(-1, 3) for k in (i, i + 1, j, j + 1))).reshape(
+            len(points), -1
+        )
+        return np.minimum(
+            walls.reshape(len(points), -1).min(axis=1) - arm.radius - clearance, itself.min(axis=1) - 2.0 * arm.radius
+        )
+
+    at_samples = gaps(poses)
+    np.testing.assert_allclose(room.gaps, np.minimum(at_samples, room.reach), atol=1e-9)
+    dense = np.concatenate([a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a) for a, b in pairwise(poses)])
+    swept = float(gaps(dense).min())
+    # Where a pose is too near the search ends with the first that refutes the motion.
+    if swept > 1e-3 and swept < room.reach:
+        assert room.nearest.gap <= swept + 2.0 * DEFAULT_VERIFICATION.report_resolution
+        assert room.nearest.gap >= swept - 0.02
 
 
 def test_the_ends_and_the_pair_are_named() -> None:

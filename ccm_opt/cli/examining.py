@@ -16,7 +16,7 @@ from ccm_opt.cli.tables import columned_table, peak_torque, report_console, unit
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.core.length_words import in_unit
-from ccm_opt.driver.verified_plan import check, failed_checks
+from ccm_opt.driver.verified_plan import failed_checks
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data
@@ -27,6 +27,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
 from ccm_opt.solution import SimulatedMotion, SurvivedError
+from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.room_section import survived_in_words
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
@@ -280,7 +281,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
     # The certificate takes for granted that the plan itself touches nothing.
-    if failures := failed_checks(check(problem, motion.trajectory, motion.joints)):
+    if failures := failed_checks(verify(problem, motion.trajectory, motion.joints)):
         raise VerificationError(failures)
     from ccm_opt.driver.surviving import tolerance_of_motion  # noqa: PLC0415 - loads casadi
 

@@ -14,7 +14,7 @@ from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.core.files import put_file
-from ccm_opt.driver.verified_plan import check as checked_again
+from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.errors import ProblemError
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
@@ -27,6 +27,7 @@ from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.verification.left_unchecked import left_unchecked
+from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.checks_section import checks_in_words
 
 MALFORMED = ("samples", "joint names")
@@ -50,13 +51,11 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
     recorded = recorded_results(folder)
-    own = checked_again(problem, motion.trajectory, motion.joints)
+    own = verify(problem, motion.trajectory, motion.joints)
     of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
-    from ccm_opt.driver.kept_plan import kept_room  # noqa: PLC0415 - loads the simulation
-
-    room = kept_room(problem, motion.trajectory, own) if whole else None
+    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
     left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
     of_record = [] if room is None else _checks_of_record(folder, problem, motion, recorded, own, room, left_out)
     checks = (*own, *of_terms, *of_record)

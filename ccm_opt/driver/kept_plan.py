@@ -21,18 +21,17 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.metrics import metrics
+from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CancelledWithPlan
-from ccm_opt.planning.space_ends import GapsAtSamples
 from ccm_opt.problem import Problem
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.solution import (
     Check,
     JointTrajectory,
-    NearPlace,
     PossibleGap,
     RoomRecord,
     SimulatedMotion,
@@ -40,13 +39,7 @@ from ccm_opt.solution import (
     SurvivedError,
 )
 from ccm_opt.verification.left_unchecked import left_unchecked
-from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-
-_LOOKS = 400
-"""Samples at which the room is measured in space, at most. Taste: as many as a chart shows."""
-_BEYOND_WANTED = 1.5
-"""How far the room is looked at, in wanted gaps; a link at least. Taste: the chart's height."""
 
 Result = TypeVar("Result")
 
@@ -91,10 +84,13 @@ def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
     return float(shapely.length(line)) - one.rounding - other.rounding
 
 
-def kept_room(
-    problem: Problem, trajectory: JointTrajectory, checks: Sequence[Check], settings: Settings = DEFAULT_SETTINGS
+def room_of(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    checks: Sequence[Check],
+    settings: Settings = DEFAULT_SETTINGS,
 ) -> RoomRecord:
-    """The record of the room that a verified motion keeps, with nothing in it of what would have been possible.
+    """The record of the room that a verified motion keeps.
 
     Args:
         problem: what was asked.
@@ -102,52 +98,15 @@ def kept_room(
         checks: of the verifier, which know its least gaps.
         settings: of all stages.
     """
-    if problem.dimension == 3:
-        return _room_in_space(problem, trajectory)
-    return room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
-
-
-def _room_in_space(problem: Problem, trajectory: JointTrajectory) -> RoomRecord:
-    rests = [0, *trajectory.stops, len(trajectory.time) - 1]
-    even = np.linspace(0, len(trajectory.time) - 1, min(_LOOKS, len(trajectory.time))).round().astype(np.intp)
-    samples = np.union1d(even, rests)
-    points = problem.arm.joint_positions_at(trajectory.positions[samples])
-    # Far enough that the wanted gap, or the usual one, can be told from more.
-    wanted = max(problem.wanted_gap, problem.default_gap)
-    reach = max(problem.arm.link_length, _BEYOND_WANTED * wanted) + problem.workspace.clearance
-    gaps = GapsAtSamples.of(problem, points, reach)
-    walls = gaps.walls.gap - problem.workspace.clearance
-    itself = gaps.itself.gap
-
-    def place(sample: int) -> NearPlace:
-        near_wall = bool(walls[sample] <= itself[sample])
-        near = gaps.walls if near_wall else gaps.itself
-        link = int(near.link[sample])
-        gap = float(min(walls[sample], itself[sample]))
-        other = int(near.other[sample])
-        obstacle = gaps.names[other] if near_wall and link else ""
-        second = 0 if near_wall or not link else other
-        return NearPlace(gap, problem.wanted_gap, float(trajectory.time[samples[sample]]), link, obstacle, second)
-
-    ends = tuple(place(int(np.searchsorted(samples, rest))) for rest in rests)
-    nearest = place(int(np.argmin(np.minimum(walls, itself))))
-    time = trajectory.time[samples]
-    return RoomRecord(time, problem.wanted_gap, problem.workspace.clearance, walls, itself, reach, nearest, ends)
-
-
-def room_of(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    checks: Sequence[Check],
-    settings: Settings = DEFAULT_SETTINGS,
-) -> RoomRecord:
-    """The same with what bounds the room of any motion in the plane; arguments as for ``kept_room``."""
-    room = kept_room(problem, trajectory, checks, settings)
-    if room.wanted == 0.0 or problem.dimension == 3:
+    room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
+    if room.wanted == 0.0:
         return room
     if not room.short:
         # What the motion keeps is possible, and more was not wanted.
         return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
+    if problem.dimension == 3:
+        # To flood the room for the widest way takes as long as to plan.
+        return room
     bounds = list(_bounds_of_passages(problem, trajectory, room))
     general = possible_gap(problem, room, settings.diagnosis)
     if general is not None:

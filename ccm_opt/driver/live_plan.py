@@ -19,7 +19,7 @@ from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.verified_plan import VerifiedPlan, check, failed_checks
+from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner
@@ -32,6 +32,7 @@ from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import Check, JointPath, Solution
+from ccm_opt.verification.verifier import verify
 
 
 @dataclass
@@ -337,7 +338,7 @@ class LivePlan:
             return False
         if self.plan.problem.goal is not self.problem.goal:
             return False
-        checks = check(self.problem, self._verified.trajectory, self._verified.joints, self.settings.verification)
+        checks = verify(self.problem, self._verified.trajectory, self._verified.joints, self.settings.verification)
         wanted = self.problem.workspace.clearance + self.problem.wanted_gap
         # With less room than it had, or was wanted, there may be a better one.
         if failed_checks(checks) or _wall_gap(checks) < min(_wall_gap(self._verified.checks), wanted):

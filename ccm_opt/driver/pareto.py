@@ -8,8 +8,8 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.arguments import expect_arguments
-from ccm_opt.driver.kept_plan import kept_room
 from ccm_opt.driver.pipeline import solve
+from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
@@ -194,9 +194,7 @@ def largest_wanted_gap(
 
 def _bound_below(most: float, plan: Solution, settings: Settings) -> PossibleGap | None:
     """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
-    options = replace(plan.problem.planner, wanted_gap=most)
-    asked = replace(plan.problem, planner=options, source="")
-    room = kept_room(asked, plan.trajectory, plan.checks, settings)
+    room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
     return possible_gap(plan.problem, room, settings.diagnosis)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.arguments import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
+from ccm_opt.driver.room_over_time import RoomSettings
 from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
 from ccm_opt.ik.terms import TermCheckSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
@@ -13,7 +14,6 @@ from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.retiming.paul import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
-from ccm_opt.verification.room_over_time import RoomSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
 

@@ -9,7 +9,7 @@ from ccm_opt import retiming
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Leg, Retimer, whole_path
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan, check, failed_checks, results_of_terms, verified, worst_of_legs
+from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, results_of_terms, verified, worst_of_legs
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError
 from ccm_opt.planning.following.leader import feed_limits
@@ -17,6 +17,7 @@ from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.solution import JointTrajectory
+from ccm_opt.verification.verifier import verify
 
 if TYPE_CHECKING:
     from ccm_opt.ik.compiled_terms import UserTerms
@@ -106,7 +107,7 @@ def _timed(
         # Paul's transitions leave the path, so the first of them may be refused for walls; TOPP-RA's only one is not.
         if problem.planner.retiming == "toppra":
             return trajectory
-        checks = check(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
+        checks = verify(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
         of_terms = results_of_terms(terms, problem.arm, leg.path, trajectory, settings.user_terms)
         failures = failed_checks((*checks, *of_terms.checks))
         if not failures:

@@ -90,41 +90,18 @@ def _value(check: Check) -> str:
     return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
 
 
-def check(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    joints: JointStates,
-    settings: VerificationSettings = DEFAULT_VERIFICATION,
-) -> tuple[Check, ...]:
-    """Check a timed motion against everything its problem asks, in the plane or in space.
-
-    Args:
-        problem: what was asked.
-        trajectory: the motion.
-        joints: the same for the drives, with their efforts.
-        settings: tolerances, and how hard to look.
-
-    Returns:
-        One check a promise, each with its worst value and where it was met; malformed data end the list at once.
-
-    Raises:
-        ProblemError: an argument is of another type.
-    """
-    return verify(problem, trajectory, joints, settings)
-
-
 def verified(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[Check, ...]:
-    """Check a motion that has to pass; arguments as for ``check``.
+    """Check a motion that has to pass; arguments as for ``verify``.
 
     Raises:
         VerificationError: naming the checks that fail.
     """
-    checks = check(problem, trajectory, joints, settings)
+    checks = verify(problem, trajectory, joints, settings)
     if failures := failed_checks(checks):
         raise VerificationError(failures)
     return checks

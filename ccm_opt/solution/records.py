@@ -227,7 +227,7 @@ class PossibleGap:
 
 @dataclass(frozen=True, eq=False)
 class RoomRecord:
-    """The room that a timed motion keeps at all times; ``verification.room_over_time`` makes it.
+    """The room that a timed motion keeps at all times; ``driver.room_over_time`` makes it.
 
     Attributes:
         time: of the samples whose gaps follow, the motion's ends and stops among them, shape (N,) [s].

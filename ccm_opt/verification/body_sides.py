@@ -108,8 +108,10 @@ def _through_face(
     found = []
     for end, height in ((start, begins), (start + line, begins + rises)):
         found.append(((height / safe)[:, None] * normal, inside(end - corner)))
-    share = -begins / np.where(rises == 0.0, 1.0, rises)
-    crosses = (rises != 0.0) & (share >= 0.0) & (share <= 1.0)
+    # Of a segment that hardly rises no share is told that it does not reach.
+    reaches = (rises != 0.0) & (np.abs(begins) <= np.abs(rises))
+    share = -begins / np.where(reaches, rises, 1.0)
+    crosses = reaches & (share >= 0.0)
     through = start + share[:, None] * line - corner
     found.append((np.zeros_like(start), crosses & inside(through)))
     return found

@@ -23,24 +23,18 @@ def left_unchecked(
         A clause each.
     """
     arm = problem.arm
-    remarks = _of_arm(arm)
-    # Links in space that cross are refused, however near they are along the arm.
-    if not arm.self_collision or arm.dimension == 3:
-        return remarks
-    motion = ChainMotion(arm, trajectory.time, trajectory.positions)
-    crossing = crossing_near_links(motion, settings.for_problem(problem))
-    if not crossing:
-        return remarks
-    return (*remarks, f"{crossing}: links less than {first_distant(arm)} apart along the arm are not kept apart")
-
-
-def _of_arm(arm: Arm) -> tuple[str, ...]:
-    """What follows from the arm alone: its mount, and links that are not kept apart."""
     remarks = [_of_mount(arm)]
     if not arm.self_collision:
         remarks.append("links were not kept apart from each other, since arm.self_collision is false")
     elif first_distant(arm) >= arm.links:
         remarks.append("no links were kept apart from each other: all are near each other along the arm")
+    # Links in space that cross are refused, however near they are along the arm.
+    if arm.self_collision and arm.dimension == 2:
+        motion = ChainMotion(arm, trajectory.time, trajectory.positions)
+        crossing = crossing_near_links(motion, settings.for_problem(problem))
+        if crossing:
+            apart = first_distant(arm)
+            remarks.append(f"{crossing}: links less than {apart} apart along the arm are not kept apart")
     return tuple(remark for remark in remarks if remark)
 
 

@@ -244,50 +244,6 @@ def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
 
 
-def wall_gaps(
-    arm: Arm, workspace: Workspace, poses: FloatArray, reach: float
-) -> tuple[IntArray, FloatArray, list[str]]:
-    """The link and the wall that are nearest in each of some poses.
-
-    Args:
-        arm: the arm.
-        workspace: what stands around it.
-        poses: joint and tip positions, shape (N, links + 1, d) [m].
-        reach: surfaces that are farther apart are not told apart [m].
-
-    Returns:
-        Numbers of the links from 0, −1 where no wall is within reach, shape (N,); gaps between the surfaces, the reach
-        where there is none, shape (N,) [m]; and names of the walls, empty where there is none.
-    """
-    exposed = exposed_starts(arm)
-    links = np.flatnonzero(exposed < 1.0)
-    gaps = np.full(len(poses), reach)
-    found = np.full(len(poses), -1)
-    names = [""] * len(poses)
-    if len(links) == 0 or is_empty(workspace):
-        return found, gaps, names
-    surfaces = CheckedSurfaces.of(workspace)
-    pairs = Pairs.in_all(len(poses), links, np.zeros_like(links))
-    while len(pairs):
-        start, end = link_axes(poses, pairs, exposed)
-        low, high = surfaces.bounds(pairs.other, start, end)
-        single = surfaces.is_single(pairs.other)
-        low[single], high[single] = surfaces.separations(pairs.other[single], start[single], end[single])
-        least = low - surfaces.rounding.take(pairs.other) - arm.radius
-        most = high - np.where(single, surfaces.rounding.take(pairs.other), 0.0) - arm.radius
-        for best in np.flatnonzero(single & (most <= gaps[pairs.stretch])):
-            pose = pairs.stretch[best]
-            if most[best] <= gaps[pose]:
-                gaps[pose], found[pose] = most[best], pairs.link[best]
-                names[pose] = surfaces.name_of(int(pairs.other[best]))
-        ceiling = gaps.copy()
-        np.minimum.at(ceiling, pairs.stretch, most)
-        near = pairs.where(~single & (least <= ceiling[pairs.stretch]))
-        place, child = surfaces.children(near.other)
-        pairs = Pairs(near.stretch[place], near.link[place], child)
-    return found, gaps, names
-
-
 def is_empty(workspace: Workspace) -> bool:
     """Whether there is nothing that an arm might touch."""
     return workspace.dimension == 3 and len(workspace.soup) == 0

@@ -10,7 +10,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import described
-from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, check
+from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import Problem, TipGoal
@@ -18,6 +18,7 @@ from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
+from ccm_opt.verification.verifier import verify
 
 from .plans import Folder, Generator, kind
 
@@ -50,7 +51,7 @@ def write_anew(
 
 def told(problem: Problem, path: JointPath, trajectory: JointTrajectory, states: JointStates) -> Solution:
     """All that is said of a motion, whether it is a plan or not."""
-    checks = check(problem, trajectory, states)
+    checks = verify(problem, trajectory, states)
     plan = VerifiedPlan(path, trajectory, states, checks, TermResults())
     return described(problem, plan, Stages())
 

@@ -14,6 +14,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.record_agreement import keyframe_curves
+from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.errors import CcmError
 from ccm_opt.problem import (
     JointPose,
@@ -39,7 +40,6 @@ from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.newton_euler import drive_efforts
-from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.tolerance.error_model import MODELS, base_heading_error, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, tube_of, worst_motion

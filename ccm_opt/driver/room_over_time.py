@@ -1,7 +1,7 @@
 """Clearance over time.
 
-Like all of the verifier it measures the motion itself, linear between samples, and asks no planner. The gaps over time
-are those at some of the samples; the least gap is looked for at all times, by the halving that proves bodies apart.
+The gaps over time are those at some of the samples of the motion; the least gap is that of all times, linear between
+samples, as the checks of the verifier know it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,12 +14,15 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
 from ccm_opt.solution.records import ShortCause
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import check_walls, wall_gaps
+from ccm_opt.verification.wall_clearance import check_walls, edges_of
 
 
 @dataclass(frozen=True)
@@ -162,10 +165,26 @@ class _Room:
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
         """The nearest wall at every sample looked at."""
+        arm = self.problem.arm
         clearance = self.problem.workspace.clearance
-        link, gap, names = wall_gaps(self.problem.arm, self.problem.workspace, poses, self._reach + clearance)
-        wanted = np.full(len(poses), self.wanted)
-        return _GapsAtSamples(gap - clearance, wanted, link + 1, np.zeros_like(link), np.array(names, dtype=np.object_))
+        count = len(poses)
+        soup = _surfaces(self.problem.workspace)
+        first, exposed = arm.exposed_links(poses)
+        gap = np.full(count, self._reach)
+        link = np.zeros(count, dtype=np.intp)
+        names = np.full(count, "", dtype=np.object_)
+        if first < arm.links and len(soup):
+            segments = np.pad(exposed.reshape(-1, 2, arm.dimension), _third(arm.dimension))
+            reach = self._reach + clearance + arm.radius
+            found = SurfaceTree.of(soup).nearest(segments, reach, together=exposed.shape[1])
+            gaps = found.gap.reshape(count, -1) - arm.radius - clearance
+            best = np.argmin(gaps, axis=1)
+            owner = found.owner.reshape(count, -1)[np.arange(count), best]
+            near = owner >= 0
+            gap = np.where(near, gaps[np.arange(count), best], self._reach)
+            link = np.where(near, first + best + 1, 0)
+            names[near] = np.array(soup.names, dtype=np.object_)[owner[near]]
+        return _GapsAtSamples(gap, np.full(count, self.wanted), link, np.zeros_like(link), names)
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
         """The two links that are nearest at every sample looked at, and those that miss most of what they want."""
@@ -233,6 +252,19 @@ class _Room:
                     return "start"
                 return "goal" if number == len(rests) - 1 else "stop"
         return "passage"
+
+
+def _surfaces(workspace: Workspace) -> SurfaceSoup:
+    """Everything that an arm must keep away from; the edges of walls in the plane are triangles without area."""
+    if workspace.dimension == 3:
+        return workspace.soup
+    edges, rounding, owner, names = edges_of(workspace)
+    return SurfaceSoup(np.pad(edges[:, [0, 1, 1]], _third(2)), rounding, owner, names)
+
+
+def _third(dimension: int) -> list[tuple[int, int]]:
+    """How places of the plane, shape (…, ·, d), are padded with a third coordinate."""
+    return [(0, 0), (0, 0), (0, 3 - dimension)]
 
 
 def _first_of_each(node: IntArray, least: FloatArray, count: int) -> IntArray:
