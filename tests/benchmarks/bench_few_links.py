@@ -56,7 +56,7 @@ def goal_poses(problem: Problem, seed: int) -> FloatArray:
     task = motion_task(problem)
     run = SearchRun.from_task(task, task.settings.search.margins[-1])
     connecting = Connecting(task, run.stepper.space, run.start, run.goal, lambda: iter(()))
-    check = SampledCheck.of(arm, problem.workspace, connecting.settings.sampling)
+    check = SampledCheck.of(arm, problem.workspace)
     goals = connecting._search(check, np.random.default_rng(seed)).goals
     drawn = [pose for _ in range(DRAWS) for pose in next(goals)]
     proved = [pose for pose in drawn if len(task.certificate.failures(np.stack((pose, pose)))) == 0]
