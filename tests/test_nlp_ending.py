@@ -9,8 +9,8 @@ import pytest
 import ccm_opt
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
+from ccm_opt.planning.ending import IN_NLP_POSE, ended_by_nlp
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_ending import IN_NLP_POSE, ended_by_nlp
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task

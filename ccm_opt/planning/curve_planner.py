@@ -88,15 +88,13 @@ def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
         settled = settle(stepper, task.limited_goal, stepper.pose(coordinates[-1]), task.deadline)
     except Stalled:
         return None
-    change = settled[-1].v - coordinates[-1]
-    u = known.path_parameters
-    for beginning in task.settings.optimisation.bending_from:
-        share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
-        moved = _certified(space, coordinates + (share**2 * (3.0 - 2.0 * share))[:, None] * change, known, task)
-        if moved is not None:
-            return moved
+    begun = replace(known, curve=space, unknowns=coordinates, u=None, end_pose=None)
+    for bent in begun.bent_to(settled[-1].v, known.path_parameters):
+        if _is_certified(bent, task):
+            return bent
     # Where bending it would meet a wall, the motion goes on from its end.
-    return _certified(space, np.vstack((coordinates, [pose.v for pose in settled[1:]])), known, task)
+    led_on = begun.through(np.vstack((coordinates, [pose.v for pose in settled[1:]])))
+    return led_on if _is_certified(led_on, task) else None
 
 
 def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
@@ -108,8 +106,7 @@ def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None
     except Stalled:
         return None
     motion = Motion.of(stepper.space, way.poses, known.candidate)
-    refused = len(task.certificate.failures(motion.configurations)) > 0
-    return None if refused or not task.within_joint_limits(motion.configurations) else motion
+    return motion if _is_certified(motion, task) else None
 
 
 def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArray:
@@ -121,12 +118,10 @@ def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArr
     return coordinates
 
 
-def _certified(space: LinkSpace, coordinates: FloatArray, known: Motion, task: MotionTask) -> Motion | None:
-    """The motion through keyframes, shape (K, p); None where it is not certified."""
-    headings = space.configurations(coordinates)
-    if len(task.certificate.failures(headings)) or not task.within_joint_limits(headings):
-        return None
-    return replace(known, curve=space, unknowns=coordinates, configurations=headings, u=None, end_pose=None)
+def _is_certified(motion: Motion, task: MotionTask) -> bool:
+    """Whether a motion keeps all limits."""
+    q = motion.configurations
+    return len(task.certificate.failures(q)) == 0 and task.within_joint_limits(q)
 
 
 @dataclass(frozen=True)

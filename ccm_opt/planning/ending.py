@@ -4,18 +4,29 @@ A motion lasts as long as its busiest joint needs, while the sum of squared turn
 power of how much each turns at most, in a motion that is nearly optimal, the sum comes near the largest of them
 (iteratively reweighted least squares for a higher norm).
 
-The first optimisation finds the end that costs the motion least; the goal pose is asked for near it, so that what room,
-bending and torque are worth is weighed against the way there, and the motion has little left to change.
+In the plane the first optimisation finds the end that costs the motion least; the goal pose is asked for near it, so
+that what room, bending and torque are worth is weighed against the way there, and the motion has little left to change.
+
+In space the program is asked first. It, and the optimisation, keep every link on its side of planes that stand still
+while they are solved. A link that ends at the goal and lies along a wall has before such a plane only the room of its
+tip, which cannot move: no change of the pose makes the gap wider, as long as the plane does not turn. A step sees the
+nearest place of the link instead, which does move away when the link turns about the goal.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.ik.pose_settings import SPACE_POSES
+from ccm_opt.ik.pose_solver import ArmPose
+from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
 from ccm_opt.planning.continuation import Stalled, follow
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import Interpolation
-from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import (
@@ -27,7 +38,14 @@ from ccm_opt.planning.optimisation.optimise import (
     shortened,
     with_more_room,
 )
-from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.space_guides import PoseLed
+from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.step import SpaceStepper, Stepper
+from ccm_opt.problem import Problem
+from ccm_opt.robot.biarc import straight_at_exit
+from ccm_opt.solution import SpaceGoalPoseRecord
 
 _LEAST_KEYFRAMES = 4
 """A motion of fewer keyframes has no second differences to speak of. Derived."""
@@ -41,6 +59,26 @@ _BOTTLENECK_POWER = 0.5
 same motions last 1 % longer in the median."""
 _LEAST_BUSY = 0.2
 """That ratio counts as at least this much. Taste."""
+_OPENING = 1.05
+"""Gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a little more, so
+that the planes of the NLP leave all that is wanted (taste)."""
+_OPENING_STEPS = 20
+"""Most of these; five bring nearly all that there is."""
+_OPENING_WEIGHT = 10.0
+"""Of the goal in them, beside the pull of walls that are too near."""
+_ITERATIONS = 100
+"""Most iterations of the NLP; mostly it takes some twenty, and of arms on fixed bases, whose ends a search leaves far
+from smooth, one in four takes 30 to 80 (measured among 40 and 80 bodies)."""
+_ENOUGH = 0.9
+"""Share of the wanted gap that its pose has to have for the end to be settled."""
+_ROOM_SHARE = 1.6
+"""Room that the NLP makes at the end, where there is so much, as a multiple of the wanted gap. An arm that follows its
+tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed arms keep 0.82 to 1.2 of the
+wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1."""
+_BENDING_FROM = (0.0, 0.5, 0.8)
+"""Places along a motion, as shares of it, from where on it is tried to be bent to another end."""
+_OPENED = 0.02
+"""Steps that make room end when no joint moves farther than this [u]."""
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
@@ -149,45 +187,204 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
         wanted: link headings of the other end, shape (links,) [rad]; at the same goal.
         task: arm, room and limits.
     """
-    space, end = motion.curve.blended_to(wanted)
+    curve, end = motion.curve.blended_to(wanted)
     # A coordinate that the space has besides says how much of what the curve cannot show is added.
-    further = space.dimension - motion.curve.dimension
-    before = np.pad(motion.unknowns, ((0, 0), (0, further)))
-    change = end - before[-1]
-    u = motion.path_parameters
-    for beginning in task.settings.optimisation.bending_from:
-        share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
-        coordinates = before + (share**2 * (3.0 - 2.0 * share))[:, None] * change
-        headings = space.configurations(coordinates)
-        if len(task.certificate.failures(headings)) == 0 and task.within_joint_limits(headings):
-            return Motion(space, coordinates, headings, motion.candidate, motion.u, wanted)
+    begun = replace(motion.shown_by(curve), end_pose=wanted)
+    for bent in begun.bent_to(end):
+        q = bent.configurations
+        if len(task.certificate.failures(q)) == 0 and task.within_joint_limits(q):
+            return bent
     if motion.u is not None:
         return None  # whose limits depend on where along the motion they are: nothing can be added to it
-    return _led_on(Motion(space, before, motion.configurations, motion.candidate, end_pose=wanted), end, task)
+    return _led_on(begun, end, task)
 
 
 def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
-    """A motion with a way from its end to other coordinates added."""
+    """A motion with a certified way from its end to other coordinates added; None without one."""
     space = motion.curve
     for links in task.settings.search.margins:
         finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
         stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
-        added = _certified_way(stepper, task, motion.unknowns[-1], end)
-        if added is not None:
-            coordinates = np.vstack((motion.unknowns, added))
-            return replace(motion, unknowns=coordinates, configurations=space.configurations(coordinates))
+        first = stepper.pose(motion.unknowns[-1])
+        try:
+            poses = follow(stepper, Interpolation(space, first.v, end), first, task.deadline)
+        except Stalled:
+            continue
+        way = [*poses, stepper.pose(end)]
+        if len(task.certificate.failures(np.array([pose.q for pose in way]))) == 0:
+            return motion.continued(way[1:])
     return None
 
 
-def _certified_way(stepper: Stepper, task: MotionTask, start: FloatArray, end: FloatArray) -> FloatArray | None:
-    """Coordinates behind the start, up to and with the end, of a certified way between them; None without one."""
+# ------------------------------------------------------------ in space
+def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
+    """Poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
+
+    Args:
+        task: with a goal for the tip.
+        motion: to the goal.
+
+    Returns:
+        The first is the motion's end; there are no others where steps do not lead back onto the goal.
+    """
+    stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
+    pose = stepper.pose(motion.unknowns[-1])
+    poses = [pose]
+    goal = task.limited_goal
+    if goal is None:
+        return poses
+    for _ in range(_OPENING_STEPS):
+        before = pose
+        pose = stepper.step(pose, goal.terms(stepper.space, pose, _OPENING_WEIGHT))
+        if pose is before or task.deadline.passed():
+            break
+        poses.append(pose)
+        moved = np.linalg.norm(pose.points - before.points, axis=1)
+        if float(np.max(moved)) < _OPENED * task.unit:
+            break
+    last = moved_onto(stepper.space, goal, pose)
+    met = goal.on_goal(last) and goal.limits_met(last) and stepper.within_limits(last.q)
+    if not met or not stepper.certificate.safe(pose.q, last.q):
+        return poses[:1]
+    return [*poses, last]
+
+
+IN_NLP_POSE = "ending in the pose of the NLP"
+"""What is added to the name of a motion that does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """Where a motion ends, and what the NLP said of it.
+
+    Attributes:
+        task: whose goal is the pose of the end where that is settled, or as it was.
+        motion: to the goal.
+        record: the NLP's answer; None where it was not asked.
+    """
+
+    task: SpaceTask
+    motion: SpaceMotion
+    record: SpaceGoalPoseRecord | None = None
+
+
+def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
+    """The motion, moved on to the best pose at its goal; as it is where no better pose is found, or none is reached.
+
+    Args:
+        problem: what is asked.
+        task: the same as the search is asked.
+        motion: to the goal.
+    """
+    settings = replace(SPACE_POSES, iterations=_ITERATIONS)
+    goal = task.limited_goal
+    if goal is None or task.deadline.passed():
+        return Ending(task, motion)
+    terms = None if task.user is None else task.user.terms
+    asked = PosesAmongSurfaces(problem, task.tree, terms=terms, settings=settings, room_share=_ROOM_SHARE)
+    ending = _asked_from(asked, task, goal, motion)
+    room = asked.gap(ending.motion.configurations[-1])
+    if room >= _ENOUGH * task.wanted_gap:
+        return ending
+    opened_up = _opened_motion(asked, task, motion)
+    if opened_up is motion:
+        return ending
+    again = _asked_from(asked, task, goal, opened_up)
+    if asked.gap(again.motion.configurations[-1]) <= room:
+        return ending
+    # The optimisation, whose planes stand still too, would only move what was opened back.
+    return replace(again, task=_settled(task, again.motion.configurations[-1]))
+
+
+def _asked_from(asked: PosesAmongSurfaces, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
+    """What the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
+    wanted = asked.problem.wanted_gap
+    answers = asked.improved(motion.configurations[-1], task.deadline)
+    feasible = [pose for pose in answers if asked.feasible(pose)]
+    if not feasible:
+        worst = answers[-1]
+        reason = f"the program found none; of its rows '{worst.answer.worst_row}' is missed most"
+        return Ending(task, motion, pose_record(wanted, worst, len(answers), reason))
+    best = min(feasible, key=lambda pose: pose.answer.cost)
+    refused = partial(pose_record, wanted, best, len(answers))
+    # What the motion's own curve cannot show of the pose is one more unknown of it, which is 0 as far as the motion
+    # goes and 1 in the pose.
+    curve, end = motion.curve.blended_to(straight_at_exit(task.arm, best.q))
+    begun = motion.shown_by(curve)
+    stepper = task.stepper(curve, 0.0)
+    last = moved_onto(stepper.space, goal, stepper.pose(end))
+    if not goal.on_goal(last) or not goal.limits_met(last):
+        return Ending(task, motion, refused("the curve of the motion cannot take it at the goal"))
+    enough = _ENOUGH * task.wanted_gap
+    if asked.gap(last.q) < min(asked.gap(motion.configurations[-1]), enough):
+        return Ending(task, motion, refused("there is more room where the motion ends"))
+    whole = _bent_in_space(task, stepper, begun, last) or _led_on_in_space(task, stepper, begun, last)
+    if whole is None:
+        return Ending(task, motion, refused("the arm cannot be moved there from where the motion ends"))
+    whole = replace(whole, candidate=f"{motion.candidate}, {IN_NLP_POSE}")
+    return Ending(_settled(task, last.q), whole, pose_record(wanted, best, len(answers)))
+
+
+def _bent_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
+    """The motion with the difference to another end added, where that is certified."""
+    if motion.u is not None or task.via:
+        return None  # it is tied to where along the motion, or where the tip, is: nothing can be added to it
+    travelled = arc_lengths(motion.configurations * task.slowness)
+    along = travelled / max(float(travelled[-1]), TINY)
+    return next((bent for bent in motion.bent_to(end.v, along) if not len(failing_edges(stepper, bent.unknowns))), None)
+
+
+def _led_on_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
+    """The motion with a way from its end to another added, or None without one."""
+    poses = _on_the_way(task, stepper, motion.unknowns[-1], end)
+    return motion.continued([*poses[1:], end]) if edge_is_safe(stepper, poses[-1].v, end.v) else None
+
+
+def _opened_motion(asked: PosesAmongSurfaces, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
+    """The motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
+    before = asked.gap(motion.configurations[-1])
+    if before >= _ENOUGH * task.wanted_gap:
+        return motion
+    poses = opened(task, motion)
+    return motion if asked.gap(poses[-1].q) <= before else motion.continued(poses[1:])
+
+
+def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
+    """The task with a pose of the whole arm as its goal."""
+    return replace(task, goal=None, goal_pose=end)
+
+
+def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:
+    """What is kept of a pose of the NLP.
+
+    Args:
+        wanted_gap: room beyond radius and clearance that was asked for [m].
+        pose: the pose.
+        tried: how many poses were asked for, this one among them.
+        reason: why the motion does not end in it; empty when it does, or when there is none.
+    """
+    return SpaceGoalPoseRecord(
+        reached=not reason,
+        reason=reason,
+        configuration=pose.q,
+        gap=pose.gap,
+        wanted_gap=wanted_gap,
+        costs=pose.answer.costs,
+        multipliers=pose.answer.multipliers,
+        iterations=pose.answer.iterations,
+        size=pose.answer.size,
+        status=pose.answer.status,
+        tried=tried,
+    )
+
+
+def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: Pose) -> list[Pose]:
+    """Poses from the end of a motion towards a better one, as far as there is a way; the first is where it ends."""
     first = stepper.pose(start)
-    guide = Interpolation(stepper.space, start, end)
+    if edge_is_safe(stepper, start, end.v):
+        return [first]
+    guide = PoseLed(start, end.v, task.settings.guide.pose_step, task.settings.guide)
     try:
-        poses = follow(stepper, guide, first, task.deadline)
-    except Stalled:
-        return None
-    coordinates = np.array([*(pose.v for pose in poses), end])
-    if len(task.certificate.failures(stepper.space.configurations(coordinates))):
-        return None
-    return coordinates[1:]
+        return follow(stepper, guide, first, task.deadline)
+    except Stalled as stalled:
+        return stalled.poses

@@ -1,6 +1,7 @@
 """A certified motion, piecewise linear in the unknowns of a curve."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -11,6 +12,9 @@ from ccm_opt.core.polyline import arc_lengths, path_length
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose
+
+_BENDING_FROM = (0.0, 0.5, 0.8)
+"""Places along a motion, as shares of it, from where on it is tried to be bent to another end. Taste."""
 
 
 class Curve(CurveUnknowns, Protocol):
@@ -64,6 +68,39 @@ class CurveMotion(Generic[CurveType]):
     def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
         """The motion through poses."""
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
+
+    def shown_by(self, curve: CurveType) -> "CurveMotion[CurveType]":
+        """The motion in a map that has further unknowns, which blend another end in: none of that."""
+        further = curve.dimension - self.unknowns.shape[1]
+        return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
+
+    def through(self, unknowns: FloatArray) -> "CurveMotion[CurveType]":
+        """The motion through other keyframes, shape (K, p)."""
+        return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
+
+    def bent_to(self, end: FloatArray, along: FloatArray | None = None) -> Iterator["CurveMotion[CurveType]"]:
+        """The motion with the difference to another end added, more and more towards it, and from ever later on.
+
+        Args:
+            end: unknowns, shape (p,).
+            along: how far along the motion its keyframes are, from 0 to 1, shape (K,); by path parameters when None.
+        """
+        along = self.path_parameters if along is None else along
+        change = end - self.unknowns[-1]
+        for beginning in _BENDING_FROM:
+            share = np.clip((along - beginning) / (1.0 - beginning), 0.0, 1.0)
+            unknowns = self.unknowns + (share**2 * (3.0 - 2.0 * share))[:, None] * change
+            unknowns[-1] = end
+            yield self.through(unknowns)
+
+    def continued(self, poses: list[Pose]) -> "CurveMotion[CurveType]":
+        """The motion with further keyframes at its end."""
+        return replace(
+            self,
+            unknowns=np.vstack((self.unknowns, *(pose.v for pose in poses))),
+            configurations=np.vstack((self.configurations, *(pose.q for pose in poses))),
+            u=None,
+        )
 
     @property
     def path_parameters(self) -> FloatArray:

@@ -106,8 +106,6 @@ class OptimisationSettings:
         rounds: most steps that are taken. Taste.
         free_rounds: most steps before it is decided where the motion ends. Taste.
         end_rounds: most steps after that. Taste.
-        bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
-            Taste.
         steps: of the sequential convex programming.
     """
 
@@ -116,7 +114,6 @@ class OptimisationSettings:
     rounds: int = 14
     free_rounds: int = 9
     end_rounds: int = 5
-    bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
     steps: ConvexSettings = ConvexSettings()
 
 

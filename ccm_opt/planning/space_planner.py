@@ -18,11 +18,11 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.settings import SpaceCertificateSettings, SpaceMotionSettings
 from ccm_opt.planning.smooth_path import PATH_SAMPLES, smooth_path
-from ccm_opt.planning.space_ending import ended_by_nlp
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
