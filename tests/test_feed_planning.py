@@ -18,9 +18,9 @@ from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.feed.fed_task import GuideTubeLimit
 from ccm_opt.planning.feed.feed_planner import FeedPlanner, reshaped, reshaping_at_once
 from ccm_opt.planning.feed.finishing import path_time
+from ccm_opt.planning.feed.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, path_of_pose, pose_on, slide
 from ccm_opt.planning.feed.leader_paths import ElasticBand
 from ccm_opt.planning.feed.query import FeedQuery
-from ccm_opt.planning.following.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, path_of_pose, pose_on, slide
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed

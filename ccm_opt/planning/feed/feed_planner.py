@@ -16,6 +16,7 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.feed.fed_task import fed_task
 from ccm_opt.planning.feed.finishing import Finishing
+from ccm_opt.planning.feed.leader import LeaderPath, joined_keyframes, pose_on, slide
 from ccm_opt.planning.feed.leader_paths import LeaderPaths, Reach
 from ccm_opt.planning.feed.member_problems import (
     PartBeyond,
@@ -28,7 +29,6 @@ from ccm_opt.planning.feed.member_problems import (
     straight_to_goal,
 )
 from ccm_opt.planning.feed.query import FeedQuery
-from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, pose_on, slide
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.own_units import in_own_units
@@ -393,7 +393,6 @@ class _FeedSearch:
 
         When the first paths cannot be followed all the way, others hardly can: shapes are changed to them first.
         """
-        most = _PATHS_RESHAPED_TO
         not_followed: list[LeaderPath] = []
         not_led_to: list[LeaderPath] = []
         for path in self._leaders(query):
@@ -405,25 +404,21 @@ class _FeedSearch:
             if not ahead:
                 # Where the arm stalls on its way to some paths it mostly does to all, and changes of shape help.
                 asked = len(not_led_to) < _LED_IN_VAIN
-                led = list(self._led_to(query, path)) if asked else []
+                led = list(drawn_back_a_little(query, path, self.finishing.task)) if asked else []
                 if not led:
                     not_led_to.append(path)
                 back += [*led, *self._changing_shape(query, path)]
             yield from sorted(back, key=self.finishing.duration)
             if not motions and query.end_on(path) is not None:
                 not_followed.append(path)
-                if len(not_followed) == most:
+                if len(not_followed) == _PATHS_RESHAPED_TO:
                     yield from self._reshaping_to(query, not_followed)
 
-        if len(not_followed) < most:
+        if len(not_followed) < _PATHS_RESHAPED_TO:
             others = [path for path in self.found if path not in not_followed]
-            yield from self._reshaping_to(query, (not_followed + others)[:most])
+            yield from self._reshaping_to(query, (not_followed + others)[:_PATHS_RESHAPED_TO])
         for path in not_led_to[_LED_IN_VAIN:]:
-            yield from self._led_to(query, path)
-
-    def _led_to(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
-        """The motion that changes shape and feed at once, drawn back as far as need be."""
-        yield from drawn_back_a_little(query, path, self.finishing.task)
+            yield from drawn_back_a_little(query, path, self.finishing.task)
 
     def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         """Changes of shape that are found quickly, to compare with what is drawn back."""

@@ -27,7 +27,7 @@ from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
-from ccm_opt.planning.following.leader import LeaderPath, path_through
+from ccm_opt.planning.feed.leader import LeaderPath, path_through
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed

@@ -16,8 +16,8 @@ import shapely
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, path_length, points_at, unit_vector, wrap
 from ccm_opt.planning.ends import Ends, resolve_ends, tip_goal
+from ccm_opt.planning.feed.leader import LeaderPath, joined_keyframes, slide
 from ccm_opt.planning.feed.query import FeedQuery
-from ccm_opt.planning.following.leader import LeaderPath, joined_keyframes, slide
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.motion_task import MotionTask
