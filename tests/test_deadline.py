@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.core import deadline as module
-from ccm_opt.core.deadline import DEFAULT_DEADLINE, Deadline
+from ccm_opt.core.deadline import WALL_GUARD, Deadline
 
-GUARD = DEFAULT_DEADLINE.wall_guard
+GUARD = WALL_GUARD
 
 
 @dataclass

@@ -269,7 +269,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
     axes = np.concatenate([_axes(arm.joint_positions_at(pose)) for pose in (start, goal)])
     bodies: list[Obstacle] = []
     while len(bodies) < count:
-        body = _random_body(rng, _place_in_reach(rng))
+        body = _random_body(rng, LENGTH * _in_ball(rng))
         if _apart(body, axes) > arm.radius + KEPT_OFF:
             bodies.append(Obstacle(f"body {len(bodies)}", body))
     wide = 1.3 * LENGTH
@@ -308,12 +308,6 @@ def _clear_pose(rng: np.random.Generator, arm: Arm) -> FloatArray:
 def _axes(points: FloatArray) -> FloatArray:
     """Axes of links, shape (links, 2, 3) [m]."""
     return np.stack((points[:-1], points[1:]), axis=1)
-
-
-def _place_in_reach(rng: np.random.Generator) -> FloatArray:
-    """A place in the ball that the arm reaches, all alike likely, shape (3,) [m]."""
-    way = rng.normal(size=3)
-    return np.asarray(LENGTH * rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way))
 
 
 def _random_body(rng: np.random.Generator, middle: FloatArray) -> Body:

@@ -182,7 +182,7 @@ def _tee(rng: np.random.Generator, wider: float) -> tuple[list[tuple[str, Body]]
         "branch, near side": ([at - w - t, -w - t, w], [at - w, w + t, reach]),
         "branch, far side": ([at + w, -w - t, w], [at + w + t, w + t, reach]),
     }
-    bodies: list[tuple[str, Body]] = [(name, _box(*corners)) for name, corners in walls.items()]
+    bodies: list[tuple[str, Body]] = [(name, box(*corners)) for name, corners in walls.items()]
     up = float(rng.uniform(0.0, 0.5)) * w
     goal = np.array([at - up, 0.0, reach + float(rng.uniform(-0.05, 0.08))])
     corners = np.array([[0.0, 0.0, 0.0], [at - up, 0.0, 0.0], goal])
@@ -201,11 +201,11 @@ def tank(rng: np.random.Generator, wider: float) -> Site | None:
     bodies: list[tuple[str, Body]] = [
         ("nozzle", straight_pipe(0.02 * X, mouth * X, nozzle)),
         ("front of the tank", holed_plate(mouth * X, X, nozzle, half)),
-        ("back of the tank", _box([far, -half, -half], [far + THICK, half, half])),
-        ("left side", _box([mouth, half, -half], [far, half + THICK, half])),
-        ("right side", _box([mouth, -half - THICK, -half], [far, -half, half])),
-        ("bottom", _box([mouth, -half, -half - THICK], [far, half, -half])),
-        ("top", _box([mouth, -half, half], [far, half, half + THICK])),
+        ("back of the tank", box([far, -half, -half], [far + THICK, half, half])),
+        ("left side", box([mouth, half, -half], [far, half + THICK, half])),
+        ("right side", box([mouth, -half - THICK, -half], [far, -half, half])),
+        ("bottom", box([mouth, -half, -half - THICK], [far, half, -half])),
+        ("top", box([mouth, -half, half], [far, half, half + THICK])),
     ]
     count = int(rng.integers(1, 3))
     gap = 0.05 + 2.0 * wider + float(rng.uniform(0.0, 0.04))
@@ -216,7 +216,7 @@ def tank(rng: np.random.Generator, wider: float) -> Site | None:
     for place in places:
         edge = side * (half - gap)
         low, high = sorted((-side * half, edge))
-        bodies.append((f"baffle {len(corners)}", _box([place, -half, low], [place + THICK, half, high])))
+        bodies.append((f"baffle {len(corners)}", box([place, -half, low], [place + THICK, half, high])))
         aside += float(rng.uniform(-0.03, 0.03))
         corners.append(np.array([place, aside, side * (half - 0.5 * gap)]))
         side = -side
@@ -262,12 +262,12 @@ def _slots(rng: np.random.Generator, wider: float, turns: int) -> Site | None:
             finish = end - (2.0 * wide if inner_far else 0.0)
             if k > 0 and not inner_near and turns == 1:
                 begin = 0.02
-            bodies.append((f"{name} wall of slot {k + 1}", _box([begin, low, -deep], [finish, high, deep])))
-    bodies.append(("far end", _box([end, -wide, -deep], [end + THICK, left, deep])))
+            bodies.append((f"{name} wall of slot {k + 1}", box([begin, low, -deep], [finish, high, deep])))
+    bodies.append(("far end", box([end, -wide, -deep], [end + THICK, left, deep])))
     if turns > 1:
-        bodies.append(("near end", _box([0.017, wide + 0.005, -deep], [0.02, left - 2.0 * wide, deep])))
-    bodies.append(("floor", _box([0.02, -wide - THICK, -deep - THICK], [end, left + THICK, -deep])))
-    bodies.append(("roof", _box([0.02, -wide - THICK, deep], [end, left + THICK, deep + THICK])))
+        bodies.append(("near end", box([0.017, wide + 0.005, -deep], [0.02, left - 2.0 * wide, deep])))
+    bodies.append(("floor", box([0.02, -wide - THICK, -deep - THICK], [end, left + THICK, -deep])))
+    bodies.append(("roof", box([0.02, -wide - THICK, deep], [end, left + THICK, deep + THICK])))
     far = end - wide
     near = 0.02 + wide
     corners = [np.zeros(3)]
@@ -280,7 +280,8 @@ def _slots(rng: np.random.Generator, wider: float, turns: int) -> Site | None:
     return None if route is None or route.length > 0.8 else Site(bodies, ((route, route.length),))
 
 
-def _box(low: object, high: object) -> BoxBody:
+def box(low: object, high: object) -> BoxBody:
+    """A box between two corners, shape (3,) each [m]."""
     return BoxBody(np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ccm_opt.compare import space_ducts
 from ccm_opt.compare.space_clutter import Route, Site, arm_of_links, laid_along
-from ccm_opt.compare.space_ducts import holed_plate, ring, straight_pipe
+from ccm_opt.compare.space_ducts import X, box, holed_plate, ring, straight_pipe
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import JointPose, Problem, TipGoal
@@ -22,8 +22,6 @@ from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, Rigid
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
-
-X = np.array([1.0, 0.0, 0.0])
 
 
 def frames(rng: np.random.Generator, wider: float) -> Site | None:
@@ -113,11 +111,11 @@ def bays(rng: np.random.Generator, wider: float) -> Site | None:
         ("lower skin", holed_plate(skin * X, X, hole, 0.45)),
         (
             "upper skin",
-            BoxBody(np.array([skin + 2.0 * half, -0.45, -0.45]), np.array([skin + 2.0 * half + thick, 0.45, 0.45])),
+            box([skin + 2.0 * half, -0.45, -0.45], [skin + 2.0 * half + thick, 0.45, 0.45]),
         ),
-        ("front spar", BoxBody(np.array([skin, -half - thick, low]), np.array([skin + 2.0 * half, -half, high]))),
-        ("rear spar", BoxBody(np.array([skin, half, low]), np.array([skin + 2.0 * half, half + thick, high]))),
-        ("root rib", BoxBody(np.array([skin, -half, low - thick]), np.array([skin + 2.0 * half, half, low]))),
+        ("front spar", box([skin, -half - thick, low], [skin + 2.0 * half, -half, high])),
+        ("rear spar", box([skin, half, low], [skin + 2.0 * half, half + thick, high])),
+        ("root rib", box([skin, -half, low - thick], [skin + 2.0 * half, half, low])),
     ]
     z = np.array([0.0, 0.0, 1.0])
     count = int(rng.integers(1, 3))
@@ -143,10 +141,10 @@ def u_turn(rng: np.random.Generator, wider: float) -> Site | None:
     back = float(rng.uniform(0.08, 0.2))
     rise = float(rng.uniform(-0.06, 0.06))
     bodies: list[tuple[str, Body]] = [
-        ("wall", _box([-0.4, near, -0.5], [end, near + thick, 0.5])),
-        ("outer wall", _box([-0.4, near + thick + across, -0.5], [end + 0.4, near + thick + across + 0.02, 0.5])),
-        ("ceiling", _box([0.05, -0.3, 0.12], [end + 0.4, near + thick + across, 0.14])),
-        ("ground", _box([0.05, -0.3, -0.14], [end + 0.4, near + thick + across, -0.12])),
+        ("wall", box([-0.4, near, -0.5], [end, near + thick, 0.5])),
+        ("outer wall", box([-0.4, near + thick + across, -0.5], [end + 0.4, near + thick + across + 0.02, 0.5])),
+        ("ceiling", box([0.05, -0.3, 0.12], [end + 0.4, near + thick + across, 0.14])),
+        ("ground", box([0.05, -0.3, -0.14], [end + 0.4, near + thick + across, -0.12])),
     ]
     y = near + thick + 0.5 * across
     corner = end + 0.045 + wider
@@ -192,7 +190,7 @@ def post(rng: np.random.Generator, wider: float) -> Site | None:
     place = np.array([float(rng.uniform(0.3, 0.45)), radius + 0.025 + wider + float(rng.uniform(0.0, 0.02))])
     bodies: list[tuple[str, Body]] = [
         ("post", CylinderBody(np.append(place, -0.6), np.append(place, 0.6), radius)),
-        ("wall", _box([-0.3, place[1] + radius + 0.25, -0.6], [1.1, place[1] + radius + 0.27, 0.6])),
+        ("wall", box([-0.3, place[1] + radius + 0.25, -0.6], [1.1, place[1] + radius + 0.27, 0.6])),
     ]
     if rng.uniform() < 0.5:
         other = place + np.array([rng.uniform(-0.3, -0.2), rng.uniform(0.1, 0.15)])
@@ -272,7 +270,7 @@ def other_hole(rng: np.random.Generator, wider: float) -> Site | None:
         ("plate between the holes", [-half, -apart + half], [half, apart - half]),
         ("plate, left", [-half, apart + half], [half, 0.4]),
     ):
-        bodies.append((name, _box([x, low[1], low[0]], [x + 0.004, high[1], high[0]])))
+        bodies.append((name, box([x, low[1], low[0]], [x + 0.004, high[1], high[0]])))
     routes = []
     for side in (-1.0, 1.0):
         place = np.array([x, side * apart, 0.0])
@@ -282,10 +280,6 @@ def other_hole(rng: np.random.Generator, wider: float) -> Site | None:
             return None
         routes.append((route, route.length))
     return Site(bodies, tuple(routes))
-
-
-def _box(low: object, high: object) -> BoxBody:
-    return BoxBody(np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64))
 
 
 SITES: Mapping[str, Callable[[np.random.Generator, float], Site | None]] = {

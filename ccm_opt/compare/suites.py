@@ -15,7 +15,17 @@ import numpy as np
 import shapely
 from scipy.optimize import brentq
 
-from ccm_opt.compare.space_clutter import JOBS, USUAL_LINKS, disturbed_job, space_clutter
+from ccm_opt.compare.space_clutter import (
+    ACCELERATION,
+    JOBS,
+    KEPT_OFF,
+    LENGTH,
+    RADIUS,
+    USUAL_LINKS,
+    VELOCITY,
+    disturbed_job,
+    space_clutter,
+)
 from ccm_opt.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.files import strict_text
@@ -66,18 +76,8 @@ def space_maker(suite: str, folder: Path) -> Callable[[int, str], Problem]:
     return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)
 
 
-LENGTH = 1.0
-"""Length of the arm [m]."""
-RADIUS = 0.015
-"""Radius of its links [m]."""
-KEPT_OFF = 0.01
-"""Least gap between the start or goal pose and an obstacle that is placed beside it, or another link [m]."""
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
 """Boundary of every scene, out of the arm's reach [m]."""
-VELOCITY = 1.0
-"""Limit of every revolute [rad/s]."""
-ACCELERATION = 2.0
-"""Limit of every revolute [rad/s²]."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def axis_ways(
     for place in tip_places(problem):
         # What is proved does not depend on what else the machine does.
         own = time.process_time() + settings.seconds
-        yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall, until.settings), settings)
+        yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall), settings)
 
 
 @dataclass(frozen=True, eq=False)

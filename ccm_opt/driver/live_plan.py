@@ -17,7 +17,7 @@ from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, plan_legs
-from ccm_opt.driver.settings import DEFAULT_SETTINGS, LIVE, LiveSettings, Settings
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
@@ -26,6 +26,7 @@ from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose_beginnings import any_motion
+from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_task import space_task
@@ -33,6 +34,24 @@ from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.solution import Check, JointPath, Solution
 from ccm_opt.verification.verifier import verify
+
+_PATIENCE = 0.6
+"""CPU time for a plan in the plane after a change [s]. Taste: what a hand that drags bears."""
+_PATIENCE_IN_SPACE = 1.0
+"""CPU time for the search in space after a change [s]. Taste: three times what the elbow takes; timing and verification
+come on top."""
+_FREE_ROUNDS = 4
+"""Most steps of the optimisation before it is decided where the motion ends. Measured: with four and three, motions
+last as long as with the nine and five of ``solve`` to within 1 % after 25 drags, and take four fifths of the time
+(``bench_live``)."""
+_END_ROUNDS = 3
+"""Most steps after that. Taste: the next change goes on from there."""
+
+
+def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
+    """Settings for plans in the plane that are soon followed by others."""
+    optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
+    return replace(curve, motion=replace(curve.motion, optimisation=optimisation))
 
 
 @dataclass
@@ -144,7 +163,6 @@ class LivePlan:
         constraints: of the user, as ``solve`` takes them.
         costs: of the user, likewise.
         settings: numbers of the stages that the problem does not set.
-        live: how long changes may take.
         plan: the last verified plan; without tolerance and simulation, which ``finished`` adds.
         current: whether it is one for ``problem``.
         reason: why it is not; empty when it is.
@@ -160,7 +178,6 @@ class LivePlan:
     constraints: Sequence[Constraint] = ()
     costs: Sequence[Cost] = ()
     settings: Settings = DEFAULT_SETTINGS
-    live: LiveSettings = LIVE
     plan: Solution = field(init=False, repr=False)
     current: bool = field(init=False, default=True)
     reason: str = field(init=False, default="")
@@ -172,7 +189,6 @@ class LivePlan:
         Problem.expected(problem)
         refuse_without_effect(problem)
         expect_arguments(settings=self.settings)
-        expect(self.live, LiveSettings, "LiveSettings for live=")
         if not self.suits(problem):
             raise ProblemError(
                 f"'{problem.name}' cannot be planned live: it has goals on the way, joint errors to survive, a planner "
@@ -183,7 +199,7 @@ class LivePlan:
             self._planner = _FindingPlanner(SpacePlanner(Stages(), self.settings.space, self._terms))
         else:
             thorough = CurvePlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
-            quick = replace(thorough, settings=self.live.hurried(self.settings).curve)
+            quick = replace(thorough, settings=_hurried(self.settings.curve))
             self._planner = _ResumingPlanner(thorough, quick)
         with on_one_thread(), words_in(problem.length_unit):
             self._make(problem)
@@ -294,7 +310,7 @@ class LivePlan:
         self._planner.hurried = True
         if not self._kept():
             in_space = problem.dimension == 3
-            self._attempt(self._within(self.live.patience_in_space if in_space else self.live.patience))
+            self._attempt(self._within(_PATIENCE_IN_SPACE if in_space else _PATIENCE))
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def _within(self, time_limit: float) -> Problem:
