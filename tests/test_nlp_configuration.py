@@ -21,12 +21,7 @@ from ccm_opt.ik.find_configuration import (
     winding_profiles,
 )
 from ccm_opt.ik.infeasibility import FailedAttempt, broken_rows, shortfalls
-from ccm_opt.ik.multiple_shooting import (
-    build_configuration_nlp,
-    pack_variables,
-    solve_nlp,
-    unpack_variables,
-)
+from ccm_opt.ik.multiple_shooting import build_configuration_nlp, pack_variables, solve_nlp, unpack_variables
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.corridor import Corridor
 from tests.conftest import PROBLEMS

@@ -19,13 +19,12 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
-from ccm_opt.planning.ends import Ends, resolve_ends
+from ccm_opt.planning.ends import Ends, refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curve
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings, SpaceMotionSettings
 from ccm_opt.planning.smooth_path import path_near_configurations
-from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, space_task

@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import SimulationError
-from ccm_opt.planning.space_ends import GapsAtSamples, NearestOfSamples
+from ccm_opt.planning.ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.problem import Problem
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict

@@ -22,13 +22,13 @@ from ccm_opt.ik.pose_task import JointRegions
 from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.ending import pose_record as pose_record_in_space
+from ccm_opt.planning.ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.goal_members import pose_record
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.joint_regions import joint_regions
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.pose_beginnings import PoseBeginning, PoseBeginnings, PoseSearchSettings
 from ccm_opt.planning.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
-from ccm_opt.planning.space_ends import GapsAtSamples, refuse_goal
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

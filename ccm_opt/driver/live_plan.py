@@ -23,11 +23,11 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
-from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal

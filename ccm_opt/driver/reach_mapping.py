@@ -18,8 +18,8 @@ from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.ends import contact_words
 from ccm_opt.planning.pose_beginnings import any_motion
-from ccm_opt.planning.space_ends import contact_words
 from ccm_opt.planning.space_task import SpaceTask, reach_box
 from ccm_opt.planning.tip_cells import (
     SpaceReachQuestion,

@@ -19,16 +19,16 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.ending import ended_by_nlp
+from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.settings import SpaceCertificateSettings, SpaceMotionSettings
 from ccm_opt.planning.smooth_path import PATH_SAMPLES, smooth_path
-from ccm_opt.planning.space_ends import refuse_ends
 from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
-from ccm_opt.planning.space_tracking import tracked
+from ccm_opt.planning.tracking import tracked
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
