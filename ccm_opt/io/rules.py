@@ -24,7 +24,7 @@ from ccm_opt.io.schema import (
     Table,
 )
 from ccm_opt.problem import ImportedDrawing
-from ccm_opt.problem.field_types import ODD_RATIO
+from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.distances.enclosures import ways_out
@@ -380,11 +380,8 @@ def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:
         arm_length: length of the arm [m].
     """
     extent = float(np.ptp(body.vertices, axis=0).max())
-    ratio = extent / arm_length
-    if ODD_RATIO**-1 < ratio < ODD_RATIO:
+    if (times := odd_times(extent / arm_length)) is None:
         return None
-    larger = ratio > 1.0
-    times = f"{ratio if larger else 1.0 / max(ratio, 1e-300):.3g} times {'larger' if larger else 'smaller'}"
     return (
         f"{body.file} is {times} than the arm is long: {extent:.4g} m against {arm_length:.4g} m; is scale the length "
         "of one unit of the mesh? (0.001 where the mesh is in millimetres and the file in metres)"

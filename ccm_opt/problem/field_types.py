@@ -84,6 +84,14 @@ ODD_RATIO = 100.0
 metres are a factor of a thousand, and of drawings that fit their arm none is ten times smaller or larger than it."""
 
 
+def odd_times(ratio: float) -> str | None:
+    """How many times larger or smaller than the arm something is, where its scale must be wrong; else None."""
+    if ODD_RATIO**-1 < ratio < ODD_RATIO:
+        return None
+    larger = ratio > 1.0
+    return f"{ratio if larger else 1.0 / max(ratio, 1e-300):.3g} times {'larger' if larger else 'smaller'}"
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """Something in a drawing that became no obstacle.
@@ -130,11 +138,8 @@ class ImportedDrawing:
         Args:
             arm_length: length of the arm [m].
         """
-        ratio = self.extent / arm_length
-        if ODD_RATIO**-1 < ratio < ODD_RATIO:
+        if (times := odd_times(self.extent / arm_length)) is None:
             return None
-        larger = ratio > 1.0
-        times = f"{ratio if larger else 1.0 / max(ratio, 1e-300):.3g} times {'larger' if larger else 'smaller'}"
         return (
             f"the obstacles of {self.file} are {times} than the arm is long: {file_length(self.extent)} against "
             f"{file_length(arm_length)}; is workspace.scale the length of one unit of the drawing? (0.001 "
