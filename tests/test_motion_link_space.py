@@ -10,7 +10,6 @@ from scipy.integrate import quad
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix, nearest_curve, nearest_curves
-from ccm_opt.robot.mapping import mean_headings
 
 from .scenes import make_arm, random_headings
 
@@ -153,7 +152,7 @@ def test_spaces_of_every_fineness_follow_their_curve(
     np.testing.assert_allclose(space.configurations(v), start, atol=1e-12)
     moved = v + rng.normal(0.0, 1.0, len(v))
     turned = space.configurations(moved) - space.configurations(v)
-    expected = mean_headings(space.curve(moved), links) - mean_headings(space.curve(v), links)
+    expected = space.curve(moved).mean_headings(links) - space.curve(v).mean_headings(links)
     np.testing.assert_allclose(turned, expected, atol=1e-10)
     assert space.nominal_length == pytest.approx(arm.length / nominal_links)
 

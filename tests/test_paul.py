@@ -19,7 +19,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.problem import JointPose, Limits, Problem
-from ccm_opt.retiming.paul import DEFAULT_PAUL, Legs, fastest_legs, retime_paul
+from ccm_opt.retiming.paul import WINDOWS, Legs, fastest_legs, retime_paul
 from ccm_opt.retiming.timed_path import PathLimits
 from ccm_opt.robot.coordinates import joint_coordinates
 from ccm_opt.robot.frames import revolute_angles
@@ -28,7 +28,6 @@ from ccm_opt.solution import JointPath
 from .conftest import PROBLEMS, SMALL_PROBLEM
 
 GRAVITY, MASS, LENGTH = 9.81, 2.0, 0.5
-WINDOWS = DEFAULT_PAUL.windows
 
 
 def made_path(keyframes: FloatArray) -> JointPath:

@@ -11,7 +11,7 @@ from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalRegion, contradictions
-from ccm_opt.ik.terms import TERM_CHECKS, Constraint, Cost, TermCheckSettings, applies_at
+from ccm_opt.ik.terms import TERM_TOLERANCE, Constraint, Cost, applies_at
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import Arm
@@ -92,7 +92,7 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
 ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
 
 
-def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: TermCheckSettings = TERM_CHECKS) -> None:
+def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
     """Refuse constraints that are proved not to hold at a goal, whatever the pose.
 
     A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
@@ -100,12 +100,11 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: T
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        settings: how exactly constraints are checked.
 
     Raises:
         UnreachableGoal: naming the constraint and by how much it is off.
     """
-    if terms is None or _breaks_start(problem, terms, settings):
+    if terms is None or _breaks_start(problem, terms):
         return
     # In the plane proofs know a fixed base alone.
     if problem.arm.base_axes and problem.dimension == 2:
@@ -115,12 +114,12 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: T
     goals = [*stops, (problem.goal, problem.tolerances)]
     for number, (goal, tolerances) in enumerate(goals, start=1):
         where = f"goal {number} of {len(goals)}" if several else "the goal"
-        findings = tuple(_finding(each, where) for each in _contradictions(terms, goal, tolerances, settings))
+        findings = tuple(_finding(each, where) for each in _contradictions(terms, goal, tolerances))
         if findings:
             raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))
 
 
-def _breaks_start(problem: Problem, terms: UserTerms, settings: TermCheckSettings) -> bool:
+def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
     """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
     headings = _shape_at_start(problem)
     misses = (
@@ -128,7 +127,7 @@ def _breaks_start(problem: Problem, terms: UserTerms, settings: TermCheckSetting
         for item in terms.hard
         if bool(applies_at(item.constraint.where, np.array([0.0, 1.0]))[0])
     )
-    return any(not miss <= settings.tolerance for miss in misses)
+    return any(not miss <= TERM_TOLERANCE for miss in misses)
 
 
 def _shape_at_start(problem: Problem) -> FloatArray:
@@ -138,13 +137,11 @@ def _shape_at_start(problem: Problem) -> FloatArray:
     return problem.start.headings(problem.arm)
 
 
-def _contradictions(
-    terms: UserTerms, goal: Goal, tolerances: Tolerances, settings: TermCheckSettings
-) -> tuple[Contradiction, ...]:
+def _contradictions(terms: UserTerms, goal: Goal, tolerances: Tolerances) -> tuple[Contradiction, ...]:
     if not isinstance(goal, TipGoal):
         return ()
     region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
-    return contradictions(terms, region, settings)
+    return contradictions(terms, region)
 
 
 def _finding(each: Contradiction, where: str) -> Finding:

@@ -7,7 +7,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import SimulationError
 from ccm_opt.planning.ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.problem import Problem
@@ -102,7 +101,6 @@ def simulate_and_check(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
-    settings: SimulationSettings = DEFAULT_SIMULATION,
     looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Simulate a planned motion and judge it; a motion that is not followed is a result, never an error.
@@ -114,13 +112,12 @@ def simulate_and_check(
         problem: arm, limits, obstacles, simulation options.
         trajectory: the plan.
         joints: the same for all revolutes.
-        settings: of the simulation.
         looks: of the verifier that looks at what the arm did in the plane.
 
     Returns:
         What the arm does, with the verdict on it, and its figures of merit, named with their units.
     """
-    asked = simulated_once(problem, trajectory, joints, settings, looks)
+    asked = simulated_once(problem, trajectory, joints, looks)
     best = asked
     before = asked
     step = problem.simulation.step
@@ -129,7 +126,7 @@ def simulate_and_check(
             break
         step = 0.5 * step
         finer = replace(problem, simulation=replace(problem.simulation, step=step))
-        judged = simulated_once(finer, trajectory, joints, settings, looks)
+        judged = simulated_once(finer, trajectory, joints, looks)
         # Among equals the smaller step is the more exact one.
         if judged.rank < asked.rank and judged.rank <= best.rank:
             best = judged
@@ -144,13 +141,12 @@ def simulated_once(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
-    settings: SimulationSettings = DEFAULT_SIMULATION,
     looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> JudgedMotion:
     """Simulate a planned motion with the problem's own step and judge it; arguments as for ``simulate_and_check``."""
     options = problem.simulation
     try:
-        motion = simulate(problem.arm, trajectory, joints, options, problem.limits, settings=settings)
+        motion = simulate(problem.arm, trajectory, joints, options, problem.limits)
     except SimulationError as error:
         diagnosis = error.diagnosis
         return JudgedMotion(

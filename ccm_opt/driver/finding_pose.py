@@ -120,7 +120,7 @@ def find_pose(
         _refuse_other_questions(problem)
         terms = compiled_terms(problem.arm, constraints, costs)
         with stages("necessary checks"):
-            refuse_contradictions(problem, terms, numbers.user_terms)
+            refuse_contradictions(problem, terms)
             refuse_impossible(problem)
         if problem.dimension == 3:
             return _found_in_space(problem, terms, stages, numbers)
@@ -180,7 +180,7 @@ def _found(
         if all(each.best is None for each in tries):
             tries = sorted((*tries, *brought_tries(search, settings.curve)), key=lambda each: each.cost)
         if not tries or tries[0].best is None:
-            raise no_pose(problem, tries, terms, settings)
+            raise no_pose(problem, tries, terms)
     return _answer(units, problem, tries, terms, stages)
 
 

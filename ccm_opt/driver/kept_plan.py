@@ -25,7 +25,6 @@ from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_plan import VerifiedPlan
-from ccm_opt.dynamics.simulation.simulation_record import SimulationSettings
 from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.problem import Problem
 from ccm_opt.scene.workspace import Obstacle
@@ -208,7 +207,7 @@ def described(
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)
             tolerance = kept(of_errors, "the tolerance of the motion was not certified", lambda _: ())
         with stages("simulation"):
-            simulated, of_simulation = simulated_motion(problem, plan, settings.simulation, settings.verification)
+            simulated, of_simulation = simulated_motion(problem, plan, settings.verification)
     except KeyboardInterrupt as interrupt:
         raise CancelledWithPlan(so_far()) from interrupt
     return so_far()
@@ -242,14 +241,13 @@ def not_waited_for(problem: Problem, plan: VerifiedPlan) -> SimulatedMotion:
 def simulated_motion(
     problem: Problem,
     plan: VerifiedPlan,
-    settings: SimulationSettings,
     looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated.
 
     Settings as for ``simulate_and_check``.
     """
-    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings, looks)
+    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, looks)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
 
 

@@ -100,10 +100,10 @@ class PlanningRun:
         """
         deadline = Deadline.after(problem.planner.time_limit)
         with stages("dynamics model"):
-            check_options(problem.arm, problem.simulation, settings=settings.simulation)
+            check_options(problem.arm, problem.simulation)
             terms = compiled_terms(problem.arm, constraints, costs)
         with stages("necessary checks"):
-            refuse_contradictions(problem, terms, settings.user_terms)
+            refuse_contradictions(problem, terms)
         return cls(problem, planner, retimer, constraints, costs, terms, stages, settings, deadline)
 
     def planner_for(self, problem: Problem, terms: UserTerms | None) -> Planner:

@@ -12,6 +12,7 @@ from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
 from ccm_opt.problem import Problem
@@ -25,22 +26,16 @@ _ELASTIC_SHARE = 0.02
 """Constraints that this pose misses by less than this share of the worst miss count as kept. Taste."""
 
 
-def no_pose(
-    problem: Problem,
-    tries: Sequence[PoseTry],
-    terms: UserTerms | None,
-    settings: Settings = DEFAULT_SETTINGS,
-) -> ConfigurationNotFound:
+def no_pose(problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None) -> ConfigurationNotFound:
     """The error that says why no pose at the goal was found.
 
     Args:
         problem: what was asked.
         tries: all of them without a feasible pose.
         terms: the user's constraints and costs.
-        settings: how constraints are softened to find what misses them least.
     """
     findings = ranked(failed(problem))
-    missed = {} if findings else least_misses(tries, terms, settings)
+    missed = {} if findings else least_misses(tries, terms)
     evidence: dict[str, object] = {
         "tried": [f"{each.start}: {failure_words(each)}" for each in tries],
         "missed_constraints": missed,
@@ -82,7 +77,7 @@ def with_constraint_first(
         return failure
     search = pose_search(OwnUnits(problem.arm.length).scaled(problem), terms, settings.curve)
     tries = list(pose_tries(search, settings.curve))
-    missed = {} if any(each.best is not None for each in tries) else least_misses(tries, terms, settings)
+    missed = {} if any(each.best is not None for each in tries) else least_misses(tries, terms)
     if not missed:
         return failure
     old = failure.diagnosis
@@ -98,9 +93,7 @@ def missed_words(missed: dict[str, float]) -> str:
     return f"no pose was found at the goal that keeps {first} (not proved: another pose might)"
 
 
-def least_misses(
-    tries: Sequence[PoseTry], terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
-) -> dict[str, float]:
+def least_misses(tries: Sequence[PoseTry], terms: UserTerms | None) -> dict[str, float]:
     """Hard constraints that the pose which misses them least still misses, and by how much, the worst first.
 
     The same beginnings are improved once more, with the constraints softened. Nothing is missed, and the result is
@@ -108,13 +101,13 @@ def least_misses(
     """
     if terms is None or not terms.hard_at_goal:
         return {}
-    found = [misses for each in tries if each.starts and (misses := _misses_from(each, terms, settings)) is not None]
+    found = [misses for each in tries if each.starts and (misses := _misses_from(each, terms)) is not None]
     # Where some beginning leads to a pose that misses fewer constraints, those alone are in the way.
     best = min(found, key=lambda misses: (len(misses), sum(misses.values())), default={})
     return dict(sorted(best.items(), key=lambda item: -item[1]))
 
 
-def _misses_from(each: PoseTry, terms: UserTerms, settings: Settings) -> dict[str, float] | None:
+def _misses_from(each: PoseTry, terms: UserTerms) -> dict[str, float] | None:
     """What the pose misses to which one beginning leads when the constraints are soft; None when there is no pose."""
     headings = each.starts[0]
     found = None
@@ -124,18 +117,18 @@ def _misses_from(each: PoseTry, terms: UserTerms, settings: Settings) -> dict[st
         if again.best is None:
             break
         headings = again.poses[again.best].headings
-        found = _worst_misses(terms, softened, headings, settings)
+        found = _worst_misses(terms, softened, headings)
     return found
 
 
-def _worst_misses(terms: UserTerms, softened: UserTerms, headings: FloatArray, settings: Settings) -> dict[str, float]:
+def _worst_misses(terms: UserTerms, softened: UserTerms, headings: FloatArray) -> dict[str, float]:
     """Hard constraints that a pose misses: what is missed, and what counts beside the worst of them."""
     misses = terms.residuals_at_goal(headings)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
     missed = {
         item.constraint.name: misses[item.constraint.name]
         for item in terms.hard_at_goal
-        if not misses[item.constraint.name] <= settings.user_terms.tolerance
+        if not misses[item.constraint.name] <= TERM_TOLERANCE
     }
     # Compared as turns of the whole arm, for units differ. A penalty leaves constraints that could hold a little amiss.
     turns = {name: np.sqrt(weights[name]) * miss for name, miss in missed.items()}

@@ -6,13 +6,10 @@ from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.arguments import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.driver.room_over_time import RoomSettings
-from ccm_opt.dynamics.simulation.simulation_record import BrakingSettings, SimulationSettings
-from ccm_opt.ik.terms import TermCheckSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.settings import CurvePlannerSettings, SpaceMotionSettings
 from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
-from ccm_opt.retiming.paul import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
@@ -23,7 +20,7 @@ class Settings:
     """Settings of every stage; each class says of each number what it means and where it comes from.
 
     To change one, replace what is on the way to it, for example
-    ``Settings(timing=replace(TimingSettings(), standing=1e-8))``.
+    ``Settings(timing=replace(TimingSettings(), grid=GridSettings(intervals=400)))``.
 
     Attributes:
         curve: of the curve planner in the plane, from free space to the smooth path.
@@ -33,13 +30,9 @@ class Settings:
         space_reach: the same in space.
         hill_climbing: of the paper's planner.
         timing: of timing along a path.
-        transitions: of timing by Paul's transitions.
         verification: tolerances of the verifier.
         room: how closely the room that a motion keeps is looked at.
         tolerance: how closely the errors that a motion survives are sought.
-        user_terms: how users' constraints are checked on the finished motion.
-        simulation: of the simulation and the checks before it.
-        braking: of coming to rest where a motion is given another goal.
         diagnosis: of the explanation of failures.
     """
 
@@ -50,13 +43,9 @@ class Settings:
     space_reach: SpaceReachSettings = field(default_factory=SpaceReachSettings)
     hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
-    transitions: PaulSettings = field(default_factory=PaulSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     room: RoomSettings = field(default_factory=RoomSettings)
     tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
-    user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
-    simulation: SimulationSettings = field(default_factory=SimulationSettings)
-    braking: BrakingSettings = field(default_factory=BrakingSettings)
     diagnosis: DiagnosisSettings = field(default_factory=DiagnosisSettings)
 
     def __post_init__(self) -> None:

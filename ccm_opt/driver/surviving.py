@@ -159,4 +159,4 @@ def _verdict(
 ) -> SimulationVerdict:
     """What becomes of the arm under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))
-    return simulated_once(changed, trajectory, joints, settings.simulation, settings.verification).motion.verdict
+    return simulated_once(changed, trajectory, joints, settings.verification).motion.verdict

@@ -8,7 +8,6 @@ import numpy as np
 
 from ccm_opt.core.length_words import file_length
 from ccm_opt.errors import VerificationError
-from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
@@ -58,14 +57,13 @@ def results_of_terms(
     arm: Arm,
     path: JointPath,
     trajectory: JointTrajectory,
-    settings: TermCheckSettings = TERM_CHECKS,
 ) -> TermResults:
     """What a motion makes of the user's constraints and costs; nothing when there are none."""
     if terms is None:
         return TermResults()
     from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
 
-    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory, settings))
+    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory))
 
 
 def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:

@@ -17,7 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import CcmError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint
-from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings
+from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.robot.arm import Arm
 
 _BISECTIONS = 12
@@ -195,30 +195,27 @@ class GoalRegion:
     turned: float
 
 
-def contradictions(
-    terms: UserTerms, goal: GoalRegion, settings: TermCheckSettings = TERM_CHECKS
-) -> tuple[Contradiction, ...]:
+def contradictions(terms: UserTerms, goal: GoalRegion) -> tuple[Contradiction, ...]:
     """Hard constraints that are proved not to hold at a goal.
 
     Args:
         terms: the user's constraints, of an arm whose base stands still.
         goal: for the tip.
-        settings: how much a constraint may be missed, and how finely headings are told apart.
     """
     with np.errstate(all="ignore"):  # what is not a number proves nothing
-        found = [_contradiction(item, goal, settings) for item in terms.hard_at_goal]
+        found = [_contradiction(item, goal) for item in terms.hard_at_goal]
     return tuple(each for each in found if each is not None)
 
 
-def _contradiction(item: CompiledConstraint, goal: GoalRegion, settings: TermCheckSettings) -> Contradiction | None:
+def _contradiction(item: CompiledConstraint, goal: GoalRegion) -> Contradiction | None:
     function = _of_tip(item)
     if function is None:
         return None
-    least = _proved_miss(item, function, goal, settings)
-    if not least > settings.tolerance:
+    least = _proved_miss(item, function, goal)
+    if not least > TERM_TOLERANCE:
         return None
     exact = replace(goal, around=0.0, turned=0.0)
-    return Contradiction(item.constraint.name, _proved_miss(item, function, exact, settings), least)
+    return Contradiction(item.constraint.name, _proved_miss(item, function, exact), least)
 
 
 def _of_tip(item: CompiledConstraint) -> ca.Function | None:
@@ -267,9 +264,7 @@ def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
     return Intervals(middle - goal.turned, middle + goal.turned)
 
 
-def _proved_miss(
-    item: CompiledConstraint, function: ca.Function, goal: GoalRegion, settings: TermCheckSettings
-) -> float:
+def _proved_miss(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
     """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
     pointing = _pointing(item.quantities.arm, goal)
     # A heading is bisected; of three parts of a direction the pieces would be too many.
@@ -279,7 +274,7 @@ def _proved_miss(
             misses = least_misses(item, interval_values(function, [*places, *pointing]))
         except NotBounded:
             return 0.0
-        if np.all(misses > settings.tolerance):
+        if np.all(misses > TERM_TOLERANCE):
             return float(misses.min())
         pointing = [_halved(each) for each in pointing]
     return 0.0

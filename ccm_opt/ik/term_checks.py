@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint, MotionStates, TimedConstraint
-from ccm_opt.ik.terms import TERM_CHECKS, TermCheckSettings, Where, applies_at
+from ccm_opt.ik.terms import TERM_TOLERANCE, Where, applies_at
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 
@@ -20,17 +20,19 @@ _RATE = 1000.0
 _PLACES_PER_KNOT = 16
 """Places of the path to a knot, among which the path parameter of a pose is looked for. Taste: Newton's method does the
 rest."""
+_WINDOW = 40 * _PLACES_PER_KNOT
+"""How many of these places, from the one of the sample before, are looked at. Derived: 40 knots, more than a motion
+passes between two samples."""
+_NEWTON_STEPS = 3
+"""Steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to below rounding."""
 
 
-def nearest_path_parameters(
-    path: JointPath, poses: FloatArray, settings: TermCheckSettings = TERM_CHECKS
-) -> FloatArray:
+def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
     """Where on the path given poses are nearest, never going back, shape (N,).
 
     Args:
         path: spline of the coordinates over u in [0, 1].
         poses: along the path, shape (N, k): the first k coordinates of the path, all or its bends alone.
-        settings: fineness of the search.
     """
     width = poses.shape[1]
     places = _places(path, _PLACES_PER_KNOT)
@@ -41,12 +43,12 @@ def nearest_path_parameters(
     first = 0
     for k, pose in enumerate(poses):
         # A motion may pass the same pose twice; looking forwards only, and not far, finds the right one.
-        window = slice(first, first + settings.window)
+        window = slice(first, first + _WINDOW)
         # |x − p|² without |p|², which is the same for all of them.
         first += int(np.argmin(sizes[window] - 2.0 * (points[window] @ pose)))
         u[k] = places[first]
 
-    u = _refined(path, poses, u, settings.newton_steps)
+    u = _refined(path, poses, u)
     # The ends are known; and as Newton steps are taken for each pose alone, order is restored last.
     u[0] = 0.0
     u[-1] = 1.0
@@ -61,11 +63,11 @@ def _places(path: JointPath, per_knot: int) -> FloatArray:
     return places
 
 
-def _refined(path: JointPath, poses: FloatArray, u: FloatArray, steps: int) -> FloatArray:
+def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
     """Newton's method (Gauss–Newton) on the squared distance of every pose to the path."""
     width = poses.shape[1]
     least_slope = 1e-12  # at a stop the path does not move, and any parameter is as good
-    for _ in range(steps):
+    for _ in range(_NEWTON_STEPS):
         error = poses - path.spline(u)[:, :width]
         slope = path.spline(u, 1)[:, :width]
         # Δu = (e · q') / |q'|², the error's component along the path.
@@ -117,7 +119,6 @@ def results_of_terms(
     arm: Arm,
     path: JointPath,
     trajectory: JointTrajectory,
-    settings: TermCheckSettings = TERM_CHECKS,
 ) -> tuple[tuple[Check, ...], Mapping[str, float]]:
     """One check for every constraint, and figures by name.
 
@@ -126,16 +127,15 @@ def results_of_terms(
         arm: the arm.
         path: gives the path parameter, and the keyframes.
         trajectory: the timed motion.
-        settings: tolerance and rate.
 
     Returns:
         Checks, of hard constraints against the tolerance and of soft ones for the record; and the worst residual of
         every constraint with the mean value of every cost.
     """
     # Poses are shared by all terms, since finding their path parameters is what takes time.
-    every = poses_at_rate(terms, arm, path, trajectory, settings)
-    keyframes = poses_at_keyframes(terms, arm, path.keyframes, _path_parameters(arm, path, path.keyframes, settings))
-    return _checks(terms, every, keyframes, settings), _figures(terms, every)
+    every = poses_at_rate(terms, arm, path, trajectory)
+    keyframes = poses_at_keyframes(terms, arm, path.keyframes, _path_parameters(arm, path, path.keyframes))
+    return _checks(terms, every, keyframes), _figures(terms, every)
 
 
 def checks_without_path(
@@ -143,7 +143,6 @@ def checks_without_path(
     arm: Arm,
     trajectory: JointTrajectory,
     keyframes: FloatArray,
-    settings: TermCheckSettings = TERM_CHECKS,
 ) -> tuple[Check, ...]:
     """The same for a motion of which only samples and keyframes are known, as of one read from its folder.
 
@@ -152,7 +151,6 @@ def checks_without_path(
         arm: the arm.
         trajectory: the timed motion.
         keyframes: of the planner, shape (K, coordinates).
-        settings: tolerance and rate.
 
     Raises:
         ProblemError: for terms that depend on the path parameter, which is not known.
@@ -162,19 +160,17 @@ def checks_without_path(
             "a constraint or cost depends on q.path_parameter, which is not in the folder of a plan; "
             "it can be checked only by solving again"
         )
-    every = poses_at_rate(terms, arm, None, trajectory, settings)
+    every = poses_at_rate(terms, arm, None, trajectory)
     even = np.linspace(0.0, 1.0, len(keyframes))
-    return _checks(terms, every, poses_at_keyframes(terms, arm, keyframes, even), settings)
+    return _checks(terms, every, poses_at_keyframes(terms, arm, keyframes, even))
 
 
-def _checks(
-    terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses, settings: TermCheckSettings
-) -> tuple[Check, ...]:
+def _checks(terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses) -> tuple[Check, ...]:
     checks = []
     for compiled in terms.constraints:
         poses = keyframes if compiled.constraint.where == "keyframes" else every
-        checks.append(_check(compiled, poses, settings.tolerance))
-    checks += [_check_in_time(timed, every, settings.tolerance) for timed in terms.timed]
+        checks.append(_check(compiled, poses))
+    checks += [_check_in_time(timed, every) for timed in terms.timed]
     return tuple(checks)
 
 
@@ -198,7 +194,6 @@ def poses_at_rate(
     arm: Arm,
     path: JointPath | None,
     trajectory: JointTrajectory,
-    settings: TermCheckSettings = TERM_CHECKS,
 ) -> CheckedPoses:
     """The written samples and those at 1 kHz between them; without a path all between its ends are alike."""
     time = _times_at_rate(trajectory.time, _RATE)
@@ -211,7 +206,7 @@ def poses_at_rate(
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
     u = np.linspace(0.0, 1.0, len(time))
     if path is not None and _parametric(terms):
-        u = _path_parameters(arm, path, positions, settings)
+        u = _path_parameters(arm, path, positions)
     known_as = terms.quantities
     feed_rates = arm.coordinates.advance(rates)
     return CheckedPoses(time, known_as.shapes_at(positions), u, feed, known_as.shape_rates_at(rates), feed_rates)
@@ -222,12 +217,12 @@ def _parametric(terms: UserTerms) -> bool:
     return terms.parametric or any(timed.parametric for timed in terms.timed)
 
 
-def _path_parameters(arm: Arm, path: JointPath, positions: FloatArray, settings: TermCheckSettings) -> FloatArray:
+def _path_parameters(arm: Arm, path: JointPath, positions: FloatArray) -> FloatArray:
     """Path parameters of coordinates along a path, shape (N,)."""
     if arm.dimension == 3:
         # An arm that is fed straight tells how far it is by its feed alone.
-        return nearest_path_parameters(path, positions, settings)
-    return nearest_path_parameters(path, positions[:, arm.coordinates.bends], settings)
+        return nearest_path_parameters(path, positions)
+    return nearest_path_parameters(path, positions[:, arm.coordinates.bends])
 
 
 def poses_at_keyframes(terms: UserTerms, arm: Arm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
@@ -259,10 +254,10 @@ def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> B
     return BPoly(np.stack((*rising, *falling)), time)
 
 
-def _check_in_time(timed: TimedConstraint, poses: CheckedPoses, tolerance: float) -> Check:
+def _check_in_time(timed: TimedConstraint, poses: CheckedPoses) -> Check:
     worst, where = _worst_in_time(timed, poses)
     name = f"constraint {timed.compiled.constraint.name}"
-    return Check(name, worst, tolerance, "", where, passed=bool(worst <= tolerance))
+    return Check(name, worst, TERM_TOLERANCE, "", where, passed=bool(worst <= TERM_TOLERANCE))
 
 
 def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
@@ -271,13 +266,15 @@ def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, 
     return _largest(timed.excesses(chosen.states), chosen) if len(chosen.u) else (0.0, "at no sample")
 
 
-def _check(compiled: CompiledConstraint, poses: CheckedPoses, tolerance: float) -> Check:
+def _check(compiled: CompiledConstraint, poses: CheckedPoses) -> Check:
     worst, where = _worst(compiled, poses)
     constraint = compiled.constraint
     if constraint.soft:
         return Check(f"soft constraint {constraint.name}", worst, np.inf, "", where, passed=True)
     # A residual that is not a number fails, because NaN is not less than anything.
-    return Check(f"constraint {constraint.name}", worst, tolerance, "", where, passed=bool(worst <= tolerance))
+    return Check(
+        f"constraint {constraint.name}", worst, TERM_TOLERANCE, "", where, passed=bool(worst <= TERM_TOLERANCE)
+    )
 
 
 def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, str]:

@@ -214,26 +214,9 @@ def _check(term: Constraint | Cost, kind: str) -> None:
         raise ProblemError(f"{kind} '{term.name}': the weight must be finite and not negative, got {term.weight!r}")
 
 
-@dataclass(frozen=True)
-class TermCheckSettings:
-    """How users' constraints are checked on the finished motion.
-
-    Attributes:
-        tolerance: by which a hard constraint may be violated, in the unit of its expression. Taste: documented to
-            users, and far above what planning leaves.
-        window: how many of these places, from the one of the sample before, are looked at. Derived: 40 knots, more
-            than a motion passes between two samples.
-        newton_steps: steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to
-            below rounding.
-    """
-
-    tolerance: float = 1e-6
-    window: int = 40 * 16
-    newton_steps: int = 3
-
-
-TERM_CHECKS = TermCheckSettings()
-"""Used where no other settings are given."""
+TERM_TOLERANCE = 1e-6
+"""By which a hard constraint may be violated, in the unit of its expression. Taste: documented to users, and far above
+what planning leaves."""
 COST_SHARES = (1.0, 0.1, 0.0)
 """Shares of the weights of users' costs with which a plan is sought in turn; the last is none of them. Taste."""
 

@@ -5,7 +5,6 @@ from functools import partial
 
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
-from ccm_opt.retiming.paul import DEFAULT_PAUL, PaulSettings
 from ccm_opt.retiming.timing import joined, retime, reversed_trajectory
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.robot.arm import Arm
@@ -27,7 +26,6 @@ def timings(
     arm: Arm | None = None,
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
-    paul: PaulSettings = DEFAULT_PAUL,
 ) -> Iterator[JointTrajectory]:
     """Timed motions along a path, the most wanted first; the first that the verifier accepts is the one to take.
 
@@ -45,7 +43,6 @@ def timings(
         share: of the limits of the drives that may be used, see ``robot.coordinates``; points of the arm may use
             theirs in full.
         settings: numbers of timing along the path.
-        paul: numbers of the transitions.
 
     Raises:
         RetimingError: from the first motion, or a later one, that cannot be timed within the limits.
@@ -64,7 +61,7 @@ def timings(
         )
         return
 
-    from ccm_opt.retiming.paul import retime_paul  # noqa: PLC0415 - most motions are timed by TOPP-RA
+    from ccm_opt.retiming.paul import WINDOWS, retime_paul  # noqa: PLC0415 - most motions are timed by TOPP-RA
 
     turn = partial(
         retime_paul,
@@ -75,8 +72,7 @@ def timings(
         coordinates=coordinates,
         arm=arm,
         share=share,
-        settings=paul,
     )
     # From wide transitions, which are fast, to narrow ones, which stay nearer to the polygon.
-    for window in paul.windows:
+    for window in WINDOWS:
         yield turn(window=window)

@@ -37,40 +37,28 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import JointPath, JointTrajectory
 
-
-@dataclass(frozen=True)
-class PaulSettings:
-    """How legs and their transitions are found.
-
-    Attributes:
-        windows: largest half transition as a share of the shorter leg beside it, in the order in which they are worth a
-            try. Derived: ½ is the greatest at which neighbours fit into their leg; each halves the miss of the corner.
-        share: share of every limit that is used. Taste.
-        least_samples: samples in half a transition, at least, so that the samples show what happens in it. Taste.
-        rounds: most rounds of lengthening legs; what is left after them is met by stretching time. Taste.
-        drive_rounds: most rounds of slowing down where a limit beyond those of the legs is passed, such as that on
-            torques: legs by themselves in the first half, then all of them. Taste.
-        longest: most samples of a motion; a motion that needs more time than that is given up. Taste.
-        shortening: factors by which legs are shortened where the limits leave room. Taste.
-        sweeps: sweeps with each factor. Taste.
-        static_points: places along the polygon at which the joints must be able to hold the arm. Taste.
-        no_leg: legs shorter than this in joint space are left out [rad, m]. Taste, above rounding.
-    """
-
-    windows: tuple[float, ...] = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
-    share: float = 0.995
-    least_samples: int = 2
-    rounds: int = 60
-    drive_rounds: int = 24
-    longest: int = 1_000_000
-    shortening: tuple[float, ...] = (0.8, 0.9, 0.95, 0.98, 0.99)
-    sweeps: int = 12
-    static_points: int = 400
-    no_leg: float = 1e-9
-
-
-DEFAULT_PAUL = PaulSettings()
-"""What a timing takes that is given no other settings."""
+WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
+"""Largest half transitions as a share of the shorter leg beside them, in the order in which they are worth a try.
+Derived: ½ is the greatest at which neighbours fit into their leg; each halves the miss of the corner."""
+_SHARE = 0.995
+"""Share of every limit that is used. Taste."""
+_LEAST_SAMPLES = 2
+"""Samples in half a transition, at least, so that the samples show what happens in it. Taste."""
+_ROUNDS = 60
+"""Most rounds of lengthening legs; what is left after them is met by stretching time. Taste."""
+_DRIVE_ROUNDS = 24
+"""Most rounds of slowing down where a limit beyond those of the legs is passed, such as that on torques: legs by
+themselves in the first half, then all of them. Taste."""
+_LONGEST = 1_000_000
+"""Most samples of a motion; a motion that needs more time than that is given up. Taste."""
+_SHORTENING = (0.8, 0.9, 0.95, 0.98, 0.99)
+"""Factors by which legs are shortened where the limits leave room. Taste."""
+_SWEEPS = 12
+"""Sweeps with each factor. Taste."""
+_STATIC_POINTS = 400
+"""Places along the polygon at which the joints must be able to hold the arm. Taste."""
+_NO_LEG = 1e-9
+"""Legs shorter than this in joint space are left out [rad, m]. Taste, above rounding."""
 
 
 @dataclass(frozen=True)
@@ -152,12 +140,11 @@ def retime_paul(
     inverse_dynamics: InverseDynamics,
     *,
     revolutes: Revolutes,
-    window: float = DEFAULT_PAUL.windows[0],
+    window: float = WINDOWS[0],
     step: float = DEFAULT_TIMING.sampling.step,
     coordinates: Coordinates | None = None,
     arm: Arm | None = None,
     share: float = 1.0,
-    settings: PaulSettings = DEFAULT_PAUL,
 ) -> JointTrajectory:
     """A motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
 
@@ -171,7 +158,6 @@ def retime_paul(
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         arm: whose points are limited; needed when the limits name some.
         share: of the limits of the drives that may be used, see ``robot.coordinates``.
-        settings: numbers of the transitions.
 
     Returns:
         Samples at equal times, the first and last at rest at the path's ends. The motion leaves the polygon of
@@ -181,35 +167,33 @@ def retime_paul(
         RetimingError: a joint cannot even hold the arm at some point of the polygon, or no slower motion keeps the
             torque limits.
     """
-    vias = _distinct(path.keyframes, settings.no_leg)
+    vias = _distinct(path.keyframes)
     columns = coordinates or likely_coordinates(limits, vias.shape[1])
     timed = TimedPath(_polygon(vias), limits, inverse_dynamics, revolutes, columns, arm, share)
     # Those on the coordinates' own velocities and accelerations are kept by the legs as they are made.
     others = [limit for limit in limits_along(timed) if not limit.kept_by_legs]
     for limit in others:
-        limit.rows(timed.spline, np.linspace(0.0, 1.0, settings.static_points))  # an error where the arm cannot rest
+        limit.rows(timed.spline, np.linspace(0.0, 1.0, _STATIC_POINTS))  # an error where the arm cannot rest
     if len(vias) < 2:
         return _sampled(_standing(path.keyframes, step), step).trajectory(columns, "rest")
 
     axes = timed.bounds
-    least = settings.least_samples * step
-    legs = fastest_legs(vias, axes, window, least, settings)
-    for attempt in range(settings.drive_rounds):
-        stretch = _stretch_of_legs(legs, others, step, settings.longest)
+    least = _LEAST_SAMPLES * step
+    legs = fastest_legs(vias, axes, window, least)
+    for attempt in range(_DRIVE_ROUNDS):
+        stretch = _stretch_of_legs(legs, others, step)
         if np.max(stretch) <= 1.0:
             return _sampled(legs, step).trajectory(columns, "paul")
         # At first only the legs at fault are lengthened. Legs influence their neighbours, so this need not settle;
         # slowing the whole motion does.
-        if 2 * attempt < settings.drive_rounds:
-            legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least, settings)
+        if 2 * attempt < _DRIVE_ROUNDS:
+            legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
         else:
             legs = legs.slowed(float(np.max(stretch)) * (1.0 + 1e-6))
     raise _no_speed(limits)
 
 
-def fastest_legs(
-    vias: FloatArray, axes: PathLimits, window: float, least: float, settings: PaulSettings = DEFAULT_PAUL
-) -> Legs:
+def fastest_legs(vias: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
     """Legs as short as the limits on speed and acceleration let them be, nearly.
 
     Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
@@ -219,76 +203,67 @@ def fastest_legs(
         axes: limits.
         window: largest half transition as a share of the shorter leg beside it.
         least: least half transition [s].
-        settings: shares and rounds.
     """
     lengths = np.abs(np.diff(vias, axis=0))
-    legs = lengthened(vias, np.max(lengths / (settings.share * axes.velocity), axis=1), axes, window, least, settings)
-    for factor in settings.shortening:
-        for sweep in range(settings.sweeps):
-            legs = _shortened(legs, axes, window, least, settings, factor, sweep % 2)
+    legs = lengthened(vias, np.max(lengths / (_SHARE * axes.velocity), axis=1), axes, window, least)
+    for factor in _SHORTENING:
+        for sweep in range(_SWEEPS):
+            legs = _shortened(legs, axes, window, least, factor, sweep % 2)
     return legs
 
 
-def lengthened(
-    vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float, settings: PaulSettings
-) -> Legs:
+def lengthened(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
     """Legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
-    legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least, settings.share)
-    for _ in range(settings.rounds):
-        need = needed(legs, axes, settings.share)
+    legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
+    for _ in range(_ROUNDS):
+        need = needed(legs, axes)
         if np.max(need) <= 1.0:
             return legs
-        legs = with_transitions(
-            vias, legs.times * np.maximum(need, 1.0) * (1.0 + 1e-9), axes, window, least, settings.share
-        )
-    return legs.slowed(max(1.0, float(np.max(needed(legs, axes, settings.share)))))
+        legs = with_transitions(vias, legs.times * np.maximum(need, 1.0) * (1.0 + 1e-9), axes, window, least)
+    return legs.slowed(max(1.0, float(np.max(needed(legs, axes)))))
 
 
-def with_transitions(
-    vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float, share: float
-) -> Legs:
+def with_transitions(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
     """Give legs their transitions: as short as acceleration lets them be, but within the window."""
     # A half transition takes at most its share of the shorter leg beside it; beyond both ends there is no leg.
     most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
     legs = Legs(vias, times, most)
     change = np.abs(np.diff(legs.speeds, axis=0))
     # A transition peaks at ¾ |Δv| / τ, solved here for the half time τ at which that is the limit.
-    wanted = 0.75 * np.max(change / (share * axes.acceleration), axis=1)
+    wanted = 0.75 * np.max(change / (_SHARE * axes.acceleration), axis=1)
     return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
 
 
-def needed(legs: Legs, axes: PathLimits, share: float) -> FloatArray:
+def needed(legs: Legs, axes: PathLimits) -> FloatArray:
     """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
     # The first and the last speed are the rest before and after the motion, not those of legs.
-    speed = np.max(np.abs(legs.speeds[1:-1]) / (share * axes.velocity), axis=1)
+    speed = np.max(np.abs(legs.speeds[1:-1]) / (_SHARE * axes.velocity), axis=1)
     change = np.abs(np.diff(legs.speeds, axis=0))
-    growth = 0.75 * np.max(change / (share * axes.acceleration), axis=1) / legs.halves
+    growth = 0.75 * np.max(change / (_SHARE * axes.acceleration), axis=1) / legs.halves
     # Legs longer by λ lower |Δv| by λ and lengthen τ by λ: their peak falls by λ².
     turn = np.sqrt(growth)
     return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
 
 
-def _shortened(
-    legs: Legs, axes: PathLimits, window: float, least: float, settings: PaulSettings, factor: float, colour: int
-) -> Legs:
+def _shortened(legs: Legs, axes: PathLimits, window: float, least: float, factor: float, colour: int) -> Legs:
     """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
     times = legs.times.copy()
     # Never so short that the least half transition would not fit into the window.
     times[colour::2] = np.maximum(factor * times[colour::2], least / window)
-    trial = with_transitions(legs.vias, times, axes, window, least, settings.share)
-    fails = needed(trial, axes, settings.share) > 1.0 + 1e-12
+    trial = with_transitions(legs.vias, times, axes, window, least)
+    fails = needed(trial, axes) > 1.0 + 1e-12
     # A leg shares its transitions with its neighbours: where one of them fails, both sides go back.
     near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])
-    return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least, settings.share)
+    return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least)
 
 
-def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float, longest: int) -> FloatArray:
+def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
     """Factor on the time of each leg that brings its samples within the limits, shape (K − 1,)."""
     stretch = np.zeros(len(legs.times))
     if not limits:
         return stretch
     # So slow a motion would fill the memory with samples, and is of no use.
-    if legs.duration > longest * step:
+    if legs.duration > _LONGEST * step:
         raise _too_slow(legs.duration)
     samples = _sampled(legs, step)
     need = np.max([limit.stretches(samples) for limit in limits], axis=0)
@@ -315,11 +290,11 @@ def _sample_times(legs: Legs, step: float) -> FloatArray:
     return np.linspace(0.0, legs.duration, max(1, int(np.ceil(legs.duration / step - 1e-9))) + 1)
 
 
-def _distinct(keyframes: FloatArray, least: float) -> FloatArray:
+def _distinct(keyframes: FloatArray) -> FloatArray:
     """The keyframes without those that repeat the one before; the last is kept."""
     kept = [keyframes[0]]
     for row in keyframes[1:]:
-        if np.max(np.abs(row - kept[-1])) > least:
+        if np.max(np.abs(row - kept[-1])) > _NO_LEG:
             kept.append(row)
     # The last one kept may be a hair beside the goal, but the motion must end at the goal itself.
     if len(kept) > 1:

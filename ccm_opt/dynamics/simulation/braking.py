@@ -14,7 +14,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.dynamics.simulation.simulation_record import DEFAULT_BRAKING, BrakingSettings
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import DriveLimits, Limits
 from ccm_opt.robot.arm import Arm
@@ -26,6 +25,8 @@ from ccm_opt.solution import JointTrajectory
 _USUAL_STEP = 0.1
 """Share of the plan's steps that are shorter than those of braking. Taste: the shortest of all, where two corners
 of the path happen to be near each other, say nothing of how dense samples have to be elsewhere."""
+_STEP = 2e-3
+"""Largest time between two samples while braking [s]. Taste."""
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
 """Shares of every limit to brake with, the first with which all samples keep the limits: between the places that are
 checked, the planned motion's own accelerations change. Taste."""
@@ -49,7 +50,6 @@ def braked(
     inverse_dynamics: InverseDynamics,
     *,
     share: float = 1.0,
-    settings: BrakingSettings = DEFAULT_BRAKING,
 ) -> JointTrajectory:
     """The motion up to a moment, and from then on to rest, soonest along its own path.
 
@@ -60,7 +60,6 @@ def braked(
         limits: on accelerations and efforts.
         inverse_dynamics: of the arm.
         share: of the limits of the drives that may be used, as the motion does; see ``robot.coordinates``.
-        settings: how finely the motion is looked at, and how much of the limits is used.
 
     Returns:
         A motion that begins as the planned one and ends at rest; stops that it does not reach are left out.
@@ -68,13 +67,13 @@ def braked(
     Raises:
         RetimingError: the arm cannot be braked within its limits.
     """
-    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics, share, settings)
+    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics, share)
     kept = int(np.searchsorted(trajectory.time, time - 1e-9))
     # At the end, and at rest at a stop, there is nothing to brake.
     if kept >= len(trajectory.time) - 1 or not np.any(planned.at(time)[1]):
         return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
 
-    step = min(settings.step, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
+    step = min(_STEP, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
 
     # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
     # last share is taken as it comes, for the verifier has the last word.
@@ -98,7 +97,6 @@ class _PlannedMotion:
         limits: of the drives; of those on accelerations only what plans use.
         dynamics: of the arm.
         share: of the limits on efforts that plans use.
-        settings: of braking.
         points: of the arm, with the bound on the acceleration of each [m/s²].
         caution: share of every bound that is used in one trial.
     """
@@ -108,7 +106,6 @@ class _PlannedMotion:
     limits: DriveLimits
     dynamics: InverseDynamics
     share: float
-    settings: BrakingSettings
     points: tuple[tuple[MovingPoint, float], ...] = ()
     caution: float = 1.0
 
@@ -120,7 +117,6 @@ class _PlannedMotion:
         limits: Limits,
         dynamics: InverseDynamics,
         share: float,
-        settings: BrakingSettings,
     ) -> "_PlannedMotion":
         spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
         # A slower motion along the same path keeps the bounds on speeds, so only those on accelerations matter.
@@ -128,7 +124,7 @@ class _PlannedMotion:
             (point_of(arm, limit.at), limit.acceleration) for limit in limits.points if np.isfinite(limit.acceleration)
         )
         of_drives = limits.of_drives(arm.coordinates).rates_within(share)
-        return cls(spline, arm, of_drives, dynamics, share, settings, points)
+        return cls(spline, arm, of_drives, dynamics, share, points)
 
     def at(self, sigma: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their first two derivatives."""

@@ -15,11 +15,9 @@ from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, wit
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
 from ccm_opt.dynamics.simulation.controller import Noise, StepReference, disturbed_arm, loop_parameters, step_reference
 from ccm_opt.dynamics.simulation.simulation_record import (
-    DEFAULT_SIMULATION,
     PlanNeeds,
     SimulatedSteps,
     SimulationRecord,
-    SimulationSettings,
     check_axes,
     check_finite,
     falls_in_plane,
@@ -203,8 +201,6 @@ def simulate(
     joints: JointStates,
     options: SimulationOptions,
     limits: Limits,
-    *,
-    settings: SimulationSettings = DEFAULT_SIMULATION,
 ) -> SimulatedMotion:
     """Simulate the arm tracking a trajectory.
 
@@ -214,7 +210,6 @@ def simulate(
         joints: the same motion for all revolutes; the arm starts on its first sample's angles and velocities.
         options: gravity, step, controller, disturbances.
         limits: efforts saturate at ``limits.torque`` and ``limits.feed_force`` when they are not None.
-        settings: of the checks and of the run.
 
     Returns:
         Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors. An arm
@@ -233,7 +228,7 @@ def simulate(
             base_positions=trajectory.base_positions,
             verdict=verdict_of_run(RunFaults(), options.step, joints.names),
         )
-    run, state = _prepared(arm, trajectory, joints, options, limits, settings)
+    run, state = _prepared(arm, trajectory, joints, options, limits)
     most = _most_efforts(limits, arm.coordinates)
     record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most)
     full: RunFault | None = None
@@ -263,8 +258,6 @@ def simulated_states(
     options: SimulationOptions,
     limits: Limits,
     interval: float,
-    *,
-    settings: SimulationSettings = DEFAULT_SIMULATION,
 ) -> Iterator[tuple[float, FloatArray, float]]:
     """The same simulation one time interval after the other, for those who watch it (section 5.1, steps 5 to 7).
 
@@ -275,12 +268,11 @@ def simulated_states(
         options: gravity, step, controller, disturbances.
         limits: of the efforts.
         interval: time between two states, rounded to steps [s].
-        settings: of the checks.
 
     Yields:
         Time [s], angles of all revolutes, shape (3 * links,) [rad], and position of the base on its feed axis [m].
     """
-    run, state = _prepared(arm, trajectory, joints, options, limits, settings)
+    run, state = _prepared(arm, trajectory, joints, options, limits)
     for steps in run.steps(state, options, max(1, round(interval / options.step))):
         check_finite(steps, joints.names, options.step)
         last = steps.states[-1, 0]
@@ -300,14 +292,13 @@ def _prepared(
     joints: JointStates,
     options: SimulationOptions,
     limits: Limits,
-    settings: SimulationSettings,
 ) -> tuple["_Run", FloatArray]:
     """What is run, and the state it starts from; everything that can be refused is refused here."""
     planar = _is_planar(arm, joints, options)
     if planar:
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
     plant = disturbed_arm(arm, options.disturbances)
-    check_axes(arm, joints.angles, planar=planar, settings=settings)
+    check_axes(arm, joints.angles, planar=planar)
     check_stability(plant, joints.angles, options, planar=planar, believed=arm)
 
     positions, velocities = _coordinates(trajectory, joints)

@@ -15,6 +15,10 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
+_LARGEST_BEND = 1.3
+"""Bend up to which an arm of Z-Y-X balls is simulated out of its plane [rad]. Derived: at 90° the ball is singular, and
+at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link; taste beyond that."""
+
 
 @dataclass(frozen=True)
 class SimulatedSteps:
@@ -121,47 +125,12 @@ class SimulationRecord:
         )
 
 
-@dataclass(frozen=True)
-class SimulationSettings:
-    """Numbers of the checks before a simulation and of its run.
-
-    Attributes:
-        largest_bend: bend up to which an arm of Z-Y-X balls is simulated out of its plane [rad]. Derived: at 90° the
-            ball is singular, and at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link; taste beyond
-            that.
-        advised_damping: advised derivative gain over the least stable one. Taste.
-    """
-
-    largest_bend: float = 1.3
-    advised_damping: float = 1.2
-
-
-DEFAULT_SIMULATION = SimulationSettings()
-"""What every simulation uses unless it is given others."""
-
-
-@dataclass(frozen=True)
-class BrakingSettings:
-    """Numbers of coming to rest along a planned motion.
-
-    Attributes:
-        step: largest time between two samples while braking [s]. Taste.
-    """
-
-    step: float = 2e-3
-
-
-DEFAULT_BRAKING = BrakingSettings()
-"""What every braking uses unless it is given others."""
-
-
-def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationSettings = DEFAULT_SIMULATION) -> None:
+def check_options(arm: Arm, options: SimulationOptions) -> None:
     """Refuse what no motion of the arm could be simulated with, before one is planned.
 
     Args:
         arm: the arm; its straight pose stands for all.
         options: gravity, step, controller and gains.
-        settings: of the checks.
 
     Raises:
         ProblemError: saying which setting is at fault and what would do.
@@ -172,7 +141,7 @@ def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationS
     plant = disturbed_arm(arm, options.disturbances)
     try:
         # In the plane only bends move, and both orders of axes are the same arm.
-        check_axes(replace(arm, axes="zyx") if planar else arm, straight, planar=planar, settings=settings)
+        check_axes(replace(arm, axes="zyx") if planar else arm, straight, planar=planar)
         check_stability(plant, straight, options, planar=planar, believed=arm)
     except SimulationError as error:
         raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
@@ -183,16 +152,13 @@ def falls_in_plane(arm: Arm, gravity: FloatArray) -> bool:
     return float(arm.base_rotation[:, 1] @ gravity) == 0.0
 
 
-def check_axes(
-    arm: Arm, angles: FloatArray, *, planar: bool, settings: SimulationSettings = DEFAULT_SIMULATION
-) -> None:
+def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
     """Refuse motions on which the ball joints are singular.
 
     Args:
         arm: the arm.
         angles: of all revolutes along the motion, shape (T, 3 * links) [rad].
         planar: whether the arm stays in its plane, where the bends alone move and nothing is singular.
-        settings: up to which bend an arm is simulated out of its plane.
 
     Raises:
         SimulationError: saying what would do.
@@ -208,7 +174,7 @@ def check_axes(
 
     # The bends are the second revolutes; at ±90° a Z-Y-X ball has its first and third axes in one line.
     largest = float(np.max(np.abs(angles[:, 1::3])))
-    limit = settings.largest_bend
+    limit = _LARGEST_BEND
     if not planar and largest > limit:
         raise SimulationError(
             Diagnosis(
