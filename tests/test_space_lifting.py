@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -70,7 +70,7 @@ def test_the_arm_lies_where_the_coarse_one_does(seed: int, links: int, fed: bool
 def lies_along(random: np.random.Generator, task: SpaceTask, *, fed: bool) -> bool:
     """Whether an arm can be laid along a motion that is drawn for a coarse one."""
     links = task.arm.links
-    few = coarse_task(task)
+    few = nominal_task(task)
     assert few is not None
     np.testing.assert_array_equal(few.start[2 * NOMINAL_LINKS :], task.start[2 * links :])
     at_start = few.arm.joint_positions_at(few.start) - places_along(task.arm.joint_positions_at(task.start))

@@ -13,11 +13,11 @@ from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
+from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
-from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_sweep import SpaceSweep
@@ -327,7 +327,7 @@ def test_no_way_is_found_after_the_deadline() -> None:
 def test_an_arm_of_many_links_moves_as_one_of_few() -> None:
     """A motion for nominal links is laid under all of them, and the arm's own certificate holds."""
     task = task_of(snake(61), BALLS, GOAL)
-    few = coarse_task(task)
+    few = nominal_task(task)
     assert few is not None
     assert few.arm.links == 24
     assert few.arm.length == pytest.approx(task.arm.length)
@@ -335,4 +335,4 @@ def test_an_arm_of_many_links_moves_as_one_of_few() -> None:
     assert lifted is not None
     judged(task, BALLS, lifted)
     ends_at(task, lifted, GOAL)
-    assert coarse_task(task_of(snake(36), BALLS, GOAL)) is None
+    assert nominal_task(task_of(snake(36), BALLS, GOAL)) is None

@@ -287,14 +287,6 @@ class CachedItems:
 def coarsened(task: MotionTask, links: int) -> MotionTask:
     """The same task for an arm of the same length with fewer links."""
     many = task.arm.links
-    arm = replace(
-        task.arm,
-        links=links,
-        link_length=task.arm.length / links,
-        masses=np.full(links, task.arm.masses.mean()),
-        inertia_axial=np.full(links, task.arm.inertia_axial.mean()),
-        inertia_transverse=np.full(links, task.arm.inertia_transverse.mean()),
-    )
 
     def resampled(headings: FloatArray) -> FloatArray:
         # Each new heading is the mean of the old ones over its stretch of the arm: differences of their running
@@ -305,7 +297,7 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
 
     return replace(
         task,
-        arm=arm,
+        arm=task.arm.with_links(links),
         start=resampled(task.start),
         goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
         guesses=CachedItems(resampled(guess) for guess in task.guesses),

@@ -8,9 +8,9 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.space_goal_poses import goal_poses
-from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask
 
@@ -90,7 +90,7 @@ def any_motion(task: SpaceTask) -> SpaceMotion:
     Raises:
         NoPlanFound: none was found in the time.
     """
-    few = coarse_task(task)
+    few = nominal_task(task)
     if few is not None:
         try:
             lifted = lifted_motion(task, find_motion(few))

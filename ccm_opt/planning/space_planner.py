@@ -20,11 +20,11 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import refuse_ends
+from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.settings import SpaceCertificateSettings, SpaceMotionSettings
 from ccm_opt.planning.smooth_path import PATH_SAMPLES, smooth_path
-from ccm_opt.planning.space_lifting import coarse_task, lifted_motion
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
@@ -148,7 +148,7 @@ class SpacePlanner:
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> "_Planned | None":
         """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
-        few = coarse_task(task)
+        few = nominal_task(task)
         if few is None:
             return None
         try:

@@ -1,7 +1,7 @@
 """The jointed arm, in the plane or in space: equal links with a joint at the base of each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -194,6 +194,19 @@ class Arm:
     def bends_a_joint(self) -> int:
         """How many bends a joint has, 1 in the plane and 2 in space."""
         return self.dimension - 1
+
+    def with_links(self, links: int) -> "Arm":
+        """The arm cut into another number of links over the same length, its mass spread evenly over them."""
+        share = self.links / links
+        return replace(
+            self,
+            links=links,
+            link_length=self.length / links,
+            masses=np.full(links, share * float(np.mean(self.masses))),
+            inertia_axial=np.full(links, share * float(np.mean(self.inertia_axial))),
+            inertia_transverse=np.full(links, share * float(np.mean(self.inertia_transverse))),
+            clamped_joints=int(np.ceil(self.clamped_joints / self.links * links)),
+        )
 
     @property
     def coordinates(self) -> Coordinates:
