@@ -305,7 +305,7 @@ class Connecting:
             rng = np.random.default_rng((*seed, number))
             way = self._search(check, rng).run(budget)
             if way is not None:
-                shortcuts = Shortcuts(check, task.certificate.failures, self.settings.shortcuts)
+                shortcuts = Shortcuts(check, task.certificate.failures)
                 return self._motion(shortcuts.shortened(way, rng))
             if task.deadline.passed():
                 break

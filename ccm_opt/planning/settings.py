@@ -14,21 +14,6 @@ from ccm_opt.scene.contact_finder import CertificateSettings, ContactSettings
 
 
 @dataclass(frozen=True)
-class ShortcutSettings:
-    """Numbers of replacing stretches of a way by straight motions.
-
-    Attributes:
-        rounds: in each of which one stretch may be replaced. Taste.
-        tries: stretches that are tried in each round. Taste.
-        saved: least share of the way that a shortcut saves. Taste.
-    """
-
-    rounds: int = 12
-    tries: int = 16
-    saved: float = 0.01
-
-
-@dataclass(frozen=True)
 class ConnectSettings:
     """Numbers of RRT-Connect.
 
@@ -37,12 +22,10 @@ class ConnectSettings:
             random in the bends crumple, and smooth ones are drawn.
         few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
             Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
-        shortcuts: of shortening what is found, before it is optimised.
     """
 
     few_links: int = 10
     few_budgets: tuple[int, ...] = (5000, 10000, 20000)
-    shortcuts: ShortcutSettings = field(default_factory=ShortcutSettings)
 
 
 @dataclass(frozen=True)
@@ -284,18 +267,6 @@ class TrackingSettings:
 
 
 @dataclass(frozen=True)
-class StraighteningSettings:
-    """Numbers of cutting a found motion short.
-
-    Attributes:
-        shortcuts: that are tried. Measured: among 1000 polygons 64 rounds of 32 take a third off a motion in 0.17 s,
-            these two fifths in 0.28 s, and twice as many rounds hardly more.
-    """
-
-    shortcuts: ShortcutSettings = field(default_factory=lambda: ShortcutSettings(128, 64, 0.005))
-
-
-@dataclass(frozen=True)
 class TipWalkSettings:
     """Numbers of walks of the tip.
 
@@ -361,7 +332,6 @@ class MotionSettings:
         tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
         connect: of RRT-Connect.
-        straightening: of cutting a long motion short before it is optimised.
         optimisation: of the optimisation of a motion.
     """
 
@@ -376,7 +346,6 @@ class MotionSettings:
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
-    straightening: StraighteningSettings = field(default_factory=StraighteningSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
 
 
