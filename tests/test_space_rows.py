@@ -33,7 +33,7 @@ def random_sweep(seed: int) -> SpaceSweep:
 def test_slopes_of_rows_are_their_differences(seed: int) -> None:
     """By the unknowns of the keyframe before and of the one behind, for rows at the ends and in between."""
     sweep = random_sweep(seed)
-    rows = motion_rows(sweep, WANTED, 0.0, 5.0 * sweep.stepper.unit)
+    rows = motion_rows(sweep, WANTED, 0.0, 5.0 * sweep.stepper.space.nominal_length)
     step = 1e-6
     for side in (0, 1):
         slopes = rows.slopes(sweep)[side]
@@ -54,13 +54,13 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
     """At the ends of intervals and at the times in between."""
     sweep = random_sweep(seed)
     stepper = sweep.stepper
-    arm = stepper.curve.arm
+    arm = stepper.space.arm
     lacking = room_lacking(sweep, WANTED)
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
     for k, (before, after) in enumerate(zip(sweep.unknowns[:-1], sweep.unknowns[1:], strict=True)):
         least = np.inf
         for share in (0.5, 1.0, *BETWEEN):
-            points = arm.joint_positions_at(stepper.curve.configuration((1.0 - share) * before + share * after))
+            points = arm.joint_positions_at(stepper.space.configuration((1.0 - share) * before + share * after))
             axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
             least = min(least, float(np.min(stepper.tree.distances(axes, 1.0))))
         assert lacking[k] == pytest.approx(max(stepper.kept + WANTED - least, 0.0), abs=1e-9)

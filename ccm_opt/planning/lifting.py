@@ -252,13 +252,13 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
     through = CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0]
     of_coarse = replace(task, arm=coarse, start=straight).stepper(through, 0.0)
     points = _Along.coarse_joints(arm.links).of(arm.joint_positions_at(task.start))
-    same_curve = start * curve.scale / of_coarse.curve.scale
+    same_curve = start * curve.scale / of_coarse.space.scale
     kept = _COARSE_ROOM * task.unit
     begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve)
     return replace(
         task,
         arm=coarse,
-        start=of_coarse.curve.configuration(begun.v),
+        start=of_coarse.space.configuration(begun.v),
         clearance=task.clearance + kept,
         wanted_gap=max(task.wanted_gap - kept, 0.0),
         slowness=np.concatenate((np.ones(2 * coarse.links), task.slowness[2 * arm.links :])),
@@ -296,8 +296,8 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
         found: the coarse motion.
         start: unknowns of the arm at its start, shape (p,).
     """
-    along = _Along.coarse_joints(stepper.curve.arm.links)
-    scale = found.curve.scale / stepper.curve.scale
+    along = _Along.coarse_joints(stepper.space.arm.links)
+    scale = found.curve.scale / stepper.space.scale
     shared = len(scale)
     fitted = [start]
     changes = np.diff(found.unknowns, axis=0)[:, :shared] * scale
@@ -369,15 +369,15 @@ def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatA
         v: unknowns to begin at, shape (p,).
     """
     pose = stepper.pose(v)
-    missing = ((wanted - along.of(pose.points)) / stepper.unit).ravel()
+    missing = ((wanted - along.of(pose.points)) / stepper.space.nominal_length).ravel()
     ridge = _RIDGE
     for _ in range(_FITS):
-        rows = along.of(pose.moving).reshape(len(missing), -1) / stepper.unit
-        if stepper.curve.arm.base_axes:
-            rows[:, stepper.curve.feed_column] = 0.0
+        rows = along.of(pose.moving).reshape(len(missing), -1) / stepper.space.nominal_length
+        if stepper.space.arm.base_axes:
+            rows[:, stepper.space.feed_column] = 0.0
         step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ missing)
         trial = stepper.pose(pose.v + step)
-        left = ((wanted - along.of(trial.points)) / stepper.unit).ravel()
+        left = ((wanted - along.of(trial.points)) / stepper.space.nominal_length).ravel()
         gained = float(missing @ missing - left @ left)
         if not gained > 0.0:
             ridge = _RIDGE_RISE * max(ridge, _RAISED_RIDGE)

@@ -174,8 +174,14 @@ def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[
     """
     rows = np.vstack([t.rows for t in terms])
     target = np.concatenate([t.target for t in terms])
-    weight = np.concatenate([np.broadcast_to(np.asarray(t.weight, dtype=np.float64), (len(t.target),)) for t in terms])
+    weight = np.empty(len(target))
+    first = 0
+    for term in terms:
+        weight[first : first + len(term.target)] = term.weight
+        first += len(term.target)
 
     # ½ Σ w |R δ − t|² has the Hessian Rᵀ W R and at δ = 0 the gradient −Rᵀ W t.
     weighted = rows * weight[:, None]
-    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target
+    hessian = rows.T @ weighted
+    hessian.flat[:: len(hessian) + 1] += ridge
+    return hessian, -weighted.T @ target

@@ -140,8 +140,23 @@ class RailSettings:
 
 
 @dataclass(frozen=True)
-class StepSettings:
-    """Numbers of a single step.
+class AnyStepSettings:
+    """Numbers of a single step, whatever its limits.
+
+    Attributes:
+        largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
+        ridge: keeps the step's Hessian definite where no term reaches. Taste.
+        blend_ridge: the same on unknowns that blend a goal of the whole arm in, where that is more.
+    """
+
+    largest_turn: float = 0.15
+    ridge: float = 1e-8
+    blend_ridge: float = 1e-8
+
+
+@dataclass(frozen=True)
+class StepSettings(AnyStepSettings):
+    """Numbers of a single step in the plane.
 
     Attributes:
         limit_share: share of a joint limit that planning uses; what accepted poses and splines overshoot stays below
@@ -149,11 +164,10 @@ class StepSettings:
         full_limit_share: the same where the ends, or what keeps the arm off its goal, ask for more. Derived: what rows
             and polishing may err by is a hundredth of a degree at most.
         keep_share: share of the planning margin that every accepted pose keeps. Taste.
-        largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
         firm_share: the same that rows ask for, where there is such a step; usually nothing. Taste.
         narrow_firm_share: the same where margins are narrow. Taste.
         push_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste.
-        ridge: keeps the step's Hessian definite where no term reaches. Taste.
+        ridge: as of any step.
         narrow_ridge: the same where margins are narrow. Measured: beside the heavy weights there the solver does not
             tell a Hessian with the usual ridge definite, and takes 600 iterations where 10 do.
         blend_ridge: the same on coordinates that blend a goal of the whole arm in. Measured on a chain in a horn, 12 to
@@ -166,7 +180,6 @@ class StepSettings:
     limit_share: float = 0.98
     full_limit_share: float = 0.9995
     keep_share: float = 0.4
-    largest_turn: float = 0.15
     firm_share: float = 0.0
     narrow_firm_share: float = 0.5
     push_weight: float = 30.0
@@ -317,17 +330,31 @@ DEFAULT_TREES = TreeSettings()
 
 
 @dataclass(frozen=True)
-class MotionSettings:
-    """Numbers of the search for a motion.
+class EngineSettings:
+    """Numbers of taking steps, of following a guide and of tracking.
+
+    Attributes:
+        step: of a single step.
+        continuation: of following a guide and settling on the goal.
+        goal: of putting the tip onto the goal.
+        tracking: of tracking a reference motion.
+    """
+
+    step: AnyStepSettings = field(default_factory=AnyStepSettings)
+    continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
+    goal: GoalSettings = field(default_factory=GoalSettings)
+    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+
+
+@dataclass(frozen=True)
+class MotionSettings(EngineSettings):
+    """Numbers of the search for a motion in the plane, besides those of any.
 
     Attributes:
         ends: of resolving start and goal.
         contacts: of near pairs.
         certificate: of the certificate of contact.
         step: of a single step.
-        continuation: of following a guide and settling on the goal.
-        goal: of putting the tip onto the goal.
-        tracking: of tracking a reference motion.
         search: of the search over all strategies.
         tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
@@ -339,9 +366,6 @@ class MotionSettings:
     contacts: ContactSettings = field(default_factory=ContactSettings)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     step: StepSettings = field(default_factory=StepSettings)
-    continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
-    goal: GoalSettings = field(default_factory=GoalSettings)
-    tracking: TrackingSettings = field(default_factory=TrackingSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
@@ -395,26 +419,20 @@ class SpaceCertificateSettings:
 
 
 @dataclass(frozen=True)
-class SpaceStepSettings:
+class SpaceStepSettings(AnyStepSettings):
     """Of one step: a small quadratic program in the unknowns of the curve.
 
     Attributes:
         margin: gap that steps keep beyond contact [u].
         share: of the gap beyond the margin that one step may use.
-        largest_turn: largest turn of a link in a step [rad].
         feed: farthest way of the base in a step [u].
         planes: most half-spaces that a link is given.
-        ridge: on every unknown, so that the program has one answer.
-        blend_ridge: the same on one that blends a goal in, where that is more.
     """
 
     margin: float = 0.06
     share: float = 0.5
-    largest_turn: float = 0.15
     feed: float = 0.3
     planes: int = 14
-    ridge: float = 1e-8
-    blend_ridge: float = 1e-8
 
 
 @dataclass(frozen=True)
@@ -452,8 +470,8 @@ class FollowableWaySettings:
 
 
 @dataclass(frozen=True)
-class SpaceMotionSettings:
-    """All numbers of the search.
+class SpaceMotionSettings(EngineSettings):
+    """All numbers of the search in space, besides those of any.
 
     Attributes:
         certificate: of proofs.

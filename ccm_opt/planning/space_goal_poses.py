@@ -53,13 +53,13 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
 
 def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
     """Unknowns of a curve with smooth random curvature, and a random feed."""
-    curve = stepper.curve
+    curve = stepper.space
     arm = curve.arm
     k = curve.knots
     controls = rng.normal(size=(2, 4)) * rng.uniform(0.1, 1.0)
     places = np.linspace(0.0, 1.0, 4)
     # Curvature as bends of a nominal link; three quarters of the limit is a strong bend already.
-    largest = 0.4 * min(arm.joint_limit * arm.links / NOMINAL_LINKS, 1.0) / stepper.unit
+    largest = 0.4 * min(arm.joint_limit * arm.links / NOMINAL_LINKS, 1.0) / stepper.space.nominal_length
     curvature = [largest * np.interp(np.linspace(0.0, 1.0, k), places, row) for row in controls]
     v = np.zeros(curve.dimension)
     turned = 0 if arm.base_axes else 2
@@ -77,7 +77,7 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pos
     for k in range(_STEPS):
         pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + k), checked=False)
         distance, turn = goal.errors(pose)
-        if distance < 0.1 * stepper.unit and turn < 0.05:
+        if distance < 0.1 * stepper.space.nominal_length and turn < 0.05:
             break
     onto = moved_onto(stepper.space, goal, pose, POLISH_TURN)
     return onto if goal.on_goal(onto) and goal.limits_met(onto) and _free(stepper, onto) else None
@@ -172,7 +172,7 @@ class CurveDraws:
         middle = self.start.v + rng.uniform(-0.2, 1.2) * (goal.v - self.start.v)
         if self.base_share > 0.0 and rng.uniform() < self.base_share:
             # The base points anywhere.
-            most = np.minimum(self.stepper.curve.arm.base_limit, (np.pi, 0.5 * np.pi))
+            most = np.minimum(self.stepper.space.arm.base_limit, (np.pi, 0.5 * np.pi))
             return np.concatenate((rng.uniform(-most, most), middle[2:])) @ self.root
         spread = rng.normal(size=len(middle))
         apart = float(np.linalg.norm((goal.v - self.start.v) @ self.root))
@@ -221,7 +221,7 @@ def swung(
 
 def unbent_from(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
-    guide = PoseLed(pose.v, stepper.curve.unbent(pose.v), stepper.settings.guide.pose_step, stepper.settings.guide)
+    guide = PoseLed(pose.v, stepper.space.unbent(pose.v), stepper.settings.guide.pose_step, stepper.settings.guide)
     try:
         return follow(stepper, guide, pose, deadline)
     except Stalled as stalled:
@@ -239,7 +239,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
         start: unknowns, shape (p,).
         deadline: when to stop.
     """
-    curve = stepper.curve
+    curve = stepper.space
     column = curve.feed_column
     end = start.copy()
     end[column] = curve.arm.base_range[0] / curve.scale[column]
@@ -259,10 +259,10 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from the given one back as far as the steps lead."""
-    arm = stepper.curve.arm
+    arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
     shape = SpaceTipTrack.along(pose.points, np.zeros((0, 3)))
-    guide = SpaceTrackLed(shape, arm.length - left, stepper.unit, stepper.settings.guide)
+    guide = SpaceTrackLed(shape, arm.length - left, stepper.space.nominal_length, stepper.settings.guide)
     try:
         return follow(stepper, guide, pose, deadline)
     except Stalled as stalled:

@@ -77,7 +77,7 @@ class PassingKeyframes(LimitOf[CurveMap]):
         del u
         moved = np.flatnonzero(self.keyframe > 0)
         keyframe = self.keyframe[moved]
-        unit = sweep.stepper.unit
+        unit = sweep.stepper.space.nominal_length
         off = (sweep.joints[keyframe, -1] - self.places[moved]) / unit
         most = np.maximum(self.reach[moved, None] / (np.sqrt(3.0) * unit), np.abs(off))
         slopes = sweep.moving[keyframe, sweep.curve.arm.links] / unit
@@ -109,7 +109,7 @@ def space_program(
         passing: keyframes at which the tip passes places; None where it need not.
         end_fixed: whether the last keyframe stays.
     """
-    unit = stepper.unit
+    unit = stepper.space.nominal_length
     always = (RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit), CoordinateLimit(task.settings.step))
     return MotionProgram(
         curve=stepper.space,
@@ -208,7 +208,7 @@ def _few_keyframes(
     keyframes, places = thinned(task, motion, unknowns, u, kept)
     if task.user is None:
         return keyframes, places
-    keyframes = restored_keyframes(task.user_limits, stepper.curve, keyframes, places)
+    keyframes = restored_keyframes(task.user_limits, stepper.space, keyframes, places)
     sweep = SpaceSweep(stepper, keyframes)
     if not task.user.holds(sweep, sweep, places) or len(failing_edges(stepper, keyframes)) > 0:
         return None

@@ -72,7 +72,7 @@ def _wall_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
     nothing of the way past the edge, and is left to the planes at the keyframes and in between.
     """
     chords = np.linalg.norm(np.diff(sweep.joints, axis=0), axis=2)
-    travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.stepper.unit)
+    travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.stepper.space.nominal_length)
     kept = sweep.stepper.kept + room
     reach = kept + seen
     interval, link, normal, foot = _half_spaces(sweep, sweep.middle_points, reach + travel)
@@ -86,7 +86,7 @@ def _wall_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
     parts.append(_rows_at(sweep, 1.0, reach, kept))
     # In between only what lacks room is asked for.
-    parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.unit, kept) for share in BETWEEN)
+    parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.space.nominal_length, kept) for share in BETWEEN)
     return joined_rows(parts)
 
 
@@ -128,7 +128,7 @@ def _half_spaces(
     beyond = arm.links - first
     looked_at = points[:, first:]
     segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
-    planes = sweep.stepper.tree.planes(segments, reach, _PLANES, _BEHIND * sweep.stepper.unit)
+    planes = sweep.stepper.tree.planes(segments, reach, _PLANES, _BEHIND * sweep.stepper.space.nominal_length)
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 

@@ -403,7 +403,7 @@ class _Search:
         first = stepper.pose(start)
         tell_tried(name, self.failures)
         try:
-            return SpaceMotion.of(stepper.curve, lead(stepper, first), name)
+            return SpaceMotion.of(stepper.space, lead(stepper, first), name)
         except Stalled as stalled:
             self._failed(name, str(stalled), stepper, stalled.poses[-1])
             return None

@@ -28,7 +28,7 @@ class SpaceSweep:
     @property
     def curve(self) -> CurveMap:
         """The map of the unknowns."""
-        return self.stepper.curve
+        return self.stepper.space
 
     @property
     def intervals(self) -> int:
@@ -105,17 +105,17 @@ class SpaceSweep:
 
 def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
     """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
-    arm = stepper.curve.arm
+    arm = stepper.space.arm
     if not arm.base_axes:
         return [before, after]
-    column = stepper.curve.feed_column
-    scale = float(stepper.curve.scale[column])
+    column = stepper.space.feed_column
+    scale = float(stepper.space.scale[column])
     start = float(before[column]) * scale
     way = float(after[column]) * scale - start
     share = 0.0
     places = [before]
     while share < 1.0:
-        room = feed_to_next_stop(stepper.curve, start + share * way, forward=way > 0.0)
+        room = feed_to_next_stop(stepper.space, start + share * way, forward=way > 0.0)
         share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
         places.append(before + share * (after - before))
     return places
@@ -129,7 +129,7 @@ def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, d
 def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
     """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
     edges = [pieces(stepper, before, after) for before, after in pairwise(unknowns)]
-    configurations = stepper.curve.configurations(np.array([v for edge in edges for v in edge]))
+    configurations = stepper.space.configurations(np.array([v for edge in edges for v in edge]))
     kept = [stepper.within_limits(q) for q in configurations]
     failing = []
     first = 0

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ccm_opt.planning.limits.limit_stack import within_limits
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
-from ccm_opt.planning.settings import ContinuationSettings, MotionSettings, SpaceMotionSettings
+from ccm_opt.planning.settings import EngineSettings, MotionSettings, SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -22,32 +22,6 @@ _BACKTRACKS = 6
 """Halvings of a step before it is given up. Taste."""
 
 AnyUnknowns = TypeVar("AnyUnknowns", bound=CurveUnknowns)
-
-
-class StepNumbers(Protocol):
-    """Numbers of a single step.
-
-    Attributes:
-        largest_turn: largest turn of a link [rad].
-        ridge: keeps the step's Hessian definite where no term reaches.
-        blend_ridge: the same on unknowns that blend a goal of the whole arm in, where that is more.
-    """
-
-    @property
-    def largest_turn(self) -> float: ...  # noqa: D102
-    @property
-    def ridge(self) -> float: ...  # noqa: D102
-    @property
-    def blend_ridge(self) -> float: ...  # noqa: D102
-
-
-class HasStepNumbers(Protocol):
-    """Settings of a search, among them those of single steps and of a continuation."""
-
-    @property
-    def step(self) -> StepNumbers: ...  # noqa: D102
-    @property
-    def continuation(self) -> ContinuationSettings: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +36,7 @@ class StepperOf(Generic[AnyUnknowns]):
 
     space: AnyUnknowns
     limits: tuple[LimitOf[AnyUnknowns], ...]
-    settings: HasStepNumbers
+    settings: EngineSettings
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose of unknowns, shape (p,)."""
@@ -146,16 +120,6 @@ class SpaceStepper(StepperOf[CurveMap]):
     certificate: SpaceCertificate = field(kw_only=True)
     margin: float = field(kw_only=True)
     user: UserLimit | None = field(default=None, kw_only=True)
-
-    @property
-    def curve(self) -> CurveMap:
-        """The map of the unknowns."""
-        return self.space
-
-    @property
-    def unit(self) -> float:
-        """u, length of a nominal link [m]."""
-        return self.space.nominal_length
 
     @property
     def kept(self) -> float:

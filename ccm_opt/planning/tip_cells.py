@@ -204,7 +204,7 @@ class TipLooker:
             near = self.stepper.pose(seed)
             # Straight across the side that the cells share, as a duct may go, and then to the middle.
             across = _into(task.middle, width, near.tip)
-            if float(np.linalg.norm(across - task.middle)) > self.stepper.unit:
+            if float(np.linalg.norm(across - task.middle)) > self.stepper.space.nominal_length:
                 _, near = self._led(near, self.task.limited(GoalPose(across)))
             arrived, pose = self._led(near, self.task.limited(GoalPose(task.middle)))
             if arrived is not None:
@@ -249,8 +249,8 @@ class TipLooker:
         before = np.inf
         for number in range(_STEPS):
             distance, turn = goal.errors(pose)
-            left = distance / stepper.unit + turn
-            if distance < 0.3 * stepper.unit and turn < 0.1:
+            left = distance / stepper.space.nominal_length + turn
+            if distance < 0.3 * stepper.space.nominal_length and turn < 0.1:
                 break
             if number % _ROUND == 0:
                 if left > _PROGRESS * before:

@@ -100,7 +100,6 @@ def tracked_to_arrival(
     reference: Reference,
     start: Pose,
     deadline: Deadline,
-    settings: TrackingSettings,
 ) -> TrackedPoses:
     """Poses from a start, along a reference motion bent to the stepper's limits, until the path parameter arrives.
 
@@ -109,11 +108,11 @@ def tracked_to_arrival(
         reference: what to track.
         start: where the motion begins.
         deadline: when to stop.
-        settings: steps of the path parameter.
 
     Raises:
         Stalled: naming the constraint that could not be met, and by how much it was missed.
     """
+    settings = stepper.settings.tracking
     tracked = TrackedPoses([start], [0.0])
     advance = settings.first_advance
     # No step passes by a place where a limit begins or ends.
@@ -121,7 +120,7 @@ def tracked_to_arrival(
     while tracked.u[-1] < settings.arrival:
         u = min(settings.arrival, tracked.u[-1] + advance)
         u = next((at for at in breaks if tracked.u[-1] < at < u), u)
-        poses = _advanced(stepper.at(u), reference, u, tracked.poses[-1], settings)
+        poses = _advanced(stepper.at(u), reference, u, tracked.poses[-1])
         if poses is None:
             # The arm stays where it was: rows that move a little with u may be met where a large step of u outruns the
             # arm.
@@ -149,15 +148,14 @@ def follow_reference(
     Raises:
         Stalled: naming the constraint that could not be met, and by how much it was missed.
     """
-    tracked = tracked_to_arrival(stepper, reference, start, deadline, stepper.settings.tracking)
+    tracked = tracked_to_arrival(stepper, reference, start, deadline)
     tracked.append(settle(stepper.at(1.0), goal, tracked.poses[-1], deadline)[1:], 1.0)
     return tracked
 
 
-def _advanced(
-    stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose, settings: TrackingSettings
-) -> list[Pose] | None:
+def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
     """Poses towards the reference at u, to one that meets the limits of the stepper; None when there is none."""
+    settings = stepper.settings.tracking
     poses = []
     kept = False
     for _ in range(settings.steps):
@@ -301,7 +299,7 @@ def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) 
     start = stepper.pose(motion.unknowns[0])
     reference = _ReferenceUnknowns(u, motion.unknowns)
     try:
-        tracked = tracked_to_arrival(stepper, reference, start, task.deadline, TrackingSettings())
+        tracked = tracked_to_arrival(stepper, reference, start, task.deadline)
         tracked.append(_ended(task, stepper.at(1.0), tracked.poses[-1], motion.unknowns[-1]), 1.0)
     except Stalled as stalled:
         raise MotionNotFound(Diagnosis(str(stalled), "motion", user.advice)) from None
