@@ -17,7 +17,7 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.feed.fed_task import GuideTubeLimit
 from ccm_opt.planning.feed.feed_planner import FeedPlanner, reshaped, reshaping_at_once
-from ccm_opt.planning.feed.finishing import path_time
+from ccm_opt.planning.feed.finishing import path_time, straight_in_tube
 from ccm_opt.planning.feed.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, path_of_pose, pose_on, slide
 from ccm_opt.planning.feed.leader_paths import ElasticBand
 from ccm_opt.planning.feed.query import FeedQuery
@@ -72,6 +72,18 @@ def test_bending_in_the_guide_is_seen(heading: float) -> None:
         spline = clamped_spline(arm.poses(np.column_stack((bends, feeds))))
         held = GuideTubeLimit(arm, 1e-3).failures(spline(np.linspace(0.0, 1.0, 500)))
         assert (len(held) == 0) is fine
+
+
+def test_samples_of_an_even_path_are_straight_in_the_guide() -> None:
+    """However few keyframes feed a bow out of the guide, samples hold straight what is in it, and keep the ends."""
+    arm = fed_arm()
+    path = bow(arm, 1.0)
+    keyframes = slide(arm, path, 0.2, path.base_with_tip_at_end(arm.links, LINK))[::12]
+    poses = arm.poses(keyframes)
+    even = straight_in_tube(arm, poses, 1e-3)
+    assert np.array_equal(even[[0, -1]], poses[[0, -1]])
+    assert len(GuideTubeLimit(arm, 1e-3).failures(even)) == 0
+    assert len(GuideTubeLimit(arm, 1e-3).failures(clamped_spline(poses)(np.linspace(0.0, 1.0, len(even))))) > 0
 
 
 def test_deviation_of_a_bow() -> None:

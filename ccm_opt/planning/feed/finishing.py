@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -115,7 +116,7 @@ class Finishing:
         found = self._motion(proposed)
         if self.task.user_limits:
             return self._on_limits(found)
-        plain = self._laid(found) or self._even(found)
+        plain = self._laid(found, self._of_samples) or self._even(found)
         if plain is None:
             self.refused.append(f"{proposed.name}: not certified")
             return None
@@ -132,9 +133,14 @@ class Finishing:
         """Least duration of a path [s]."""
         return path_time(self.query.arm, self.query.problem.limits, path.spline)
 
-    def _laid(self, motion: Motion) -> JointPath | None:
+    @cached_property
+    def _of_samples(self) -> MotionTask:
+        """The task for paths beside fine samples, between which no room is lost that would have to be looked for."""
+        return replace(self.task, wanted_gap=0.0)
+
+    def _laid(self, motion: Motion, task: MotionTask) -> JointPath | None:
         """The smooth path near the keyframes of a motion, exactly straight where its link headings only round."""
-        path = laid_path(motion, self.task)
+        path = laid_path(motion, task)
         if path is None:
             return None
         spline = path.spline
@@ -143,7 +149,7 @@ class Finishing:
 
     def _smooth(self, motion: Motion) -> JointPath | None:
         """The quicker smooth path of two along a motion."""
-        paths = (self._laid(motion), self._even(motion))
+        paths = (self._laid(motion, self.task), self._even(motion))
         return min(filter(None, paths), key=self.time, default=None)
 
     def _even(self, motion: Motion) -> JointPath | None:
@@ -154,8 +160,9 @@ class Finishing:
         """
         if len(motion.configurations) <= DEGREE or any(limit.shapes_path for limit in self.task.user_limits):
             return None
-        even = straight_in_tube(self.query.arm, motion.configurations, self.query.travel)
-        return self._laid(replace(motion, configurations=even))
+        poses = straight_in_tube(self.query.arm, motion.configurations, self.query.travel)
+        even = Motion(*self.task.space_through(poses), poses, motion.candidate)
+        return self._laid(even, self._of_samples)
 
     def duration(self, proposed: ProposedMotion) -> float:
         """An estimate of how long a motion lasts, in turns of the average joint [rad]."""
