@@ -7,17 +7,21 @@ from typing import Generic, Self, TypeVar
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.limits.limit import LimitOf, LimitRows, best_change
+from ccm_opt.planning.limits.limit import LimitOf, LimitRows, stacked_rows
 from ccm_opt.planning.limits.limit_stack import within_limits
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
 from ccm_opt.planning.settings import EngineSettings, MotionSettings, SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+_ITERATIONS_A_ROW = 8
+"""Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
+Taste."""
 _BACKTRACKS = 6
 """Halvings of a step before it is given up. Taste."""
 
@@ -57,7 +61,14 @@ class StepperOf(Generic[AnyUnknowns]):
         parts = [limit.linearised(self.space, pose, turn) for limit in self.limits]
         # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
         ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
-        delta = best_change(terms, parts, ridge)
+        hessian, gradient = normal_equations([*terms, *(pull for rows in parts for pull in rows.pulls)], ridge)
+        matrix, lower, upper, sense = stacked_rows(parts)
+        most = _ITERATIONS_A_ROW * len(upper)
+        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
+        if delta is None and np.any(lower[sense == 0] > 0.0):
+            # What rows ask to be mended cannot be at once: then it may stay as it is.
+            staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
+            delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
         if delta is None:
             # The pose itself as the answer tells the caller that there is no step.
             return pose

@@ -20,11 +20,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 
 if TYPE_CHECKING:
     from typing import Self
@@ -35,9 +35,6 @@ UNBOUNDED = 1e30
 """What QPs take for no bound."""
 _EQUATION = 5
 """The solver's mark of a row that is an equation."""
-_ITERATIONS_A_ROW = 8
-"""Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
-Taste."""
 
 
 def always(pose: Pose) -> bool:
@@ -75,18 +72,11 @@ class LimitRows:
     excess: Callable[[FloatArray], float] = field(default=of_any_length)
 
 
-def best_change(terms: Sequence[Term], parts: Sequence[LimitRows], ridge: FloatArray | float) -> FloatArray | None:
-    """The change of the unknowns that comes nearest to what terms want, shape (p,), or None where rows leave none.
-
-    Args:
-        terms: what to draw the arm towards.
-        parts: rows of every limit, and what they draw it towards.
-        ridge: on the unknowns, so that there is one answer, shape (p,) or ().
-    """
-    hessian, gradient = normal_equations([*terms, *(pull for rows in parts for pull in rows.pulls)], ridge)
+def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intc]]:
+    """Stack the rows of all limits for DAQP: matrix (m, p), lower and upper bounds (m,), and what each row is, (m,)."""
     matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
-    upper = np.concatenate([rows.upper for rows in parts])
     lower = np.concatenate([rows.lower for rows in parts])
+    upper = np.concatenate([rows.upper for rows in parts])
 
     # Every limit's equations come first among its own rows.
     sense = np.zeros(len(upper), dtype=np.intc)
@@ -94,14 +84,7 @@ def best_change(terms: Sequence[Term], parts: Sequence[LimitRows], ridge: FloatA
     for rows in parts:
         sense[first : first + rows.equations] = _EQUATION
         first += len(rows.upper)
-
-    most = _ITERATIONS_A_ROW * len(upper)
-    delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
-    if delta is None and np.any(lower[sense == 0] > 0.0):
-        # What rows ask to be mended cannot be at once: then it may stay as it is.
-        staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
-        delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
-    return delta
+    return matrix, lower, upper, sense
 
 
 @dataclass(frozen=True)
