@@ -172,7 +172,7 @@ class CurvePlanner:
         """
         deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
         with self.stages("mapping"):
-            ends = resolve_ends(problem, self.settings.motion.ends)
+            ends = resolve_ends(problem)
             for limit in self.user_limits:
                 limit.refuse_ends(ends.start, ends.goal_headings)
             near = neighbourhood(problem, ends)

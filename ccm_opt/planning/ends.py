@@ -10,7 +10,6 @@ from ccm_opt.core.length_words import place, short_length
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.settings import DEFAULT_ENDS, EndSettings
 from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import JointPose, Problem, TipGoal
@@ -38,6 +37,14 @@ _AIM_SHARE = 0.9
 _UPRIGHT = 0.1
 """Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall.
 Taste."""
+_STRETCH = 2e-3
+"""Share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at. Taste: there the
+tip cannot move along the arm."""
+_FLUSH = 1e-5
+"""A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it.
+Taste."""
+_REACH = 0.02
+"""Gaps that are looked at, as a share of the arm's length. Taste."""
 
 
 @dataclass(frozen=True)
@@ -57,32 +64,31 @@ class Ends:
     clamped: bool = False
 
 
-def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends:
+def resolve_ends(problem: Problem) -> Ends:
     """Start and goal of a problem on the links.
 
     Args:
         problem: whose ends they are.
-        settings: numbers.
 
     Raises:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
     """
     start = problem.start.headings(problem.arm)
-    clamped = stands_flush(problem, start, settings)
+    clamped = stands_flush(problem, start)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
-    refuse_bad_pose(arm, problem.workspace, start, "start", settings.reach)
+    refuse_bad_pose(arm, problem.workspace, start, "start", _REACH)
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
-        return Ends(start, tip_goal(problem, problem.goal, settings), None, clamped)
+        return Ends(start, tip_goal(problem, problem.goal), None, clamped)
     headings = _within_limits(problem, problem.goal.headings(problem.arm))
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
-    refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
+    refuse_bad_pose(at_goal, problem.workspace, headings, "goal", _REACH)
     tip = arm.joint_positions(headings)[-1]
     return Ends(start, GoalPose(tip, unit_vector(headings[-1])), headings, clamped)
 
 
-def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> GoalPose:
+def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
     """A goal for the tip as planning takes it: a place and a heading to be met exactly, or a set with room in it.
 
     A tolerance as small as a precision leaves the goal a point, which is met exactly where that can be; a wider one
@@ -95,14 +101,14 @@ def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_EN
     turning = direction is not None and allowed.heading > _PRECISE_TURN
     room = (_ROOM_USED * allowed.position * wide, _ROOM_USED * allowed.heading * turning)
     spare = (_TOLERANCE_SHARE * allowed.position, _TOLERANCE_SHARE * allowed.heading)
-    position = goal.position if wide else aim(problem, goal, settings)
+    position = goal.position if wide else aim(problem, goal)
     # An aim beside the goal has used some of the tolerance up.
     left = _ROOM_USED * allowed.position - float(np.hypot(*(position - goal.position)))
     near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
     return GoalPose(position, direction, room=room, near_enough=near_enough)
 
 
-def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> FloatArray:
+def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     """Where planning leads the tip, shape (2,) [m]: to the goal, or where that cannot be, to a place near enough.
 
     A goal out of reach is drawn towards the base, one too near to a wall to the nearest place with room.
@@ -113,8 +119,8 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
 
     # At full stretch the tip cannot move along the arm and Newton would stop; an aim a little nearer keeps the arm
     # bent, as far as the tolerance allows.
-    beyond = float(np.hypot(*offset)) - (1.0 - settings.stretch) * arm.length
-    if beyond > settings.stretch * arm.length:
+    beyond = float(np.hypot(*offset)) - (1.0 - _STRETCH) * arm.length
+    if beyond > _STRETCH * arm.length:
         return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
 
     need = arm.radius + problem.workspace.clearance
@@ -135,18 +141,18 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
     return np.asarray(nearest[1])
 
 
-def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings = DEFAULT_ENDS) -> bool:
+def stands_flush(problem: Problem, headings: FloatArray) -> bool:
     """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
     arm = problem.arm
     # The whole first link belongs to the mount already.
     if arm.mount_length >= arm.link_length:
         return False
     points = arm.joint_positions(headings)
-    reach = settings.reach * arm.length
+    reach = _REACH * arm.length
     near = problem.workspace.near(shapely.LineString(points), arm.radius + problem.workspace.clearance + reach)
     contacts = ContactFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
-    flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= settings.flush * arm.length)
+    flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= _FLUSH * arm.length)
 
     # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap only
     # falls, by the square of dφ: no turn of the base is free, in either direction.

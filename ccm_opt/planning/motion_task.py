@@ -41,6 +41,10 @@ _END_REACH = 4.0
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Offers better poses at the goal than one in which a motion ends."""
+_REACH = 0.96
+"""Contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less."""
+_SPARE = 1e-4
+"""Gap beyond contact that the certificate asks for, as a share of the arm's length. Taste."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +108,10 @@ class MotionTask:
 
         Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
         """
-        settings = self.settings.search
         ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
         gaps = [self._end_finder.find(self.arm.points(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
-        most = settings.spare * self.arm.length
+        most = _SPARE * self.arm.length
         # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
         # interval would always fail. Nor for more than a gate leaves beside the arm.
         spare = np.clip(_SPARE_AT_ENDS * min(gaps) - contact, -contact, most)
@@ -148,8 +151,7 @@ class MotionTask:
     @cached_property
     def _end_finder(self) -> ContactFinder:
         """Of gaps at the ends of the motion."""
-        settings = self.settings.search
-        return self.finder(0.0, _END_REACH * settings.spare * self.arm.length)
+        return self.finder(0.0, _END_REACH * _SPARE * self.arm.length)
 
     def finder(self, margin: float, reach: float) -> ContactFinder:
         """A finder of contacts with a planning margin and a reach [m]."""
@@ -158,8 +160,7 @@ class MotionTask:
 
     def planning_finder(self, margin: float, nominal_length: float) -> ContactFinder:
         """The finder for steps that keep a planning margin [m], in a space of nominal links of some length [m]."""
-        settings = self.settings.search
-        return self.finder(margin, max(settings.reach * nominal_length, _REACH_MARGINS * margin))
+        return self.finder(margin, max(_REACH * nominal_length, _REACH_MARGINS * margin))
 
     def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""

@@ -119,7 +119,7 @@ def pose_search(
     Raises:
         UnreachableGoal: the start or the goal touches something, or the start breaks a joint limit.
     """
-    ends = resolve_ends(problem, settings.motion.ends)
+    ends = resolve_ends(problem)
     arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
     return GoalPoseSearch(for_arm(problem, arm), ends, ends.start, terms, settings.goal_pose)
 

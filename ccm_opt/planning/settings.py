@@ -29,27 +29,6 @@ class ConnectSettings:
 
 
 @dataclass(frozen=True)
-class EndSettings:
-    """Numbers of the ends of a motion.
-
-    Attributes:
-        stretch: share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at.
-            Taste: there the tip cannot move along the arm.
-        flush: a mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands
-            flush on it. Taste.
-        reach: gaps that are looked at, as a share of the arm's length. Taste.
-    """
-
-    stretch: float = 2e-3
-    flush: float = 1e-5
-    reach: float = 0.02
-
-
-DEFAULT_ENDS = EndSettings()
-"""The numbers that are used unless others are given."""
-
-
-@dataclass(frozen=True)
 class ConvexSettings:
     """Numbers of the sequential convex programming.
 
@@ -109,17 +88,13 @@ class SearchSettings:
             narrow one gets through. Measured: with less than the narrow one, the first candidate failed in one scene.
         tree_margins: margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a
             narrow one gets through. Taste.
-        reach: contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less.
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
             looked for. Taste: among a thousand, such poses take seconds.
-        spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
     """
 
     margins: tuple[float, ...] = (0.06, 0.024)
     tree_margins: tuple[float, ...] = (0.12, 0.06, 0.024)
-    reach: float = 0.96
     many_walls: int = 150
-    spare: float = 1e-4
 
 
 @dataclass(frozen=True)
@@ -261,22 +236,10 @@ class TrackingSettings:
     Attributes:
         first_advance: first step of u. Taste.
         largest_advance: largest step of u. Taste.
-        least_advance: step of u below which tracking is given up. Taste.
-        growth: of the step of u after each that was met. Taste.
-        arrival: u where tracking ends and the arm settles on the goal. Taste.
-        steps: that may be needed to meet the constraints at a new u. Taste.
-        largest_turn: largest turn towards the reference that a step asks for [rad]. Taste.
-        pull_weight: weight of the reference, against a nominal link's distance. Taste.
     """
 
     first_advance: float = 1.0 / 80.0
     largest_advance: float = 1.0 / 40.0
-    least_advance: float = 1e-4
-    growth: float = 1.5
-    arrival: float = 0.98
-    steps: int = 24
-    largest_turn: float = 0.3
-    pull_weight: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -294,17 +257,12 @@ class TipWalkSettings:
             1.2 to 2.0, where the arm has to be laid anew from its base, never.
         early_walks: before poses at the goal are looked for. Taste: half of what those take in vain, or less.
         late_walks: before the trees. Taste: a few times as many.
-        nearest: distance of such places from there at least, as a share of the arm's length. Taste.
-        rounding: distances that their paths keep from corners, as multiples of the usual one. Measured: with several
-            the mean time to a solution was 3.3 s instead of 4.1.
     """
 
     margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)
     longest_way: float = 0.8
     early_walks: int = 150
     late_walks: int = 120
-    nearest: float = 0.05
-    rounding: tuple[float, ...] = (0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
@@ -351,7 +309,6 @@ class MotionSettings(EngineSettings):
     """Numbers of the search for a motion in the plane, besides those of any.
 
     Attributes:
-        ends: of resolving start and goal.
         contacts: of near pairs.
         certificate: of the certificate of contact.
         step: of a single step.
@@ -362,7 +319,6 @@ class MotionSettings(EngineSettings):
         optimisation: of the optimisation of a motion.
     """
 
-    ends: EndSettings = field(default_factory=EndSettings)
     contacts: ContactSettings = field(default_factory=ContactSettings)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     step: StepSettings = field(default_factory=StepSettings)
@@ -424,15 +380,9 @@ class SpaceStepSettings(AnyStepSettings):
 
     Attributes:
         margin: gap that steps keep beyond contact [u].
-        share: of the gap beyond the margin that one step may use.
-        feed: farthest way of the base in a step [u].
-        planes: most half-spaces that a link is given.
     """
 
     margin: float = 0.06
-    share: float = 0.5
-    feed: float = 0.3
-    planes: int = 14
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def space_program(
         end_fixed: whether the last keyframe stays.
     """
     unit = stepper.space.nominal_length
-    always = (RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit), CoordinateLimit(task.settings.step))
+    always = (RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit), CoordinateLimit())
     return MotionProgram(
         curve=stepper.space,
         sweep=partial(SpaceSweep, stepper),

@@ -166,7 +166,7 @@ class SpaceTask:
         limits = (
             AtRest(still=True),
             SurfaceLimit(self.tree, self.certificate, margin, settings),
-            CoordinateLimit(settings.step),
+            CoordinateLimit(),
             *(() if self.user is None else (self.user,)),
         )
         return SpaceStepper(

@@ -140,7 +140,7 @@ def cell_poses(question: ReachQuestion, task: CellTask) -> CellPoses:
 @lru_cache(maxsize=2)  # a worker makes it once for all cells of a map
 def _explorer(pickled: bytes, settings: ReachSettings) -> "_Explorer":
     problem = pickle.loads(pickled)  # noqa: S301 - made by this very program
-    ends = resolve_ends(problem, settings.motion.ends)
+    ends = resolve_ends(problem)
     return _Explorer(problem, clamped_arm(problem.arm) if ends.clamped else problem.arm, ends.clamped, settings)
 
 

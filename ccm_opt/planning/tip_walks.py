@@ -54,6 +54,11 @@ _BY_PLACE = 0.85
 """How often it is led there by way of such a place, which decides how it passes the walls. Taste."""
 _ABOUT_GOAL = 0.7
 """How often such places are drawn about the goal, and not about the tip. Taste."""
+_NEAREST = 0.05
+"""Least distance of drawn places from the tip, as a share of the arm's length. Taste."""
+_ROUNDING = (0.5, 1.0, 2.0)
+"""Distances that paths of walks keep from corners, as multiples of the usual one. Measured: with several the mean time
+to a solution was 3.3 s instead of 4.1."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +88,9 @@ class TipWays:
 
     def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
         """A path drawn at random, shape (k, 2) [m], None where it is closed; and whether it leads onto the goal."""
-        settings = self.settings
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]
-        shrink = self.shrink * float(rng.choice(settings.rounding))
+        shrink = self.shrink * float(rng.choice(_ROUNDING))
         onto_goal = bool(rng.random() < _ONTO_GOAL)
         if onto_goal and rng.random() >= _BY_PLACE:
             return self._led_onto(np.vstack((tip, entry)), place, shrink), True
@@ -118,9 +122,8 @@ class TipWays:
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
         """A place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
-        settings = self.settings
         angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
-        distances = self.arm.length * rng.uniform(settings.nearest, _FARTHEST, _PLACES_DRAWN)
+        distances = self.arm.length * rng.uniform(_NEAREST, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
         reached = np.linalg.norm(places - self.arm.base, axis=1) < self.arm.length
         free = np.flatnonzero(self.free_space.contains(places) & reached)

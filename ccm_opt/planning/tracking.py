@@ -21,7 +21,6 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
-from ccm_opt.planning.settings import TrackingSettings
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -29,12 +28,24 @@ from ccm_opt.planning.step import AnyUnknowns, SpaceStepper, Stepper, StepperOf
 
 _STILL_WEIGHT = 0.02
 """Weight of standing still. Taste."""
+_LEAST_ADVANCE = 1e-4
+"""Step of u below which tracking is given up. Taste."""
+_GROWTH = 1.5
+"""Growth of the step of u after each that was met. Taste."""
+_ARRIVAL = 0.98
+"""Path parameter where tracking ends and the arm settles on the goal. Taste."""
+_MEETING_STEPS = 24
+"""Steps that may be needed to meet the constraints at a new u. Taste."""
+_LARGEST_TURN = 0.3
+"""Largest turn towards the reference that a step asks for [rad]. Taste."""
+_PULL_WEIGHT = 0.1
+"""Weight of the reference, against a nominal link's distance. Taste."""
 
 
 class Reference(Protocol):
     """A motion to be tracked."""
 
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose, settings: TrackingSettings) -> tuple[list[Term], bool]:
+    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
         """What draws a pose to the motion at u, and whether it is as near as it has to come before u goes on."""
         ...
 
@@ -68,11 +79,11 @@ class ReferenceMotion:
         between: FloatArray = self.headings[k] + share * (self.headings[k + 1] - self.headings[k])
         return between
 
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose, settings: TrackingSettings) -> tuple[list[Term], bool]:
+    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
         """What draws the links to their headings at u; how far they are from these does not count."""
-        turn = np.clip(self.at(u) - pose.q, -settings.largest_turn, settings.largest_turn)
+        turn = np.clip(self.at(u) - pose.q, -_LARGEST_TURN, _LARGEST_TURN)
         return [
-            Term(pose.slopes, turn, settings.pull_weight * space.nominal_per_link),
+            Term(pose.slopes, turn, _PULL_WEIGHT * space.nominal_per_link),
             Term(pose.slopes, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
         ], True
 
@@ -117,19 +128,19 @@ def tracked_to_arrival(
     advance = settings.first_advance
     # No step passes by a place where a limit begins or ends.
     breaks = sorted({place for limit in stepper.limits for place in limit.breaks})
-    while tracked.u[-1] < settings.arrival:
-        u = min(settings.arrival, tracked.u[-1] + advance)
+    while tracked.u[-1] < _ARRIVAL:
+        u = min(_ARRIVAL, tracked.u[-1] + advance)
         u = next((at for at in breaks if tracked.u[-1] < at < u), u)
         poses = _advanced(stepper.at(u), reference, u, tracked.poses[-1])
         if poses is None:
             # The arm stays where it was: rows that move a little with u may be met where a large step of u outruns the
             # arm.
             advance *= 0.5
-            if advance < settings.least_advance or deadline.passed():
+            if advance < _LEAST_ADVANCE or deadline.passed():
                 raise Stalled(why_missed(stepper.at(u), tracked.poses[-1], u), tracked.poses)
             continue
         tracked.append(poses, u)
-        advance = min(settings.largest_advance, settings.growth * advance)
+        advance = min(settings.largest_advance, _GROWTH * advance)
     return tracked
 
 
@@ -155,13 +166,12 @@ def follow_reference(
 
 def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
     """Poses towards the reference at u, to one that meets the limits of the stepper; None when there is none."""
-    settings = stepper.settings.tracking
     poses = []
     kept = False
-    for _ in range(settings.steps):
+    for _ in range(_MEETING_STEPS):
         before = pose
         # The last stretch of u belongs to settling, so the reference is run through by the time of arrival.
-        terms, near = reference.drawn(stepper.space, u / settings.arrival, pose, settings)
+        terms, near = reference.drawn(stepper.space, u / _ARRIVAL, pose)
         pose = stepper.step(pose, terms)
         if pose is not before:
             poses.append(pose)
@@ -281,16 +291,16 @@ class _ReferenceUnknowns:
     u: FloatArray
     unknowns: FloatArray
 
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose, settings: TrackingSettings) -> tuple[list[Term], bool]:
+    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
         """What draws the links to where they are at u, and whether one step could turn them there."""
         target = np.array([np.interp(u, self.u, column) for column in self.unknowns.T])
         missing = target - pose.v
         turning = pose.turning.reshape(-1, len(missing))
         turn = turning @ missing
-        turn *= min(1.0, settings.largest_turn / max(float(np.max(np.abs(turn))), 1e-12))
+        turn *= min(1.0, _LARGEST_TURN / max(float(np.max(np.abs(turn))), 1e-12))
         near = Term(np.eye(len(missing)), missing, 1e-2)
-        weight = settings.pull_weight * space.nominal_per_link
-        return [Term(turning, turn, weight), near], float(np.max(np.abs(turn))) < settings.largest_turn
+        weight = _PULL_WEIGHT * space.nominal_per_link
+        return [Term(turning, turn, weight), near], float(np.max(np.abs(turn))) < _LARGEST_TURN
 
 
 def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:

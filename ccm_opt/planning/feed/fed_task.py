@@ -96,7 +96,7 @@ class FedEndPoses:
             return
         headings = pose[part.first : arm.links]
         try:
-            ends = part.ends(query.settings)
+            ends = part.ends()
         except NoPlanFound:
             return
         search = GoalPoseSearch(part.problem, ends, headings, None, self.settings)

@@ -80,7 +80,7 @@ def reshaped(
     settings = query.settings
     deadline = query.deadline.within(share * query.problem.planner.time_limit)
     try:
-        motion = find_motion(CurvePlanner(settings=settings).motion_task(part.problem, part.ends(settings), deadline))
+        motion = find_motion(CurvePlanner(settings=settings).motion_task(part.problem, part.ends(), deadline))
     except NoPlanFound:
         return None
     bends = part.problem.arm.bends(motion.configurations)

@@ -203,13 +203,13 @@ class PartBeyond:
         first -= int(clamped)
         return cls(_problem_of_part(problem, start, goal, first), first, clamped)
 
-    def ends(self, settings: CurvePlannerSettings) -> Ends:
+    def ends(self) -> Ends:
         """Start and goal of the part.
 
         Raises:
             UnreachableGoal: one of them cannot be.
         """
-        ends = resolve_ends(self.problem, settings.motion.ends)
+        ends = resolve_ends(self.problem)
         # Clamped ends keep the first link still, which holds the extra link straight.
         return replace(ends, clamped=self.clamped or ends.clamped)
 

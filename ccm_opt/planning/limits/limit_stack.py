@@ -19,7 +19,7 @@ from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitO
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
-from ccm_opt.planning.settings import SpaceMotionSettings, SpaceStepSettings, StepSettings
+from ccm_opt.planning.settings import SpaceMotionSettings, StepSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
@@ -68,6 +68,12 @@ _NEAR_LIMIT = 0.3
 _KNOT_BEND = 1.1
 """Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
 about its place, which is less."""
+_GAP_SHARE = 0.5
+"""Of the gap beyond the margin that one step may use."""
+_PLANES = 14
+"""Most half-spaces that a link is given."""
+_FEED = 0.3
+"""Farthest way of the base in a step [u]."""
 
 
 @dataclass(frozen=True)
@@ -121,13 +127,12 @@ class SurfaceLimit(LimitOf[CurveMap]):
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         del turn
         arm = space.arm
-        settings = self.settings.step
         unit = space.nominal_length
         kept = arm.radius + self.certificate.gap
         reach = self.margin + _REACH * unit
         mounted, segments = arm.exposed_links(pose.points)
         begins = arm.mount_end[1]
-        planes = self.tree.planes(segments, kept + reach, settings.planes)
+        planes = self.tree.planes(segments, kept + reach, _PLANES)
         share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)
         at_plane = _point_jacobian(pose.moving, planes.link + mounted, share)
         rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
@@ -151,7 +156,7 @@ class SurfaceLimit(LimitOf[CurveMap]):
             moves = np.linalg.norm(pose.moving @ delta, axis=1)
             return float(np.max(moves)) / (most * unit)
 
-        lower = -settings.share * np.maximum(spare, 0.0)
+        lower = -_GAP_SHARE * np.maximum(spare, 0.0)
         return LimitRows(matrix, lower, np.full(len(spare), UNBOUNDED), 0, (pull,), keeps, excess)
 
     def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
@@ -162,13 +167,7 @@ class SurfaceLimit(LimitOf[CurveMap]):
 
 @dataclass(frozen=True)
 class CoordinateLimit(LimitOf[CurveMap]):
-    """Bounds the coordinates of an arm in space, and their changes in a step.
-
-    Attributes:
-        settings: of the step.
-    """
-
-    settings: SpaceStepSettings
+    """Bounds the coordinates of an arm in space, and their changes in a step."""
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
         """Rows of the coordinates, and what they may lose and gain."""
@@ -185,7 +184,7 @@ class CoordinateLimit(LimitOf[CurveMap]):
                 return most
             fed = float(pose.slopes[-1] @ delta)
             room = feed_to_next_stop(space, float(pose.q[-1]), forward=fed > 0.0)
-            return max(most, abs(fed) / min(room, self.settings.feed * space.nominal_length))
+            return max(most, abs(fed) / min(room, _FEED * space.nominal_length))
 
         return LimitRows(pose.slopes, low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
 
