@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.checked_problem import CheckedProblem, Efforts, bends_a_ball
+from ccm_opt.verification.drives import Efforts, bends_a_ball
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
@@ -26,7 +27,7 @@ class _AxisMotion:
 
 
 def check_base_axes(
-    problem: CheckedProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     needed: Efforts,
@@ -101,7 +102,7 @@ def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: 
     return Check("joints inside the guide", worst, 1.0, "tolerances", where, passed=worst <= 1.0)
 
 
-def _limits(problem: CheckedProblem, motion: _AxisMotion, tolerance: float) -> list[Check]:
+def _limits(problem: Problem, motion: _AxisMotion, tolerance: float) -> list[Check]:
     """Velocity, acceleration, jerk and force; jerk and force where they are limited."""
     limits = problem.limits
     time = motion.time
@@ -147,7 +148,7 @@ def _limit(
     return Check(name, worst, float(bound), unit, where, passed=worst <= bound * (1.0 + tolerance))
 
 
-def _rates(problem: CheckedProblem, motion: _AxisMotion) -> Check:
+def _rates(problem: Problem, motion: _AxisMotion) -> Check:
     """|Δf/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a."""
     step = np.diff(motion.time)
     # The error of the trapezoid rule on a velocity whose slope is bounded by a.

@@ -11,8 +11,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.verification.checked_problem import as_revolutes
 from ccm_opt.verification.consistency import point_rounding
+from ccm_opt.verification.drives import as_revolutes
 
 
 def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:

@@ -8,10 +8,10 @@ section 4.2). Samples count as exact: they are what is proved.
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.checked_problem import (
-    CheckedProblem,
+from ccm_opt.verification.drives import (
     Efforts,
     as_revolutes,
     joint_of_bend,
@@ -21,7 +21,7 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 
 def check_consistency(
-    problem: CheckedProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     needed: Efforts,
@@ -36,7 +36,7 @@ def check_consistency(
     ]
 
 
-def _velocities(problem: CheckedProblem, trajectory: JointTrajectory) -> Check:
+def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
     """|Δq/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a (error of the trapezoid rule on a Lipschitz v)."""
     step = np.diff(trajectory.time)[:, None]
     bends = trajectory.bend_angles
@@ -60,7 +60,7 @@ def _velocities(problem: CheckedProblem, trajectory: JointTrajectory) -> Check:
     )
 
 
-def _accelerations(problem: CheckedProblem, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
+def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
     """The velocity a joint gains is that of its accelerations, up to what the samples cannot show.
 
     The mean acceleration of a step lies between the values at its ends unless acceleration jumps twice within the
@@ -117,7 +117,7 @@ def _torques(
 
 
 def check_form(
-    problem: CheckedProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -163,7 +163,7 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     return ""
 
 
-def _stop_defect(problem: CheckedProblem, trajectory: JointTrajectory) -> str:
+def _stop_defect(problem: Problem, trajectory: JointTrajectory) -> str:
     stops = np.asarray(trajectory.stops, dtype=np.intp)
     if len(stops) != len(problem.stops):
         return f"{len(stops)} stops for {len(problem.stops)} goals on the way"

@@ -17,11 +17,12 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.checked_problem import CheckedProblem, bends_a_ball, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.drives import bends_a_ball, joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
@@ -146,7 +147,7 @@ class _Steps:
 
 
 def check_message_limits(
-    problem: CheckedProblem,
+    problem: Problem,
     message: Message,
     stops: Sequence[int],
     settings: VerificationSettings,
@@ -182,7 +183,7 @@ def check_message_limits(
     return Check("message limits", worst, 1.0, UNIT, broken[0] if broken else where, passed=passed)
 
 
-def _rate_shares(problem: CheckedProblem, steps: _Steps) -> list[tuple[float, str]]:
+def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     """The greatest share of every limit on positions, velocities, accelerations and jerks, and where it is used."""
     layout = steps.message.coordinates
     limits = problem.limits
@@ -220,7 +221,7 @@ def _time(steps: _Steps, k: int) -> str:
     return f"t = {steps.message.time[steps.segments[k]] + steps.since[k]:.4f} s"
 
 
-def _effort_shares(problem: CheckedProblem, steps: _Steps) -> list[tuple[float, str]]:
+def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     """The same of torques and of the force on the base's axes, with what they can do between the ends of a step."""
     limits = problem.limits
     bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
@@ -238,7 +239,7 @@ def _effort_shares(problem: CheckedProblem, steps: _Steps) -> list[tuple[float, 
     return found
 
 
-def _effort_bow(problem: CheckedProblem, steps: _Steps) -> FloatArray:
+def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     """A bound on the second derivative of every torque, and of the force, in every step, shape (n,) [N m/s², N/s²].
 
     No link turns at more than the sum of all rates of the bends, and so on for their derivatives. A vector of constant

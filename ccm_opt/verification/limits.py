@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import Limits, PointLimit
+from ccm_opt.problem import Limits, PointLimit, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried, lengths_of
-from ccm_opt.verification.checked_problem import CheckedProblem, as_revolutes, bends_a_ball, joint_of_bend
+from ccm_opt.verification.drives import as_revolutes, bends_a_ball, joint_of_bend
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -277,7 +277,7 @@ def _check(
 
 
 def check_shares(
-    problem: CheckedProblem,
+    problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     of_limits: Sequence[Check],
@@ -345,7 +345,7 @@ def allowed_share(held: FloatArray, share: float) -> FloatArray:
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
 
 
-def holding_efforts(problem: CheckedProblem, positions: FloatArray) -> HoldingEfforts:
+def holding_efforts(problem: Problem, positions: FloatArray) -> HoldingEfforts:
     """What holds the arm still at given poses, shape (T, c); zeros where no effort is limited."""
     if problem.limits.torque is None and problem.limits.feed_force is None:
         count = len(positions)
@@ -356,7 +356,7 @@ def holding_efforts(problem: CheckedProblem, positions: FloatArray) -> HoldingEf
 
 
 def _efforts(
-    problem: CheckedProblem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
 ) -> tuple[FloatArray, FloatArray, list[str]]:
     """Shares of the limits that efforts take and that hold the arm still, shape (T, N), and names of these drives."""
     limits = problem.limits

@@ -21,9 +21,10 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
-from ccm_opt.verification.checked_problem import CheckedProblem, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.drives import joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.limits import HoldingEfforts, allowed_share
 from ccm_opt.verification.newton_euler import from_tip
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -83,7 +84,7 @@ class HatMeans:
 
 
 def check_sample_efforts(
-    problem: CheckedProblem,
+    problem: Problem,
     motion: ChainMotion,
     trajectory: JointTrajectory,
     holding: HoldingEfforts,
@@ -125,7 +126,7 @@ def check_sample_efforts(
     return checks
 
 
-def _allowed_beside(held: FloatArray, limit: FloatArray, problem: CheckedProblem) -> FloatArray:
+def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
     """The greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
 
     Args:
@@ -146,7 +147,7 @@ class SampleMeans:
         motion: the motion, of at least three samples.
     """
 
-    problem: CheckedProblem
+    problem: Problem
     motion: ChainMotion
 
     @cached_property
@@ -282,7 +283,7 @@ class SampleBounds:
         sample: number of the inner sample, from 0.
     """
 
-    problem: CheckedProblem
+    problem: Problem
     motion: ChainMotion
     frames: LinkFrames
     bodies: FloatArray

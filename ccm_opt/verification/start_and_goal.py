@@ -11,7 +11,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
-from ccm_opt.verification.checked_problem import CheckedProblem, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.drives import joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _CURVE_SHAPE_FACTOR = 1.08
@@ -52,7 +52,7 @@ def check_ends(
     return checks
 
 
-def _rest(problem: CheckedProblem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
+def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
     """The arm rests at both ends and at every stop."""
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
     limits = problem.limits.velocity[revolutes_of_bends(trajectory.coordinates)]
@@ -192,7 +192,7 @@ def _on_curve(
 
 
 def check_pauses(
-    problem: CheckedProblem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
+    problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
     """One check a goal on the way that asks for a pause: its worst value is how long the arm stands there [s].
 
@@ -209,9 +209,7 @@ def check_pauses(
     return checks
 
 
-def _time_at_rest(
-    problem: CheckedProblem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings
-) -> float:
+def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> float:
     """How long the arm stands as it does at one sample, from there on [s]."""
     still = _still(problem, trajectory, sample, settings)[sample:]
     # The first sample that is not still ends the rest at the one before it.
@@ -219,9 +217,7 @@ def _time_at_rest(
     return float(trajectory.time[sample + max(count, 1) - 1] - trajectory.time[sample])
 
 
-def _still(
-    problem: CheckedProblem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings
-) -> BoolArray:
+def _still(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> BoolArray:
     """Samples at which the arm stands as at a given one and does not move, shape (T,)."""
     limits = problem.limits
     away = np.abs(trajectory.positions - trajectory.positions[sample])

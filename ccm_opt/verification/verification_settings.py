@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+from ccm_opt.problem import Problem
 from ccm_opt.problem.options import CONTACT_SHARE_OF_LENGTH
-from ccm_opt.verification.checked_problem import CheckedProblem
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class VerificationSettings:
     most_report_pairs: int = 100_000
     most_pairs: int = 2_000_000
 
-    def for_problem(self, problem: CheckedProblem) -> "VerificationSettings":
+    def for_problem(self, problem: Problem) -> "VerificationSettings":
         """The same with lengths in metres, for a problem's arm, and with the contact tolerance that it asks for."""
         length = problem.arm.length
         lengths = {name: length * getattr(self, name) for name in _LENGTHS}

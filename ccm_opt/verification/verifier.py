@@ -9,8 +9,8 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
-from ccm_opt.verification.checked_problem import check_names
 from ccm_opt.verification.consistency import check_consistency, check_form
+from ccm_opt.verification.drives import check_names
 from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.sample_efforts import check_sample_efforts

@@ -5,13 +5,14 @@ at all times is certified. The least that was met, at a known place and time, sa
 more.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import shapely
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
@@ -117,14 +118,13 @@ class _SurfacesWithErrors(WallProof):
         during = self._levers.to_surfaces(poses, travels, pairs) / self.unit
         middle = self._levers.to_surfaces(poses, np.zeros_like(travels), pairs) / self.unit
         known = super().measure(stretches, poses, pairs, cutoff * during + self._clearance)
-        least = survived(known.least - self._clearance, during)
-        most = _most_of(survived(known.most - self._clearance, middle), least, known, cutoff)
-        close = np.flatnonzero(known.exact & (least < cutoff))
-        for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
-            kept, met = self._along_lines(stretches, poses, travels, pairs.where(some))
-            least[some] = np.maximum(least[some], self.unit * kept)
-            most[some] = np.maximum(most[some], self.unit * met)
-        return Measured(least, most, known.travel, known.exact)
+        least, most = known.least - self._clearance, known.most - self._clearance
+        by_levers = replace(known, least=survived(least, during), most=survived(most, middle))
+
+        def along_lines(some: IntArray) -> tuple[FloatArray, FloatArray]:
+            return self._along_lines(stretches, poses, travels, pairs.where(some))
+
+        return _in_errors(by_levers, cutoff, self.unit, along_lines)
 
     def _along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs
@@ -177,14 +177,12 @@ class _LinksWithErrors(LinkProof):
         during = self._levers.to_links(poses, travels, pairs) / self.unit
         middle = self._levers.to_links(poses, np.zeros_like(travels), pairs) / self.unit
         known = super().measure(stretches, poses, pairs, cutoff * during)
-        least = survived(known.least, during)
-        most = _most_of(survived(known.most, middle), least, known, cutoff)
-        close = np.flatnonzero(known.exact & (least < cutoff))
-        for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
-            kept, met = self._along_lines(stretches, poses, travels, pairs.where(some), known.travel[some])
-            least[some] = np.maximum(least[some], self.unit * kept)
-            most[some] = np.maximum(most[some], self.unit * met)
-        return Measured(least, most, known.travel, known.exact)
+        by_levers = replace(known, least=survived(known.least, during), most=survived(known.most, middle))
+
+        def along_lines(some: IntArray) -> tuple[FloatArray, FloatArray]:
+            return self._along_lines(stretches, poses, travels, pairs.where(some), known.travel[some])
+
+        return _in_errors(by_levers, cutoff, self.unit, along_lines)
 
     def _along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
@@ -210,11 +208,30 @@ class _LinksWithErrors(LinkProof):
         return f"link {near.other + 1}", None
 
 
-def _most_of(most: FloatArray, least: FloatArray, known: Measured, cutoff: FloatArray | float) -> FloatArray:
-    """What levers alone tell of the errors that are survived at the middles of stretches, at most, shape (P,)."""
-    # Along the shortest lines more is survived than that, which counts for boxes at moments alone, as a first guess.
+def _in_errors(
+    known: Measured,
+    cutoff: FloatArray | float,
+    unit: float,
+    along_lines: Callable[[IntArray], tuple[FloatArray, FloatArray]],
+) -> Measured:
+    """What is known of errors by levers alone, and where that is not enough along the shortest lines.
+
+    Args:
+        known: by levers alone.
+        cutoff: error beyond which it is enough to know that it is survived, times the unit.
+        unit: the greatest lever [m a unit].
+        along_lines: numbers of some pairs to the errors that they survive, at all times and at the middles [unit].
+    """
+    least = known.least.copy()
+    # Along lines more is survived than by levers, which count for boxes at moments alone, as a first guess.
     counts = np.where(known.exact, least < cutoff, known.travel == 0.0)
-    return np.where(counts, most, np.inf)
+    most = np.where(counts, known.most, np.inf)
+    close = np.flatnonzero(known.exact & (least < cutoff))
+    for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
+        kept, met = along_lines(some)
+        least[some] = np.maximum(least[some], unit * kept)
+        most[some] = np.maximum(most[some], unit * met)
+    return replace(known, least=least, most=most)
 
 
 def _lines(ends: FloatArray, parts: FloatArray) -> FloatArray:

@@ -1,66 +1,21 @@
-"""A problem as the verifier reads it.
+"""The drives of an arm as the verifier reads them.
 
 In the plane the bend of a ball is minus its second revolute. In space its two bends are its first and second revolute.
 The others stay at zero.
 """
 
-from collections.abc import Sequence
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.problem import PlannerOptions, SimulationOptions, VerificationOptions
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates, Limits
+from ccm_opt.problem import Problem
+from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.frames import joint_names
 from ccm_opt.solution import Check, JointStates
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
 """Torques of all revolutes, shape (T, 3 * links) [N m], and the force that carries the base, shape (T,) [N]."""
-
-
-class CheckedStop(Protocol):
-    """A goal on the way."""
-
-    @property
-    def pause(self) -> float:
-        """How long the arm rests there [s]."""
-        ...
-
-
-class CheckedProblem(Protocol):
-    """A problem of either kind; its attributes are those of ``Problem``."""
-
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        ...
-
-    @property
-    def limits(self) -> Limits:
-        """Of its drives."""
-        ...
-
-    @property
-    def planner(self) -> PlannerOptions:
-        """What plans are asked for."""
-        ...
-
-    @property
-    def simulation(self) -> SimulationOptions:
-        """Gravity is in it."""
-        ...
-
-    @property
-    def verification(self) -> VerificationOptions:
-        """How strictly plans are judged."""
-        ...
-
-    @property
-    def stops(self) -> Sequence[CheckedStop]:
-        """Goals on the way, in order."""
-        ...
 
 
 def bends_a_ball(coordinates: Coordinates) -> int:
@@ -90,7 +45,7 @@ def joint_of_bend(coordinates: Coordinates, number: int) -> str:
     return f"joint {number + 1}" if each == 1 else f"joint {number // each + 1} {'ab'[number % each]}"
 
 
-def check_names(problem: CheckedProblem, joints: JointStates) -> Check:
+def check_names(problem: Problem, joints: JointStates) -> Check:
     """Check that the drives are called as those of the arm."""
     expected = joint_names(problem.arm)
     # Names of another length are compared as far as both go; what is left over counts as wrong below.
