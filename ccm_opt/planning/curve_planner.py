@@ -213,8 +213,8 @@ class CurvePlanner:
                 self.refuse(problem if asked is None else asked)
         # Without a goal for the whole arm all that there is to prove has been tried by now.
         refuse = partial(self.refuse, asked or problem) if ends.goal_headings is not None else _nothing_proved
-        guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
-        further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))
+        guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes)))
+        further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes)))
         return replace(
             self.task_without_routes(problem, ends, deadline),
             guesses=guesses,

@@ -49,6 +49,13 @@ one of three scenes of doors and none of three gates is lost, and one takes six 
 are found, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
 _LONGEST_ROUTE = 0.985
 """Routes longer than this share of the arm's length are not looked at. Taste: the arm needs some length to bend."""
+CURVATURE_SHARE = 0.9
+"""Share of the tightest bend (joint limit over link length) that the curve may use. Taste: links on a curve bend a
+little more than it does."""
+FULL_CURVATURE_SHARE = 1.0
+"""The same for another guess when there is none at that share. Taste."""
+FURTHER_ATTEMPTS = 4
+"""Attempts at a configuration when the search asks for more of them. Taste."""
 
 
 def route_room(problem: Problem, ends: Ends) -> FreeSpace:
@@ -206,16 +213,15 @@ def find_guesses(
     ends: Ends,
     room: FreeSpace,
     routes: tuple[Route, ...],
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> Iterator[FloatArray]:
     """Link headings of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
     if ends.goal_headings is not None:
         yield ends.goal_headings
         return
-    tries = [(route, _ATTEMPTS, settings.curvature_share) for route in routes[:_CONFIGURATIONS]]
-    tries += [(route, 1, settings.full_curvature_share) for route in routes[:1]]
+    tries = [(route, _ATTEMPTS, CURVATURE_SHARE) for route in routes[:_CONFIGURATIONS]]
+    tries += [(route, 1, FULL_CURVATURE_SHARE) for route in routes[:1]]
     for route, attempts, share in tries:
-        guess = guess_along(problem, ends, room, route, attempts, share, settings)
+        guess = guess_along(problem, ends, room, route, attempts, share)
         if guess is not None:
             yield guess
             return
@@ -226,11 +232,10 @@ def further_guesses(
     ends: Ends,
     room: FreeSpace,
     routes: tuple[Route, ...],
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> Iterator[FloatArray]:
     """Link headings of goal poses along every route, with more patience."""
     for route in routes:
-        guess = guess_along(problem, ends, room, route, settings.further_attempts, settings.curvature_share, settings)
+        guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS, CURVATURE_SHARE)
         if guess is not None:
             yield guess
 
@@ -242,14 +247,13 @@ def guess_along(
     route: Route,
     attempts: int,
     share: float,
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> FloatArray | None:
     """Link headings of a configuration at the goal along a route; None when the NLP finds none that links can follow.
 
     That is no failure: the motion search can lead the tip to the goal by itself.
     """
     try:
-        task = configuration_task(problem, ends, room, route, share, settings)
+        task = configuration_task(problem, ends, room, route, share)
         configuration = find_configuration(task, attempts)
         return problem.arm.headings(map_curve(problem.arm, configuration, problem.planner.mapping))
     except (ConfigurationNotFound, ProblemError):
@@ -261,8 +265,7 @@ def configuration_task(
     ends: Ends,
     room: FreeSpace,
     route: Route,
-    share: float | None = None,
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+    share: float = CURVATURE_SHARE,
 ) -> ConfigurationTask:
     """What the configuration NLP is asked along one route.
 
@@ -271,8 +274,7 @@ def configuration_task(
         ends: of the motion.
         room: free space.
         route: from the base to the goal.
-        share: of the tightest bend that the curve may use; that of the settings when None.
-        settings: numbers.
+        share: of the tightest bend that the curve may use.
     """
     arm = problem.arm
     # Of a goal that is a set, the configuration takes the member that the route leads to.
@@ -283,7 +285,7 @@ def configuration_task(
         base=arm.base,
         base_heading_range=base_heading_range(problem, ends),
         length=arm.length,
-        curvature_limit=(settings.curvature_share if share is None else share) * arm.joint_limit / arm.link_length,
+        curvature_limit=share * arm.joint_limit / arm.link_length,
         goal=route.taut[-1],
         goal_heading=route.heading,
         corridor=corridor,

@@ -15,7 +15,14 @@ from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import attempt, attempts
 from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose
 from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
+from ccm_opt.planning.curve_routes import (
+    CURVATURE_SHARE,
+    FULL_CURVATURE_SHARE,
+    FURTHER_ATTEMPTS,
+    configuration_task,
+    find_routes,
+    route_room,
+)
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
@@ -140,7 +147,7 @@ def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_
     for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
         start = f"route {number}, {long_length(route.length)}"
         try:
-            beginnings = _along(problem, ends, room, route, settings)
+            beginnings = _along(problem, ends, room, route)
         except ConfigurationNotFound as error:
             yield PoseTry(start, search, reason=error.diagnosis.reason)
             continue
@@ -189,31 +196,27 @@ def tried_from(search: GoalPoseSearch, start: str, headings: FloatArray) -> Pose
     return PoseTry(start, search, poses, begun)
 
 
-def _along(
-    problem: Problem, ends: Ends, room: FreeSpace, route: Route, settings: CurvePlannerSettings
-) -> list[FloatArray]:
+def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[FloatArray]:
     """Link headings of different configurations of the curve along a route, at least one.
 
     Raises:
         ConfigurationNotFound: with all of its bend, too, the curve finds no way through the corridor.
     """
-    for share in (settings.curvature_share, settings.full_curvature_share):
-        task = configuration_task(problem, ends, room, route, share, settings)
-        found, failures = _configurations(problem, task, settings)
+    for share in (CURVATURE_SHARE, FULL_CURVATURE_SHARE):
+        task = configuration_task(problem, ends, room, route, share)
+        found, failures = _configurations(problem, task)
         if found:
             return found
     raise ConfigurationNotFound(beyond_reach(task) or diagnose(task, failures))
 
 
-def _configurations(
-    problem: Problem, task: ConfigurationTask, settings: CurvePlannerSettings
-) -> tuple[list[FloatArray], list[FailedAttempt]]:
+def _configurations(problem: Problem, task: ConfigurationTask) -> tuple[list[FloatArray], list[FailedAttempt]]:
     """Different configurations through one corridor as link headings, and the attempts that failed."""
     found: list[FloatArray] = []
     failures: list[FailedAttempt] = []
     if beyond_reach(task) is not None:
         return found, failures
-    for regions, profile, bulge in islice(attempts(task), settings.further_attempts):
+    for regions, profile, bulge in islice(attempts(task), FURTHER_ATTEMPTS):
         outcome = attempt(task, regions, profile, bulge)
         if isinstance(outcome, FailedAttempt):
             failures.append(outcome)

@@ -270,14 +270,12 @@ class TreeSettings:
     """Numbers of the trees of poses.
 
     Attributes:
-        patience: steps without progress before an extension ends. Taste.
         dispersion: distance that nodes keep, as ``heading_weight`` measures it. Taste.
         heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
         most_extensions: extensions in all before the search is given up, however much time is left, so that what is
             found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
     """
 
-    patience: int = 12
     dispersion: float = 0.04
     heading_weight: float = 0.1
     most_extensions: int = 400
@@ -450,10 +448,6 @@ class CurvePlannerSettings:
     Attributes:
         corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
             length. Taste.
-        further_attempts: when the search asks for more configurations. Taste.
-        curvature_share: share of the tightest bend (joint limit over link length) that the curve may use. Taste: links
-            on a curve bend a little more than it does.
-        full_curvature_share: the same for another guess when there is none at that share. Taste.
         cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
             found; the first is all of them, the last none. Taste.
         motion: of the search for a motion.
@@ -461,9 +455,6 @@ class CurvePlannerSettings:
     """
 
     corner_distance: float = 0.016
-    further_attempts: int = 4
-    curvature_share: float = 0.9
-    full_curvature_share: float = 1.0
     cost_shares: tuple[float, ...] = COST_SHARES
     motion: MotionSettings = field(default_factory=MotionSettings)
     goal_pose: PoseSettings = field(default_factory=PoseSettings)

@@ -35,6 +35,8 @@ _ROOT_INTERVAL = 40
 _SETTLING_DISTANCE = 3.0
 """A tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the leash of tip-led
 continuation."""
+_PATIENCE = 12
+"""Steps without progress before an extension ends. Taste."""
 
 
 class _Root(IntEnum):
@@ -139,8 +141,7 @@ class TreeSearch:
         tree = self.trees[side]
         other = self.trees[1 - side]
         extension = self.samplers[side].draw(tree, other)
-        settings = self.task.settings.tree
-        poses = self._led(extension.guide, tree.poses[extension.node], settings.patience)
+        poses = self._led(extension.guide, tree.poses[extension.node], _PATIENCE)
         added = self._keep(tree, extension.node, self._certified(poses))
         if not added:
             self.rejected += 1
