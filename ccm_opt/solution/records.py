@@ -22,9 +22,9 @@ class SurvivedError:
         where: link, obstacle or link, and time that limit it, or the verdict that does, in words.
         time: when [s]; None when nothing limits it.
         link: number of the link that limits it, from 1; None when none does.
-        worst: errors of all joints, as shares of the largest, that lead there soonest, shape (links,), in space
-            (2 links,): signs where errors are small, and 0 where they do not matter.
-        place: where that is, shape (2,), in space (3,) [m]; empty when nothing limits it.
+        worst: signs of the errors of all bends that lead there soonest, shape (links,), in space (2 links,); 0 where
+            they do not matter.
+        place: where that is on the link's axis, shape (2,), in space (3,) [m]; empty when nothing limits it.
         limited: whether something limits it; if not, it is only that larger errors were not looked at.
     """
 
