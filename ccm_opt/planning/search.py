@@ -4,9 +4,9 @@ What every candidate ended at is kept, and said in words with what stood in the 
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Generic, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ccm_opt.core.progress import tell_candidate
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
 
-MotionT = TypeVar("MotionT")
+AttemptT = TypeVar("AttemptT", bound="Attempt")
 
 TREES = "trees"
 """Name of what trees find, among the names of candidates."""
@@ -97,49 +97,47 @@ class Sought:
     advice: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Attempt(Generic[MotionT]):
+class Attempt(Protocol):
     """One way to look for a motion.
 
     Attributes:
         name: for the record of a search in vain.
-        find: a certified motion; None, and what was tried added to the failures, where it finds none.
         costly: whether it may take so long that a proof that there is no motion is worth some tenths of a second first.
     """
 
-    name: str
-    find: Callable[[], MotionT | None]
-    costly: bool = False
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def costly(self) -> bool: ...  # noqa: D102
 
 
-def first_found(
-    attempts: Iterable[Attempt[MotionT]], sought: Sought, failures: list[Failure], refuse: Callable[[], None]
-) -> MotionT:
-    """The motion of the first attempt that finds one.
+def in_turn(
+    attempts: Iterable[AttemptT],
+    sought: Sought,
+    failures: list[Failure],
+    refuse: Callable[[], None],
+    in_vain: list[StrategyInVain],
+) -> Iterator[AttemptT]:
+    """Attempts in turn, for whoever stops at the first that finds a motion.
 
     Args:
         attempts: the cheap ones first; each is asked for when those before have failed.
         sought: what is looked for.
         failures: to which attempts add what they tried.
         refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        in_vain: is added to.
 
     Raises:
-        MotionNotFound: all failed; the diagnosis lists why.
-        TimeLimitReached: the deadline passed first.
         UnreachableGoal: it is proved that there is none.
     """
-    in_vain: list[StrategyInVain] = []
     asked = False
     for attempt in attempts:
         if attempt.costly and not asked:
             refuse()
             asked = True
         before = len(failures)
-        motion = attempt.find()
-        if motion is not None:
-            return motion
+        yield attempt
         in_vain.append(StrategyInVain(attempt.name, len(failures) - before, not sought.deadline.passed()))
-    raise nothing_found(sought, failures, in_vain)
 
 
 def nothing_found(

@@ -15,7 +15,7 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.search import Attempt, Failure, first_found, tell_tried
+from ccm_opt.planning.search import Failure, StrategyInVain, in_turn, nothing_found, tell_tried
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
@@ -67,7 +67,21 @@ def find_motion(task: SpaceTask, stage: "_Stage | None" = None) -> SpaceMotion:
         TimeLimitReached: the deadline passed first.
     """
     search = _Search(task, stage)
-    return first_found(search.attempts(), task.sought, search.failures, task.refuse)
+    in_vain: list[StrategyInVain] = []
+    for attempt in in_turn(search.attempts(), task.sought, search.failures, task.refuse, in_vain):
+        motion = attempt.find()
+        if motion is not None:
+            return motion
+    raise nothing_found(task.sought, search.failures, in_vain)
+
+
+@dataclass(frozen=True)
+class _Tactic:
+    """One way to look for a motion: its name, what finds one, or None, and whether it may take long."""
+
+    name: str
+    find: Callable[[], SpaceMotion | None]
+    costly: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +114,13 @@ class _Search:
     _goal_poses: list[Pose] = field(default_factory=list)  # those to which no straight way leads
     _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
 
-    def attempts(self) -> Iterator[Attempt[SpaceMotion]]:
+    def attempts(self) -> Iterator["_Tactic"]:
         """What is tried, in this order, as long as there is time."""
         for name, tactic in self._tactics():
             if self.failures and self.task.deadline.passed():
-                yield Attempt(name, lambda: None)
+                yield _Tactic(name, lambda: None)
             else:
-                yield Attempt(name, tactic, costly=name not in {_FIRST_WAYS, _WITHDRAWAL})
+                yield _Tactic(name, tactic, costly=name not in {_FIRST_WAYS, _WITHDRAWAL})
 
     def _tactics(self) -> list[tuple[str, Callable[[], SpaceMotion | None]]]:
         """Names and what they stand for, the cheap ones first."""

@@ -8,7 +8,6 @@ so the arm's are looked for among arcs of at most three parts.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import partial
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
-from ccm_opt.planning.search import TREES, Attempt, Failure, first_found
+from ccm_opt.planning.search import TREES, Failure, StrategyInVain, in_turn, nothing_found
 from ccm_opt.planning.search_run import SearchRun, SearchStrategy
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
@@ -453,23 +452,15 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
     task = replace(task, nominal_links=nominal_links_asked(task))
     coarse = coarse_task(task)
     failures: list[Failure] = []
-    attempts = (
-        Attempt(strategy.name, partial(_found_by, strategy, task, coarse, failures), strategy.costly)
-        for strategy in strategies
-        if strategy.applies(task)
-    )
-    return first_found(attempts, task.sought, failures, task.refuse)
-
-
-def _found_by(
-    strategy: SearchStrategy, task: MotionTask, coarse: MotionTask | None, failures: list[Failure]
-) -> Motion | None:
-    """The optimised motion of a strategy, looked for with few links first where that pays; None in vain."""
-    if coarse is not None:
+    in_vain: list[StrategyInVain] = []
+    applicable = (strategy for strategy in strategies if strategy.applies(task))
+    for strategy in in_turn(applicable, task.sought, failures, task.refuse, in_vain):
         # The cost of a step grows with the number of links, while a curve of 22 coordinates does not.
-        found = strategy.find(coarse, failures)
-        motion = None if found is None else taken_over(found, coarse, task, failures)
-        if motion is not None or strategy.leads_others:
+        found = None if coarse is None else strategy.find(coarse, failures)
+        motion = None if found is None or coarse is None else taken_over(found, coarse, task, failures)
+        if motion is None and (coarse is None or not strategy.leads_others):
+            found = strategy.find(task, failures)
+            motion = None if found is None else optimised_to_end_pose(straightened(found, task), task)
+        if motion is not None:
             return motion
-    motion = strategy.find(task, failures)
-    return None if motion is None else optimised_to_end_pose(straightened(motion, task), task)
+    raise nothing_found(task.sought, failures, in_vain)
