@@ -185,7 +185,7 @@ def _(folder: Folder, rng: Generator) -> bool:
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
     goal = problem.goal
-    if not isinstance(goal, TipGoal) or goal.direction is None:
+    if problem.dimension == 2 or not isinstance(goal, TipGoal) or goal.direction is None:
         return False
     aside = np.cross(goal.direction, rng.normal(size=3))
     angle = rng.uniform(1.5, 40.0) * problem.tolerances.heading
