@@ -1,8 +1,5 @@
 """The motion task of a fed arm.
 
-Ends of leaders' paths are hardly improved by that (see ADR 0010), so those that simply follow a leader stay as they
-are; motions that are optimised anyhow are bent to what the NLP says.
-
 Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with the distance that it has
 come beyond, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back
 straightens in time. In the optimisation every keyframe has a first joint that may bend, the first that is outside there
@@ -10,7 +7,6 @@ and at the keyframes beside it, as far as the smooth path mixes them; the joints
 a row that keeps it outside.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -20,21 +16,17 @@ from numpy.typing import NDArray
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.errors import NoPlanFound
-from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.planning.ends import tip_goal
 from ccm_opt.planning.fed_space import FedSpace
-from ccm_opt.planning.feed.member_problems import PartBeyond
 from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.pose import Pose
-from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -64,45 +56,6 @@ _AT_END = 1e-3
 _OPTIMISING_SHARE = 0.1
 """Share of the time limit that the optimisation of one motion may use. Taste: what is not finished then is certified
 all the same."""
-
-
-@dataclass(frozen=True)
-class FedEndPoses:
-    """Offers the optimisation a better pose at the goal than the one in which a motion ends; ``EndPosesOffered``.
-
-    Attributes:
-        query: what is asked.
-        settings: of the NLP.
-    """
-
-    query: FeedQuery
-    settings: PoseSettings
-
-    def __call__(self, arm: Arm, pose: FloatArray) -> Iterator[FloatArray]:
-        """The best pose of the same class and feed; none without need.
-
-        Args:
-            arm: with a feed axis.
-            pose: link headings and the base's way at the end of a motion, shape (c,) [rad, link lengths].
-        """
-        query = self.query
-        goal = query.problem.goal
-        if query.goal is not None or not isinstance(goal, TipGoal) or query.problem.wanted_gap == 0.0:
-            return
-        configuration = arm.configurations(pose)
-        end = JointPose(configuration[:-1], float(configuration[-1]))
-        part = PartBeyond.of(query.problem, end, goal, query.outside)
-        if part is None:
-            return
-        headings = pose[part.first : arm.links]
-        try:
-            ends = part.ends()
-        except NoPlanFound:
-            return
-        search = GoalPoseSearch(part.problem, ends, headings, None, self.settings)
-        best = search.best(headings)
-        if best is not None:
-            yield np.concatenate((pose[: part.first], best.headings, pose[arm.links :]))
 
 
 Number = TypeVar("Number", np.float64, np.intp)
@@ -323,7 +276,6 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         slowness=fed_slowness(problem),
         user_limits=user_limits,
         wanted_gap=problem.wanted_gap,
-        end_poses=FedEndPoses(query, query.settings.goal_pose),
         guide_tubes=(GuideTubeLimit(arm, query.travel),),
         # In it a way of the base counts by the time that it takes.
         fed_space=FedSpace.of_arm(arm, turn_per_link(problem)),
