@@ -252,7 +252,7 @@ def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
     way = 0.01 * np.cumsum(np.column_stack((np.cos(headings), np.sin(headings), np.zeros(300))), axis=0)
     track = SpaceTipTrack.along(np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), way)
     link = 2.0 / links
-    tip = float(random.uniform(1.0, track.end))
+    tip = float(random.uniform(1.0, track.length))
     arcs = track.joints_behind(tip, link, links)
     assert arcs[-1] == tip
     apart = np.linalg.norm(np.diff(track.at(arcs), axis=0), axis=1)

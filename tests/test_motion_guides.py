@@ -275,9 +275,9 @@ def test_a_track_is_measured_by_arc_length(seed: int) -> None:
     assert track.length == pytest.approx(line.length)
     for arc in rng.uniform(0.0, line.length, 5):
         place = shapely.get_coordinates(line.interpolate(arc))[0]
-        np.testing.assert_allclose(track.point(arc), place, atol=1e-12)
-    np.testing.assert_allclose(track.point(-1.0), points[0])
-    np.testing.assert_allclose(track.point(1e3), points[-1])
+        np.testing.assert_allclose(track.at(arc), place, atol=1e-12)
+    np.testing.assert_allclose(track.at(-1.0), points[0])
+    np.testing.assert_allclose(track.at(1e3), points[-1])
 
 
 @settings(max_examples=40)
@@ -412,5 +412,5 @@ def test_a_fold_joins_its_route_wherever_that_has_vertices(seed: int, extra: int
     more = np.stack([np.interp(np.union1d(at, np.arange(4.0)), np.arange(4.0), route[:, k]) for k in (0, 1)], axis=1)
     plain, divided = (fold_track(points, 6, way, side, 0.03, 0.08, 0.0) for way in (route, more))
     arcs = np.linspace(0.0, plain[0].length, 50)
-    np.testing.assert_allclose(plain[0].points_at(arcs), divided[0].points_at(arcs), atol=1e-9)
+    np.testing.assert_allclose(plain[0].at(arcs), divided[0].at(arcs), atol=1e-9)
     np.testing.assert_allclose(plain[1], divided[1])

@@ -45,7 +45,7 @@ def off_track(track: SpaceTipTrack, points: FloatArray) -> FloatArray:
     """Distances of points from a track that goes straight on beyond its end, shape (k,) [m]."""
     last = track.corners[-1] - track.corners[-2]
     beyond = track.corners[-1] + np.linspace(0.0, 0.2, 4000)[:, None] * last / np.linalg.norm(last)
-    fine = np.vstack((track.at(np.linspace(0.0, track.end, 20_000)), beyond))
+    fine = np.vstack((track.at(np.linspace(0.0, track.length, 20_000)), beyond))
     return np.array([float(np.min(np.linalg.norm(fine - point, axis=1))) for point in points])
 
 

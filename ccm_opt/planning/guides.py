@@ -11,31 +11,28 @@ The target runs along v(u) = (1 - u) v_a + u v_b, u from 0 to 1; every link is d
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import (
     arc_lengths,
     leg_headings,
     nearest_place,
     points_at,
-    vector_headings,
     whole_turns,
     without_repeats,
-    wrap,
 )
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose import Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 
 _COORDINATE_WEIGHT = 0.0001
 """Of the coordinates themselves, which ties down what no link heading shows. Taste."""
 
 _LONGEST_ERROR = 1.0
 """Error of the tip that is asked to be mended in one step, in nominal links. Taste."""
-_LARGEST_TURN = 0.3
-"""Of a link onto the track that is asked for in one step [rad]. Taste."""
 _TURN_WEIGHT = 0.01
 """Of every link's turn, per nominal link: the arm moves as little as it can. Taste."""
 _MOTION_WEIGHT = 0.01
@@ -102,13 +99,13 @@ class TipTrack:
         """Total length [m]."""
         return float(self.arcs[-1])
 
-    def point(self, arc: float) -> FloatArray:
-        """Position at an arc length, clipped to the ends, shape (2,) [m]."""
-        return points_at(self.points, self.arcs, arc)
-
-    def points_at(self, arcs: FloatArray) -> FloatArray:
-        """Positions at arc lengths, clipped to the ends, shape (m,) to (m, 2) [m]."""
+    def at(self, arcs: FloatArray | float) -> FloatArray:
+        """Positions at arc lengths, clipped to the ends, shape (...) to (..., 2) [m]."""
         return points_at(self.points, self.arcs, arcs)
+
+    def leads(self, arcs: FloatArray) -> BoolArray:
+        """Whether the track has begun at arc lengths."""
+        return arcs >= 0.0
 
     def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
         """Arc length of the place nearest to a point (2,), of so many not beyond ``last`` [m]."""
@@ -121,8 +118,8 @@ class TipTrack:
 
 
 def shortened(error: FloatArray, longest: float) -> FloatArray:
-    """A vector (2,) of the same direction and at most some length."""
-    distance = float(np.hypot(*error))
+    """A vector (d,) of the same direction and at most some length."""
+    distance = float(np.linalg.norm(error))
     return error * min(1.0, longest / max(distance, 1e-12))
 
 
@@ -161,68 +158,97 @@ _TURN_ADVANCE = 0.1
 own limit, so that the arm can keep up."""
 
 
+class Track(Protocol):
+    """A way of the tip."""
+
+    @property
+    def length(self) -> float:
+        """Arc length of its end [m]."""
+        ...
+
+    def at(self, arcs: FloatArray | float) -> FloatArray:
+        """Places at arc lengths, shape (...) to (..., d) [m]."""
+        ...
+
+    def leads(self, arcs: FloatArray) -> BoolArray:
+        """Whether there is something to follow at arc lengths, shape (m,)."""
+        ...
+
+
 @dataclass
 class TipLed:
     """Leads the tip along a track.
 
     Attributes:
-        space: the link space.
+        space: the map of the unknowns.
         track: from the tip to the goal.
         arc: where the target is on the track [m].
+        still: whether to move the arm as little as may be; where every step does so, a guide need not.
+        largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
+        at_once: whether the target goes on to the end of its leash at once, not by one advance a step.
     """
 
-    space: LinkSpace
-    track: TipTrack
+    space: CurveUnknowns
+    track: Track
     arc: float = 0.0
+    still: bool = True
+    largest_turn: float = 0.3
+    at_once: bool = False
 
-    @property
-    def nominal_length(self) -> float:
-        """The nominal link [m]."""
-        return self.space.nominal_length
+    def __post_init__(self) -> None:
+        self._first = self.arc
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Draw the tip to the target, links on the track into its heading, and move the rest as little as may be."""
-        links = self.space.arm.links
+        """Draw the tip to the target, links on the track into its direction, and move the rest as little as may be."""
+        unit = self.space.nominal_length
         per_link = self.space.nominal_per_link
-        turns = self.space.matrix
-        tip = pose.moving[-1] / self.nominal_length
-        joints = pose.moving[1:].reshape(2 * links, -1) / self.nominal_length
-
-        error = self.track.point(self.arc) - pose.points[-1]
-        error = shortened(error, _LONGEST_ERROR * self.nominal_length)
+        p = len(pose.v)
+        error = shortened(self.track.at(self.arc) - pose.tip, _LONGEST_ERROR * unit)
         turn, on_track = self._following(pose)
-        turn = np.clip(turn, -_LARGEST_TURN, _LARGEST_TURN)
-        return [
+        terms = [
             # The tip goes to its target, and links that lie on the track turn into it;
-            Term(tip, error / self.nominal_length, 1.0),
-            Term(turns, turn, _FOLLOWING_WEIGHT * per_link * on_track),
-            # the others do what moves the arm least, which holds the step definite too.
-            Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
-            Term(joints, np.zeros(2 * links), _MOTION_WEIGHT * per_link),
+            Term(pose.moving[-1] / unit, error / unit, 1.0),
+            Term(pose.swinging.reshape(-1, p), turn.ravel(), _FOLLOWING_WEIGHT * per_link * on_track.ravel()),
         ]
+        if self.still:
+            # the others do what moves the arm least, which holds the step definite too.
+            turning = pose.turning.reshape(-1, p)
+            moving = pose.moving[1:].reshape(-1, p) / unit
+            terms.append(Term(turning, np.zeros(len(turning)), _TURN_WEIGHT * per_link))
+            terms.append(Term(moving, np.zeros(len(moving)), _MOTION_WEIGHT * per_link))
+        return terms
 
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Turn of every link onto the chord of the track where it should lie, and how much it counts, in [0, 1]."""
-        arm = self.space.arm
-        joints_at = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
-        places = self.track.points_at(joints_at)
-        wanted = vector_headings(np.diff(places, axis=0))
-        turn = wrap(wanted - pose.q)
+        """Turn of every link, towards its other axes, onto the chord of the track where it should lie, and its weight.
+
+        Returns:
+            Both of shape (links, d − 1); the weights in [0, 1].
+        """
+        links = len(pose.frames)
+        joints_at = self.arc - self.space.arm.link_length * np.arange(links, -1, -1.0)
+        places = self.track.at(joints_at)
+        chords = np.einsum("nij,ni->nj", pose.frames, np.diff(places, axis=0))
+        aside = np.linalg.norm(chords[:, 1:], axis=1)
+        angle = np.minimum(np.arctan2(aside, chords[:, 0]), self.largest_turn)
+        turn = chords[:, 1:] * (angle / np.maximum(aside, TINY))[:, None]
 
         # A link far from its place on the track would be turned for nothing, and pull the tip off its way.
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
         chord_middles = 0.5 * (places[:-1] + places[1:])
-        away = np.linalg.norm(middles - chord_middles, axis=1) / self.nominal_length
+        away = np.linalg.norm(middles - chord_middles, axis=1) / self.space.nominal_length
         # The part of the arm that is longer than the track so far has nothing to follow.
-        on_track = np.where(joints_at[:-1] >= 0.0, np.exp(-(away**2)), 0.0)
-        return turn, on_track
+        on_track = np.where(self.track.leads(joints_at[:-1]), np.exp(-(away**2)), 0.0)
+        return turn, np.broadcast_to(on_track[:, None], turn.shape)
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if the tip keeps up."""
-        if self.arc >= self.track.length or not self._keeps_up(pose):
-            return False
-        self.arc = min(self.track.length, self.arc + _TIP_ADVANCE * self.nominal_length)
-        return True
+        moved = False
+        while self.arc < self.track.length and self._keeps_up(pose):
+            self.arc = min(self.track.length, self.arc + _TIP_ADVANCE * self.space.nominal_length)
+            moved = True
+            if not self.at_once:
+                break
+        return moved
 
     def finished(self, pose: Pose) -> bool:
         """Whether the target is at the end of the track and the tip near it."""
@@ -231,15 +257,16 @@ class TipLed:
     def describe(self, pose: Pose) -> str:
         """How far the tip has come."""
         lag = short_length(self._lag(pose))
-        return f"the tip stopped {lag} short of {long_length(self.arc)} on a path of {long_length(self.track.length)}"
+        way = long_length(self.track.length - self._first)
+        return f"the tip stopped {lag} short of {long_length(self.arc - self._first)} on a path of {way}"
 
     def _keeps_up(self, pose: Pose) -> bool:
         """Whether the tip is within its leash of the target."""
-        return self._lag(pose) < _TIP_LED_LEASH * self.nominal_length
+        return self._lag(pose) < _TIP_LED_LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
         """Distance of the tip from its target [m]."""
-        return float(np.hypot(*(self.track.point(self.arc) - pose.points[-1])))
+        return float(np.linalg.norm(self.track.at(self.arc) - pose.tip))
 
 
 @dataclass

@@ -118,7 +118,7 @@ class Hairpin:
 
     def target(self) -> FloatArray:
         """The tip's target, shape (2,) [m]."""
-        return self.track.point(self.tip_arc)
+        return self.track.at(self.tip_arc)
 
     def reference(self) -> FloatArray:
         """Heading φ_ref that every link should have, shape (links,) [rad]."""

@@ -51,6 +51,13 @@ class Pose:
         return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
 
     @property
+    def swinging(self) -> FloatArray:
+        """Derivatives of the links' directions along the other axes of their frames, shape (n, d − 1, p) [rad]."""
+        lengths = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        across = self.frames[:, :, 1:] / lengths[:, None, None]
+        return np.asarray(across.transpose(0, 2, 1) @ np.diff(self.moving, axis=0))
+
+    @property
     def tip_turning(self) -> FloatArray:
         """Derivatives of the last link's direction along the other axes of its frame, shape (d − 1, p) [rad]."""
         length = float(np.linalg.norm(self.points[-1] - self.points[-2]))

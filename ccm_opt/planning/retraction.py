@@ -97,7 +97,7 @@ class Withdrawal:
         """From every joint but the base to its place on the track, shape (links, 2) [m]."""
         arm = self.fold.space.arm
         behind_tip = arm.length - arm.link_length * np.arange(1, arm.links + 1, dtype=np.float64)
-        return self.fold.track.points_at(self.fold.tip_arc - behind_tip) - pose.points[1:]
+        return self.fold.track.at(self.fold.tip_arc - behind_tip) - pose.points[1:]
 
     def _on_strand(self) -> FloatArray:
         """How much each joint belongs to the strand that is drawn back: wholly beyond the fold, shape (links,)."""

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.settings import GuideSettings
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -54,7 +54,7 @@ class SpaceTipTrack:
         return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))))
 
     @property
-    def end(self) -> float:
+    def length(self) -> float:
         """Arc length of its end [m]."""
         return float(self.arcs[-1])
 
@@ -65,6 +65,10 @@ class SpaceTipTrack:
         first = self.corners[1] - self.corners[0]
         first = first / np.linalg.norm(first)
         return np.asarray(places + np.minimum(s, 0.0)[..., None] * first)
+
+    def leads(self, arcs: FloatArray) -> BoolArray:
+        """Everywhere: the track begins behind the arm's base."""
+        return np.ones(len(arcs), dtype=bool)
 
     def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
         """Arc lengths of the joints of an arm on the track with its tip at an arc length, shape (links + 1,) [m].
@@ -89,7 +93,7 @@ class SpaceTipTrack:
     def _chords(self, link: float) -> tuple[FloatArray, FloatArray]:
         """Arc lengths of the ends of links on the track, and those of their starts, shape (m,) each [m]."""
         if link not in self._chord_tables:
-            ends = np.arange(0.0, self.end, _FINE * link)
+            ends = np.arange(0.0, self.length, _FINE * link)
             behind = link * np.arange(1.0, _LONGEST, _FINE)
             apart = np.linalg.norm(self.at(ends[:, None] - behind) - self.at(ends)[:, None], axis=2)
             # The first place behind that is a link away, and how far before it that is reached.
@@ -101,72 +105,6 @@ class SpaceTipTrack:
             long = np.where(apart[rows, first] >= link, behind[first] - over * _FINE * link, link)
             self._chord_tables[link] = ends, ends - long
         return self._chord_tables[link]
-
-
-class SpaceTipLed:
-    """A target that runs ahead of the tip on a leash.
-
-    Args:
-        track: of the tip.
-        unit: length of a nominal link [m].
-        follow: weight on the links' directions along the track.
-        settings: of guides.
-    """
-
-    def __init__(self, track: SpaceTipTrack, unit: float, follow: float, settings: GuideSettings) -> None:
-        self._track = track
-        self._unit = unit
-        self._follow = follow
-        self._settings = settings
-        self._arc = track.start
-
-    @property
-    def arc(self) -> float:
-        """Arc length of the target [m]."""
-        return self._arc
-
-    def terms(self, pose: Pose) -> list[Term]:
-        """What draws the tip to the target, and the links onto the track behind it."""
-        unit = self._unit
-        tip = pose.moving[-1] / unit
-        terms = [Term(tip, (self._track.at(self._arc) - pose.tip) / unit, 1.0)]
-        points = pose.points
-        links = len(points) - 1
-        length = float(np.linalg.norm(points[1] - points[0]))
-        places = self._track.at(np.asarray(self._arc - length * np.arange(links, -1, -1), dtype=np.float64))
-        chords = np.diff(places, axis=0)
-        chords /= np.maximum(np.linalg.norm(chords, axis=1), 1e-12)[:, None]
-        away = np.linalg.norm(points[:-1] - places[:-1], axis=1) / unit
-        weights = self._follow * np.exp(-(away**2)) * NOMINAL_LINKS / links
-        directions = pose.directions
-        turning = pose.turning
-        rows = np.cross(turning, directions[:, :, None], axisa=1, axisb=1, axisc=1)
-        target = (chords - directions).ravel()
-        terms.append(Term(rows.reshape(3 * links, -1), target, np.repeat(weights, 3)))
-        return terms
-
-    def progress(self, pose: Pose) -> bool:
-        """Move the target on if the tip keeps up; whether it did."""
-        behind = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
-        moved = False
-        while behind < _LEASH * self._unit and self._arc < self._track.end:
-            self._arc = min(self._arc + self._settings.advance * self._unit, self._track.end)
-            behind = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
-            moved = True
-        return moved
-
-    def finished(self, pose: Pose) -> bool:
-        """Whether the target is at the end of the track, and the tip near it."""
-        if self._arc < self._track.end:
-            return False
-        return float(np.linalg.norm(self._track.at(self._arc) - pose.tip)) < _LEASH * self._unit
-
-    def describe(self, pose: Pose) -> str:
-        """How far the tip has come, in words."""
-        way = self._track.end - self._track.start
-        done = 1.0 if way <= 0.0 else (self._arc - self._track.start) / way
-        left = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
-        return f"the tip stopped {1e3 * left:.1f} mm from its target, after {100.0 * done:.0f} % of its way"
 
 
 class SpaceTrackLed:

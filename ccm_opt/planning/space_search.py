@@ -12,13 +12,14 @@ from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.guides import TipLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search import Failure, StrategyInVain, in_turn, nothing_found, tell_tried
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
-from ccm_opt.planning.space_guides import PoseLed, SpaceTipLed, SpaceTipTrack, SpaceTrackLed
+from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -44,11 +45,10 @@ _ROUNDS = 4
 grid is searched. Measured among 320 bodies."""
 _EXTENSIONS = 8000
 """Of trees that are the last resort, at most, each time that it begins."""
+_TURN = 1.0
+"""Largest turn of a link onto the track of the tip that is asked for in one step [rad]. Taste."""
 _GOALS = 8
 """Poses at the goal that the second tree grows from."""
-
-_FOLLOW = 0.1
-"""Weight on the links' directions along the track of the tip."""
 
 _FIRST_WAYS = "first ways of the tip"
 _WITHDRAWAL = "withdrawal"
@@ -266,9 +266,9 @@ class _Search:
             poses = [pose]
             for corners, place in self._legs(way):
                 track = SpaceTipTrack.along(poses[-1].points, corners)
-                guide: Guide = SpaceTipLed(track, task.unit, _FOLLOW, task.settings.guide)
+                guide: Guide = TipLed(stepper.space, track, track.start, still=False, largest_turn=_TURN, at_once=True)
                 if way.followed:
-                    guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide, way.followed)
+                    guide = SpaceTrackLed(track, track.length, task.unit, task.settings.guide, way.followed)
                 poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
                 if place is not None:
                     poses += settle(stepper, place, poses[-1], task.deadline)[1:]

@@ -37,7 +37,7 @@ def slid_along(arm: Arm, track: SpaceTipTrack, feeds: FloatArray) -> FloatArray:
     """
     link = arm.link_length
     spacing = _FINE * link
-    ends = track.end + 2.0 * link
+    ends = track.length + 2.0 * link
     places = _prolonged(track, np.arange(0.0, ends, spacing))
     tube = arm.direction
     points = [arm.base + feeds[:, None] * tube]
@@ -67,7 +67,7 @@ def feeds_to_end(arm: Arm, track: SpaceTipTrack, start: float, step: float) -> F
         step: about how far apart they are [m].
     """
     # Links leave out a part of bends, so the tip is at the end before the base has come as far as the track is long.
-    farthest = max(min(start + track.end - track.start, arm.base_range[1]), start)
+    farthest = max(min(start + track.length - track.start, arm.base_range[1]), start)
     before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
     feeds = np.concatenate(([start], before))
     tips = arm.joint_positions_at(slid_along(arm, track, feeds))[1:, -1]
@@ -101,7 +101,7 @@ def _prolonged(track: SpaceTipTrack, arcs: FloatArray) -> FloatArray:
     """Places at arc lengths, straight on beyond the end of the track, shape (m, 3) [m]."""
     last = track.corners[-1] - track.corners[-2]
     last = last / np.linalg.norm(last)
-    return np.asarray(track.at(arcs) + np.maximum(arcs - track.end, 0.0)[:, None] * last)
+    return np.asarray(track.at(arcs) + np.maximum(arcs - track.length, 0.0)[:, None] * last)
 
 
 STILL = 1e-3
