@@ -13,7 +13,7 @@ from ccm_opt.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.followable_search import FollowableWays, FollowSearch, WayArcs, WayEnd
+from ccm_opt.planning.followable_ways import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_candidates import bend_allowances
@@ -23,7 +23,7 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from tests.oracles.followable_search import SearchByPython
+from tests.oracles.followable_ways import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
 

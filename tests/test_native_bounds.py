@@ -19,7 +19,7 @@ from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.errors import CcmError, ProblemError
 from ccm_opt.planning.curve_map import pose_with
-from ccm_opt.planning.followable_search import FollowSearch, WayArcs, WayEnd
+from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.compare.space_sites import site_problem
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.followable_ways import feeds_to_end, slid_along
 from ccm_opt.planning.space_guides import SpaceTipTrack
-from ccm_opt.planning.space_slide import feeds_to_end, slid_along
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS

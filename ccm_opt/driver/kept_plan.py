@@ -28,15 +28,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.problem import Problem
 from ccm_opt.scene.workspace import Obstacle
-from ccm_opt.solution import (
-    Check,
-    JointTrajectory,
-    PossibleGap,
-    RoomRecord,
-    SimulatedMotion,
-    Solution,
-    SurvivedError,
-)
+from ccm_opt.solution import Check, JointTrajectory, PossibleGap, RoomRecord, SimulatedMotion, Solution, SurvivedError
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 

@@ -17,14 +17,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import (
-    arc_lengths,
-    leg_headings,
-    nearest_place,
-    points_at,
-    whole_turns,
-    without_repeats,
-)
+from ccm_opt.core.polyline import arc_lengths, leg_headings, nearest_place, points_at, whole_turns, without_repeats
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 

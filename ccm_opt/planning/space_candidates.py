@@ -8,7 +8,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.followable_search import FollowableWays, WayEnd
+from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm

@@ -11,6 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
+from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import TipLed
 from ccm_opt.planning.motion import SpaceMotion
@@ -20,7 +21,6 @@ from ccm_opt.planning.search import Failure, StrategyInVain, in_turn, nothing_fo
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
-from ccm_opt.planning.space_slide import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper

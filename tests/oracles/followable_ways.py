@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.followable_search import FollowSearch, WayEnd
+from ccm_opt.planning.followable_ways import FollowSearch, WayEnd
 
 
 @dataclass(frozen=True, eq=False)

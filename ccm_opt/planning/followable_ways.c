@@ -1,4 +1,4 @@
-/* The search for ways that an arm can follow behind its tip (hybrid A* in space): followable_search.py says of what. */
+/* The search for ways that an arm can follow behind its tip (hybrid A* in space): followable_ways.py says of what. */
 
 #include "native.h"
 
