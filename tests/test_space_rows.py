@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.space_rows import BETWEEN, motion_rows, room_lacking, room_lacking_on_the_way
-from ccm_opt.planning.space_sweep import SpaceSweep
+from ccm_opt.planning.space_sweep import BETWEEN, SpaceSweep, motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.robot.arm import Feed
 from tests.snakes_in_space import balls, snake, task_of
 

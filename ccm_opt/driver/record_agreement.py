@@ -21,7 +21,7 @@ from ccm_opt.solution import (
     SimulationVerdict,
     SurvivedError,
 )
-from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
+from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, MODELS, ErrorModel
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

@@ -16,7 +16,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import leg_headings, without_repeats
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.planning.backward import pose_at_goal
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, follow, settle, without_pauses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation
@@ -24,7 +23,7 @@ from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pul
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
-from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, slid_out, ways_on
+from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, pose_at_goal, slid_out, ways_on
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm

@@ -19,8 +19,14 @@ from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
-from ccm_opt.planning.space_rows import RoomRows, room_lacking, room_lacking_on_the_way
-from ccm_opt.planning.space_sweep import SpaceSweep, failing_edges, in_pieces
+from ccm_opt.planning.space_sweep import (
+    RoomRows,
+    SpaceSweep,
+    failing_edges,
+    in_pieces,
+    room_lacking,
+    room_lacking_on_the_way,
+)
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import heading_of, unit_vector, wrap
-from ccm_opt.planning.backward import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.ending import optimised_to_end_pose
@@ -22,6 +21,7 @@ from ccm_opt.planning.lifting import coarse_task, taken_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING

@@ -36,8 +36,8 @@ from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQu
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
+from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.interpolated_message import interpolation_deviation
-from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
