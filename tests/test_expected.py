@@ -111,7 +111,6 @@ WRONG_ARGUMENTS: list[tuple[str, str, Sequence[Any]]] = [
     ("solve", "retimer", WRONG[1:]),
     ("pareto", "trade_off", WRONG),
     *(("reach_map", name, (True, "text", [1], {"a": 1})) for name in ("step", "headings", "workers")),
-    ("LivePlan", "live", WRONG),
     *((name, "solution", WRONG) for name in ("retarget", "tolerance_of", "save")),
     *((name, "plan", WRONG) for name in ("plot", "animate")),
     *((name, where, (None, True, 3.5, [1])) for name, where in (("save", "folder"), ("load", "folder"))),
