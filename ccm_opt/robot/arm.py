@@ -213,24 +213,29 @@ class Arm:
         """What the columns of a configuration are, c of them."""
         return joint_coordinates(self.links, self.bends_a_joint, tuple(FEED for _ in self.base_axes))
 
-    @property
+    @cached_property
     def bend_limits(self) -> FloatArray:
         """Bound on the absolute value of each bend, in the order of the coordinates, k a joint, shape (k links,)."""
         k = self.bends_a_joint
         limits = np.full(k * self.links, self.joint_limit)
         limits[:k] = self.base_limit
         limits[: k * self.clamped_joints] = 0.0
+        limits.flags.writeable = False
         return limits
 
-    @property
+    @cached_property
     def lower_limits(self) -> FloatArray:
         """Least value of every coordinate, shape (c,) [rad, m]."""
-        return np.concatenate((-self.bend_limits, [axis.low for axis in self.base_axes]))
+        limits = np.concatenate((-self.bend_limits, [axis.low for axis in self.base_axes]))
+        limits.flags.writeable = False
+        return limits
 
-    @property
+    @cached_property
     def upper_limits(self) -> FloatArray:
         """Greatest value of every coordinate, shape (c,) [rad, m]."""
-        return np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
+        limits = np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
+        limits.flags.writeable = False
+        return limits
 
     @cached_property
     def base_rotation(self) -> FloatArray:
