@@ -179,11 +179,13 @@ def test_a_motion_is_lifted_to_more_links(name: str, links: int) -> None:
     assert (np.abs(arm.bends(lifted.configurations)) <= arm.bend_limits).all()
 
 
+@pytest.mark.parametrize("share", [1.0, 0.3, 1e-15, -1e-15])
 @pytest.mark.parametrize("backwards", [False, True])
-def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool) -> None:
-    """A goal for the whole arm is met exactly after lifting, though the motion has a further coordinate for its end."""
+def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool, share: float) -> None:
+    """Both ends are met exactly after lifting, though the motion has a further coordinate for its end."""
     many = make_arm(48)
-    start = np.linspace(0.0, 0.6, 48)
+    # No curve shows the zigzag of the start, so that it is blended out.
+    start = np.linspace(0.0, 0.6, 48) + 0.01 * (-1.0) ** np.arange(48)
     goal = np.linspace(1.0, 2.2, 48)
     scene = Scene(many, Workspace(ROOM), start, goal)
     task = motion_task(scene.problem(JointPose(many.bends(goal))))
@@ -191,8 +193,11 @@ def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool) -> No
     assert coarse.goal_headings is not None
     ends = [coarse.goal_headings, coarse.start] if backwards else [coarse.start, coarse.goal_headings]
     space, first = LinkSpace.through(coarse.arm, ends[0])
-    once, _ = space.blended_to(ends[1])
-    twice, last = once.blended_to(ends[1])
+    once, end = space.blended_to(ends[1])
+    # Of the first blend as much as is left, or nothing but for rounding; the second one makes up for the rest.
+    end[-1] = share
+    twice = replace(once, matrix=np.column_stack((once.matrix, ends[1] - once.configurations(end))))
+    last = np.append(end, 1.0)
     coordinates = np.linspace(np.append(first, (0.0, 0.0)), last, 12)
     if backwards:
         coordinates = coordinates[::-1]

@@ -126,18 +126,19 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     p = matrix.shape[1]
     first = motion.unknowns[0]
     last = motion.unknowns[-1]
-    at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
-
     if task.goal_headings is not None:
-        # A motion that was bent to its own end for more room has still more coordinates: their columns are taken over.
-        extra = _resampled_columns(motion.curve.matrix[:, p + 1 :], task.arm.links)
-        before = at_start - extra @ first[p + 1 :]
-        behind = task.goal_headings - matrix @ last[:p] - extra @ last[p + 1 :]
-        planned_backwards = first[p] > last[p]
-        offset = behind if planned_backwards else before
-        blended = before if planned_backwards else behind
-        return LinkSpace(task.arm, np.column_stack((matrix, blended - offset, extra)), offset)
+        # The column that leads from one end to the other is laid anew, so that both are met exactly. A motion that was
+        # bent to its own end for more room has still more coordinates: their columns are taken over.
+        columns = np.column_stack((matrix, _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)))
+        change = last - first
+        k = p + int(np.argmax(np.abs(change[p:])))
+        columns[:, k] = 0.0
+        before = task.start - columns @ first
+        behind = task.goal_headings - columns @ last
+        columns[:, k] = (behind - before) / change[k]
+        return LinkSpace(task.arm, columns, before - first[k] * columns[:, k])
 
+    at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
     if len(first) > p and first[-1] == 0.0:
         # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
         extra = _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)
