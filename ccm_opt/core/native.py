@@ -89,6 +89,14 @@ def _told() -> Mapping[str, Any]:
 
 
 @cache
+def _function(name: str) -> Any:
+    function = getattr(native_library(), name)
+    function.restype = None
+    function.argtypes = (ctypes.c_void_p,)
+    return function
+
+
+@cache
 def _layout_of(function: str) -> _Layout:
     if function not in _told():
         raise NativeLibraryError(f"the compiled library {LIBRARY} is older than its source: {_HOW_TO_BUILD}")
@@ -145,9 +153,7 @@ class NativeCall:
         self._layout = _layout_of(name)
         self._kept: dict[str, object] = {}
         self.fields: Any = self._layout.type()
-        self.function = getattr(native_library(), name)
-        self.function.restype = None
-        self.function.argtypes = (ctypes.c_void_p,)
+        self.function = _function(name)
         self.address = ctypes.addressof(self.fields)
         self.set(**values)
 
@@ -182,6 +188,10 @@ def _fill(struct: Any, layout: _Layout, values: Mapping[str, Any], kept: dict[st
 
 def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
     """What holds the memory that a pointer gets."""
+    if isinstance(value, np.ndarray) and value.dtype == pointer.dtype and pointer.struct is None:
+        flags = value.flags
+        if flags.c_contiguous and (pointer.read_only or flags.writeable):
+            return value
     if isinstance(value, Mapping) and pointer.struct is not None:
         return _OwnedStruct(pointer.struct, value)
     if value is None or pointer.dtype is None or isinstance(value, bytes):
@@ -206,7 +216,7 @@ class _OwnedStruct:
 
 def _address(owner: Any) -> Any:
     if isinstance(owner, np.ndarray):
-        return owner.ctypes.data
+        return owner.__array_interface__["data"][0]
     if isinstance(owner, _OwnedStruct):
         return ctypes.addressof(owner.struct)
     if isinstance(owner, bytes):
