@@ -57,6 +57,7 @@ nitpick_ignore_regex = [
     ("py:class", r"ccm_opt\.scene\.(walls\.Walls|shells\.Shells)"),
     ("py:class", r"ccm_opt\.viz\.(views\.SeenScene|arm_drawing\.Side)"),
     ("py:class", r"ccm_opt\.scene\.workspace\.Shape"),
+    ("py:class", r"ccm_opt\.io\.reading_back\.SavedMotion"),
     ("py:class", r"ccm_opt\.robot\.configuration\.Curve"),
     ("py:class", r"Solution"),
     # Python's own.

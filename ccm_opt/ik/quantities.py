@@ -72,7 +72,7 @@ class ArmQuantities(ABC):
     @property
     @abstractmethod
     def pointing(self) -> Any:
-        """What says where the last link points: its heading, or in space its direction."""
+        """Where the last link points, told by its heading, in space by its direction."""
 
     @cached_property
     def joint_positions(self) -> Any:

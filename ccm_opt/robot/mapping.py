@@ -166,7 +166,7 @@ def curve_points(curve: Curve, links: int) -> FloatArray:
 
 
 def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
-    """Greatest distance of a joint from its own point of the curve, max |P_j - p(s_j)| [m].
+    """Greatest distance of a joint from its own point of the curve, max ``|P_j - p(s_j)|`` [m].
 
     For curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
     """
