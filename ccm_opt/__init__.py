@@ -11,8 +11,9 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # typing itself takes longer to load than all that is needed here
 if TYPE_CHECKING:
-    from ccm_opt import errors
     from ccm_opt import viz as plotting
+    from ccm_opt.core import errors
+    from ccm_opt.core.errors import CcmError, NoPlanFound, ProblemError, VerificationError
     from ccm_opt.core.progress import Progress
     from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.live_plan import LivePlan
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
-    from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
     from ccm_opt.ik.quantities import Quantities
     from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
     from ccm_opt.io.problem_parts import make_problem
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
         Workspace,
         obstacles_of,
     )
-    from ccm_opt.solution import JointPath, Solution
+    from ccm_opt.problem.solution import JointPath, Solution
     from ccm_opt.verification.verifier import verify as check
     from ccm_opt.viz.saved_plans import SavedPlan, animate, load, plot, save
 
@@ -107,7 +107,7 @@ _NAMES = {
     "ccm_opt.driver.retargeting": ("retarget",),
     "ccm_opt.driver.settings": ("Settings",),
     "ccm_opt.driver.surviving": ("tolerance_of",),
-    "ccm_opt.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
+    "ccm_opt.core.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.io.reading": ("load_problem",),
     "ccm_opt.io.problem_parts": ("make_problem",),
     "ccm_opt.viz.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
@@ -116,7 +116,7 @@ _NAMES = {
         *("Arm", "JointPose", "Limits", "Obstacle", "PlaneShape", "PlannerOptions", "Problem", "Stop", "TipGoal"),
         *("Workspace", "obstacles_of"),
     ),
-    "ccm_opt.solution": ("JointPath", "Solution"),
+    "ccm_opt.problem.solution": ("JointPath", "Solution"),
     "ccm_opt.ik.quantities": ("Quantities",),
     "ccm_opt.ik.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
 }
@@ -124,7 +124,7 @@ _NAMES = {
 _HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names}
 _HOMES["check"] = ("ccm_opt.verification.verifier", "verify")
 """Module and name of each public object."""
-_MODULES = {"errors": "ccm_opt.errors", "plotting": "ccm_opt.viz"}
+_MODULES = {"errors": "ccm_opt.core.errors", "plotting": "ccm_opt.viz"}
 """Public modules."""
 
 

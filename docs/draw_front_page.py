@@ -15,7 +15,7 @@ import shapely
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 DOCS = Path(__file__).parent
 PROBLEM = DOCS.parent / "problems" / "swan-neck.toml"

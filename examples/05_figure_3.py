@@ -14,10 +14,10 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.hill_climb import SchemaStopped
-from ccm_opt.baseline.plans import Follower
-from ccm_opt.baseline.schemas import scm_0
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climb import SchemaStopped
+from ccm_opt.planning.baseline.plans import Follower
+from ccm_opt.planning.baseline.schemas import scm_0
 from ccm_opt.viz.paper_figures import SchemaPanel, schemas_png
 
 PROBLEMS = Path(__file__).parent.parent / "problems"

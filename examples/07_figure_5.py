@@ -13,9 +13,9 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.hill_climbing_planner import obstacle_ahead
-from ccm_opt.baseline.plans import Follower, fold_plan, subgoals
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climbing_planner import obstacle_ahead
+from ccm_opt.planning.baseline.plans import Follower, fold_plan, subgoals
 from ccm_opt.problem import TipGoal
 from ccm_opt.viz.paper_figures import SchemaPanel, schemas_png
 

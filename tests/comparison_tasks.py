@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.errors import Diagnosis, MotionNotFound
+from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.solution import JointPath
+from ccm_opt.problem.solution import JointPath
 
 
 def double(number: int) -> int:

@@ -12,9 +12,9 @@ from scipy.interpolate import make_interp_spline
 
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 
 from .planning_marker import plans
 

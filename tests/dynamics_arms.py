@@ -4,8 +4,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm, Axes
-from ccm_opt.solution import JointTrajectory
 
 
 def swan_neck(links: int = 12, axes: Axes = "zyx", *, varied: bool = False) -> Arm:

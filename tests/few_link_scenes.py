@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from ccm_opt.compare.suites import RADIUS, Scene, clear_headings, make_arm
+from ccm_opt.cli.compare.suites import RADIUS, Scene, clear_headings, make_arm
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm

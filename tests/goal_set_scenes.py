@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from ccm_opt.compare.suites import ROOM
+from ccm_opt.cli.compare.suites import ROOM
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.problem import Problem, TipGoal, Tolerances

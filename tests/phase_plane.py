@@ -9,7 +9,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits
-from ccm_opt.solution import JointPath
+from ccm_opt.problem.solution import JointPath
 from tests.retiming_paths import GRAVITY, LENGTH, MASS
 
 STEPS = 2000

@@ -9,14 +9,14 @@ from typing import Literal
 
 import numpy as np
 
-from ccm_opt import retiming
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.dynamics import retiming
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.verification.verifier import verify
 
 from .arms import joint_torques

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.dynamics.retiming import retime
 from ccm_opt.problem import Limits
-from ccm_opt.retiming import retime
+from ccm_opt.problem.solution import JointPath, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import JointPath, JointTrajectory
 
 from .arms import plain_arm
 

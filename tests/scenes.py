@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.compare.suites import (  # noqa: F401 - tests take the generator from here
+from ccm_opt.cli.compare.suites import (  # noqa: F401 - tests take the generator from here
     ROOM,
     Scene,
     clear_headings,

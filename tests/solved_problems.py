@@ -4,7 +4,7 @@ from functools import cache
 
 import ccm_opt
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 from .conftest import PROBLEMS
 

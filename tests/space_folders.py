@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath, Solution
+from ccm_opt.problem.solution import JointPath, Solution
 
 from .retiming_paths import make_path
 from .space_plans import true_plan

@@ -6,8 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polyline import wrap
-from ccm_opt.errors import ProblemError
 from ccm_opt.robot.azimuth_types import (
     AzimuthType,
     BaseOperator,

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Feed
-from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 

@@ -23,7 +23,7 @@ class Counting:
         self.asked.append("plan")
         return self.planner.plan(problem)
 
-    def retime(self, problem: ccm_opt.Problem, path: ccm_opt.JointPath) -> ccm_opt.solution.JointTrajectory:
+    def retime(self, problem: ccm_opt.Problem, path: ccm_opt.JointPath) -> ccm_opt.problem.solution.JointTrajectory:
         """Note it, and time."""
         self.asked.append("retime")
         return self.retimer.retime(problem, path)
@@ -84,7 +84,7 @@ def test_one_class_stands_for_every_error() -> None:
     with pytest.raises(ccm_opt.CcmError):
         ccm_opt.load_problem("nowhere.toml")
     assert issubclass(ccm_opt.NoPlanFound, ccm_opt.CcmError)
-    assert ccm_opt.errors.CcmError is ccm_opt.CcmError
+    assert ccm_opt.core.errors.CcmError is ccm_opt.CcmError
 
 
 def test_every_name_of_the_public_pictures_is_there() -> None:

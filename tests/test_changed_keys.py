@@ -8,7 +8,7 @@ import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.io.issues import lookup
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.reading import load_problem, with_keys_set

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ccm_opt.solution import Check
+from ccm_opt.problem.solution import Check
 from ccm_opt.viz.checks_section import checks_in_words
 from ccm_opt.viz.document import PageUnits
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.space_planner import clamped_joints, with_clamped_base
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import RigidPlacement

@@ -20,8 +20,7 @@ from ccm_opt import __version__
 from ccm_opt.cli import choices
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import folded, run_all
-from ccm_opt.core.progress import Progress
-from ccm_opt.errors import (
+from ccm_opt.core.errors import (
     ConfigurationNotFound,
     Diagnosis,
     Finding,
@@ -29,8 +28,9 @@ from ccm_opt.errors import (
     UnreachableGoal,
     VerificationError,
 )
+from ccm_opt.core.progress import Progress
 from ccm_opt.problem import ControllerName, MethodName, Problem
-from ccm_opt.solution import SimulationOutcome, SimulationVerdict, Solution
+from ccm_opt.problem.solution import SimulationOutcome, SimulationVerdict, Solution
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
 

@@ -11,9 +11,9 @@ from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import Output, printing
 from ccm_opt.cli.stage_clock import stage_display
+from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.core.progress import Progress, listening, tell_candidate
-from ccm_opt.errors import Diagnosis, Finding, Relaxation
 
 from .conftest import SMALL_PROBLEM
 from .test_cli import bend_a_little, stand_in

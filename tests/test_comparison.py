@@ -18,15 +18,14 @@ import pytest
 import shapely
 
 from ccm_opt.cli import comparing
-from ccm_opt.cli.comparing import CompareOptions, compare_methods
-from ccm_opt.compare import methods as method_code
-from ccm_opt.compare import running
-from ccm_opt.compare.comparison_files import comparison_json, runs_csv, write_problems
-from ccm_opt.compare.comparison_page import comparison_page
-from ccm_opt.compare.methods import METHODS, check_methods, code_of, method_named
-from ccm_opt.compare.running import Comparison, compare
-from ccm_opt.compare.runs import Run, Task, execute, failed_run, open_journal
-from ccm_opt.compare.suites import (
+from ccm_opt.cli.compare import methods as method_code
+from ccm_opt.cli.compare import running
+from ccm_opt.cli.compare.comparison_files import comparison_json, runs_csv, write_problems
+from ccm_opt.cli.compare.comparison_page import comparison_page
+from ccm_opt.cli.compare.methods import METHODS, check_methods, code_of, method_named
+from ccm_opt.cli.compare.running import Comparison, compare
+from ccm_opt.cli.compare.runs import Run, Task, execute, failed_run, open_journal
+from ccm_opt.cli.compare.suites import (
     SUITES,
     Case,
     cases_of_files,
@@ -36,8 +35,9 @@ from ccm_opt.compare.suites import (
     scene_maker,
     shared_folder,
 )
+from ccm_opt.cli.comparing import CompareOptions, compare_methods
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import LocalWorkers
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 
 from .conftest import PROBLEMS, SMALL_PROBLEM

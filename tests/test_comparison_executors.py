@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import DaskWorkers, ExecutorSettings, LocalWorkers, completed
-from ccm_opt.errors import ProblemError
 
 from .comparison_tasks import deadly, die_once, double, fail_on_odd, nap, slow_double
 

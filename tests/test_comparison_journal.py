@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.cli.compare.runs import Run, json_line, open_journal
 from ccm_opt.cli.comparing import compare_methods
-from ccm_opt.compare.runs import Run, json_line, open_journal
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 
 from .test_comparison import small_cases, wanted
 
@@ -97,7 +97,7 @@ def test_two_writers_are_kept_apart(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     code = f"""
 from pathlib import Path
-from ccm_opt.compare.runs import open_journal
+from ccm_opt.cli.compare.runs import open_journal
 with open_journal(Path({str(path)!r})):
     print("mine")
 """

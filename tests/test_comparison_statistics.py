@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.compare.runs import QUANTITIES, Run
-from ccm_opt.compare.statistics import (
+from ccm_opt.cli.compare.runs import QUANTITIES, Run
+from ccm_opt.cli.compare.statistics import (
     compare_figures,
     compare_success,
     median_interval,

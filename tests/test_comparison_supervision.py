@@ -9,8 +9,8 @@ from uuid import uuid4
 
 import pytest
 
-from ccm_opt.compare.running import RunProcess, SupervisionSettings, compare, run_apart, wall_limit
-from ccm_opt.compare.runs import Run, Task, open_journal
+from ccm_opt.cli.compare.running import RunProcess, SupervisionSettings, compare, run_apart, wall_limit
+from ccm_opt.cli.compare.runs import Run, Task, open_journal
 from ccm_opt.core.executors import LocalWorkers
 
 from .test_comparison import STRAIGHT, small_cases
@@ -90,8 +90,8 @@ def test_nothing_is_left_running_when_the_watcher_is_killed(tmp_path: Path) -> N
     """A run whose watcher dies, even by SIGKILL, ends with it, though its planner hangs."""
     (tmp_path / "p.toml").write_text((ROOT / "problems" / "open-space.toml").read_text())
     script = (
-        "from ccm_opt.compare import running as s; from ccm_opt.compare.runs import Task;"
-        "from ccm_opt.compare.suites import cases_of_files; from pathlib import Path;"
+        "from ccm_opt.cli.compare import running as s; from ccm_opt.cli.compare.runs import Task;"
+        "from ccm_opt.cli.compare.suites import cases_of_files; from pathlib import Path;"
         f"case = cases_of_files([Path({str(tmp_path / 'p.toml')!r})])[0];"
         "process = s._process(); print(process._process.pid, flush=True);"
         "s.run_apart(Task(case, 'tests.comparison_tasks:HangingPlanner'))"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.verification.consistency import check_consistency
 from ccm_opt.verification.newton_euler import drive_efforts
 from tests.pinned.scenes import LINKS, plan_of, states_of

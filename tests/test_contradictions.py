@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, UnreachableGoal
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.driver.pose_failure import with_constraint_first
-from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.contradictions import GoalRegion, Intervals, NotBounded, contradictions, interval_values
 

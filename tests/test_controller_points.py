@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.controller_points import controller_points, message_checks, spared, trajectory_texts
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.text_agreement import checks_of_texts
-from ccm_opt.solution import JointTrajectory
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps
 from ccm_opt.verification.newton_euler import drive_efforts
 

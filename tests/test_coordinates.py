@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import RetimingError
+from ccm_opt.core.errors import RetimingError
+from ccm_opt.dynamics.retiming import joined, retime, reversed_trajectory
 from ccm_opt.problem import JointPose, Limits
-from ccm_opt.retiming import joined, retime, reversed_trajectory
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.retiming_paths import even_limits, make_path, random_control, slim_arm
 from tests.space_arms import space_arm
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from ccm_opt.baseline.curve_track import chord_ratio
 from ccm_opt.core.polyline import wrap
+from ccm_opt.planning.baseline.curve_track import chord_ratio
 from tests.oracles.cubic_spiral import CubicSpiral
 
 COORDINATE = st.floats(-2.0, 2.0)

@@ -17,6 +17,16 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import (
+    Diagnosis,
+    Finding,
+    MotionNotFound,
+    ProblemError,
+    Relaxation,
+    RetimingError,
+    UnreachableGoal,
+    sentences,
+)
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
 from ccm_opt.diagnosis.checks import REACH, failed
@@ -27,21 +37,11 @@ from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.reach import least_chord
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.driver.legs import recorded_path
-from ccm_opt.errors import (
-    Diagnosis,
-    Finding,
-    MotionNotFound,
-    ProblemError,
-    Relaxation,
-    RetimingError,
-    UnreachableGoal,
-    sentences,
-)
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointPath
 
 from .diagnosis_families import FAMILIES, GRAVITY, Case, make_case, string_round
 from .diagnosis_judgement import named_rightly, relaxation_error

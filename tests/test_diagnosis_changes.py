@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained, unit_hints
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
-from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.robot.arm import Feed

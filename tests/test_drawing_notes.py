@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.cli.loading import TIMES
-from ccm_opt.errors import ProblemFileError
+from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.rules import PlacedFile
 

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.dynamics.retiming import retime
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.problem import Limits, SimulationOptions
-from ccm_opt.retiming import retime
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import PointLimit
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d, revolute_angles
 from ccm_opt.robot.points import point_of
-from ccm_opt.solution import JointPath
 
 from .retiming_paths import make_path
 from .space_arms import FEED_OF_TESTS, random_rotation, space_arm, turned_arm

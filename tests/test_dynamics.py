@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import (
@@ -19,7 +20,6 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
     MassMatrix,
     joint_states,
 )
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.pose_report import tip_jacobian

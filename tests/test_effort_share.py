@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.errors import ProblemFileError, VerificationError
+from ccm_opt.core.errors import ProblemFileError, VerificationError
+from ccm_opt.dynamics.retiming import retime
+from ccm_opt.dynamics.retiming.paul import retime_paul
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import PointLimit, Problem, TipGoal
-from ccm_opt.retiming import retime
-from ccm_opt.retiming.paul import retime_paul
+from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
 from ccm_opt.robot.coordinates import planned_share
-from ccm_opt.solution import Check, JointPath, JointTrajectory
 from tests.arms import plain_arm
 from tests.conftest import SMALL_PROBLEM
 from tests.retiming_paths import (

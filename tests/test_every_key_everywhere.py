@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import NoPlanFound, ProblemFileError, UnreachableGoal
+from ccm_opt.core.errors import NoPlanFound, ProblemFileError, UnreachableGoal
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.tip_cells import SpaceReachSettings

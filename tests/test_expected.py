@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 
 from .conftest import PROBLEMS
 from .solved_problems import solved

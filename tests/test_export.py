@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from ccm_opt.cli.written_plans import check_folders
-from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
+from ccm_opt.core.errors import Diagnosis, ProblemError, VerificationError
 from ccm_opt.io import folder as folder_module
 from ccm_opt.io.folder import check_target, solution_files, write_folder, write_solution
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.reading_back import SHAPES, load_motion, load_problem_data
 from ccm_opt.io.result_folders import FAILED, UNFINISHED, place_beside, write_failure
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 FILES = {"solution.json", "solution.npz", "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml"}
 

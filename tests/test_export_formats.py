@@ -19,8 +19,8 @@ from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.records import arrays_npz, bends_of_arrays, solution_arrays
 from ccm_opt.io.robot_models import urdf_text
+from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.solution import Solution
 
 from .dynamics_arms import loose_limits, swan_neck
 from .test_cli_output import run

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ccm_opt.core.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.problem import JointPose, TipGoal

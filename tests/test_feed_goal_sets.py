@@ -8,8 +8,8 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import wrap
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.ends import tip_goal
 from ccm_opt.planning.feed.feed_planner import FeedPlanner
 from ccm_opt.planning.feed.member_problems import members_on_way

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.feed.fed_task import GuideTubeLimit
 from ccm_opt.planning.feed.feed_planner import FeedPlanner, reshaped, reshaping_at_once

@@ -12,14 +12,14 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
-from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_members import GoalMember
 from ccm_opt.planning.pose_over_routes import brought_poses
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem.solution import StaticPose
 from ccm_opt.scene.bad_pose import refuse_bad_pose
-from ccm_opt.solution import StaticPose
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 from .goal_set_scenes import pocket

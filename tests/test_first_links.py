@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from ccm_opt.compare.suites import Scene, clutter, random_polygon
+from ccm_opt.cli.compare.suites import Scene, clutter, random_polygon
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

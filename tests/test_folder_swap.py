@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file
-from ccm_opt.errors import ProblemError
 from ccm_opt.io import folder as folder_swap
 from ccm_opt.io.folder import ARRAYS, RECORD, WORKSHOP, write_folder
 from ccm_opt.io.result_folders import FAILED, place_beside

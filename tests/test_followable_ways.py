@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.compare.space_clutter import disturbed_job
-from ccm_opt.compare.space_sites import SITES, site_problem
+from ccm_opt.cli.compare.space_clutter import disturbed_job
+from ccm_opt.cli.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_map import CurveMap

@@ -8,8 +8,8 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.polyline import path_length
-from ccm_opt.errors import UnreachableGoal
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.sleeve import concatenate, reduce, taut_string
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

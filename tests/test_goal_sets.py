@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.diagnosis.passages import shortest_way
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends, tip_goal
 from ccm_opt.planning.goal import GoalPose, moved_onto

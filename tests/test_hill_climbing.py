@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.baseline.distance import Distance, DistanceWeights, Precision, TipPose
-from ccm_opt.baseline.hill_climb import Climb, Ending, climb, end_of
-from ccm_opt.baseline.operators import ALL, Moves, Operator, Shapes, StepSizes
-from ccm_opt.baseline.world import World
 from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.planning.baseline.distance import Distance, DistanceWeights, Precision, TipPose
+from ccm_opt.planning.baseline.hill_climb import Climb, Ending, climb, end_of
+from ccm_opt.planning.baseline.operators import ALL, Moves, Operator, Shapes, StepSizes
+from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
 
 values = st.lists(st.floats(-5.0, 5.0), min_size=10, max_size=10)

@@ -7,15 +7,15 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.hill_climb import SchemaStopped, run
-from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
-from ccm_opt.baseline.operators import Shapes
-from ccm_opt.baseline.plans import Follower
-from ccm_opt.baseline.schemas import scm_0
-from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
+from ccm_opt.core.errors import MotionNotFound, ProblemError, TimeLimitReached
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climb import SchemaStopped, run
+from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
+from ccm_opt.planning.baseline.operators import Shapes
+from ccm_opt.planning.baseline.plans import Follower
+from ccm_opt.planning.baseline.schemas import scm_0
+from ccm_opt.planning.baseline.settings import BaselineSettings
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.certificate import Certificate

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt import load_problem
-from ccm_opt.baseline.curve_track import track_through
-from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.hill_climbing_planner import passages
-from ccm_opt.baseline.plans import ClearanceField, Follower
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.planning.baseline.curve_track import track_through
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climbing_planner import passages
+from ccm_opt.planning.baseline.plans import ClearanceField, Follower
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from tests.oracles.cubic_spiral import CubicSpiral

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.drawing import ImportOptions, import_scene
 from ccm_opt.io.mesh_obstacles import MESH_READERS, read_mesh_file
 from ccm_opt.scene.workspace import Obstacle

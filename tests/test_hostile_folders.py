@@ -11,8 +11,8 @@ import pytest
 
 from ccm_opt.cli.outcome import BAD_INPUT, NO_PLAN
 from ccm_opt.cli.written_plans import check_folders
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import read_plain
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading_back import read_archive
 from ccm_opt.io.record_file import recorded_nearest
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import DaskWorkers, ExecutorSettings, completed
-from ccm_opt.errors import ProblemError
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import address_in, dask_process
 

@@ -11,7 +11,7 @@ import pytest
 
 from ccm_opt.cli.written_plans import ExportOptions, exported_files
 from ccm_opt.io.folder import write_solution
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 from .test_export_formats import Duration, JointTrajectoryPoint
 

@@ -10,10 +10,10 @@ import pytest
 from .conftest import PROBLEMS
 
 HEAVY = ("casadi", "toppra", "matplotlib")
-PLANAR_ALONE = ("ccm_opt.baseline.hill_climbing_planner", "ccm_opt.planning.curve_planner")
+PLANAR_ALONE = ("ccm_opt.planning.baseline.hill_climbing_planner", "ccm_opt.planning.curve_planner")
 """What a solve in space has no use for."""
 SELDOM = (
-    "ccm_opt.compare",
+    "ccm_opt.cli.compare",
     "ccm_opt.diagnosis.way_search",
     "ccm_opt.driver.pareto",
     "ccm_opt.ik.term_checks",
@@ -76,7 +76,7 @@ def test_a_solve_in_space_loads_neither_the_plane_nor_what_explains_failures(tmp
 def test_a_solve_in_the_plane_loads_neither_space_planners_nor_other_methods(tmp_path: Path) -> None:
     """A plan in the plane is made without the planner in space and the paper's planner."""
     loaded = loaded_after(command(["solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures", "--out", str(tmp_path)]))
-    assert not loaded & {"ccm_opt.planning.space_planner", "ccm_opt.baseline.hill_climbing_planner"}
+    assert not loaded & {"ccm_opt.planning.space_planner", "ccm_opt.planning.baseline.hill_climbing_planner"}
 
 
 def test_what_the_laws_name_is_there() -> None:

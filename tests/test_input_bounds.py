@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.reading import BOUNDS, load_problem, parse_problem
 from ccm_opt.io.reading_back import load_motion
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run

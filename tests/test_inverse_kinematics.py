@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Axes
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles

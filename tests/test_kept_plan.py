@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli import solving
 from ccm_opt.cli.commands import app
+from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, SimulationError
 from ccm_opt.driver import closed_loop, kept_plan
 from ccm_opt.driver.closed_loop import Touch, chain_motion, first_touch, simulate_and_check
 from ccm_opt.dynamics.simulation import closed_loop_run
-from ccm_opt.errors import CancelledWithPlan, Diagnosis, SimulationError
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Disturbances, Problem, SimulationOptions, TipGoal
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 SWING = """
 schema = 1

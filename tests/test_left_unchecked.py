@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.selfcollision import first_distant
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.driver.legs import plan_legs, whole_path
-from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
-from ccm_opt.solution import JointPath
+from ccm_opt.problem.solution import JointPath
 
 from .conftest import SMALL_PROBLEM
 

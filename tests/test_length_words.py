@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.length_words import (
     METRES,
     LengthUnit,
@@ -20,7 +21,6 @@ from ccm_opt.core.length_words import (
     words_in,
 )
 from ccm_opt.core.progress import Progress, Stages
-from ccm_opt.errors import NoPlanFound
 
 from .conftest import PROBLEMS
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.compare.suites import clutter
+from ccm_opt.cli.compare.suites import clutter
+from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.driver.live_plan import LivePlan
-from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import JointPose, TipGoal
 
 from .conftest import PROBLEMS

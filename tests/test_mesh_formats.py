@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, triangles_of
 from ccm_opt.scene.bodies import BOX_FACES

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.errors import ProblemFileError
+from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.scene.bodies import BOX_FACES

@@ -9,8 +9,8 @@ import trimesh
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.cli.compare.suites import shared_folder
 from ccm_opt.cli.loading import mesh_data, mesh_lines
-from ccm_opt.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import problem_from_mapping

@@ -2,8 +2,8 @@
 
 import pytest
 
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.io.reading import parse_problem
 
 from .conftest import SMALL_PROBLEM

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.errors import UnreachableGoal
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE

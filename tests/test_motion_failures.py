@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import MotionNotFound, TimeLimitReached
+from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.search import Failure, StrategyInVain, evidence, nothing_found
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.viz.document import PageUnits

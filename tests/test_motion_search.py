@@ -10,9 +10,9 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends

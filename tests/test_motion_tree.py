@@ -10,7 +10,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import MotionNotFound, TimeLimitReached
+from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.pose_tree import PoseTree

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends

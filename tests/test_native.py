@@ -11,8 +11,8 @@ import pytest
 
 import ccm_opt
 from ccm_opt.core import native
+from ccm_opt.core.errors import NativeLibraryError
 from ccm_opt.core.native import NativeCall
-from ccm_opt.errors import NativeLibraryError
 from hatch_build import BuildError, build, find_compiler
 from tests.conftest import PROBLEMS
 

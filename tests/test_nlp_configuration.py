@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.errors import ConfigurationNotFound, ProblemError
+from ccm_opt.core.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.ik import multiple_shooting as solver_module
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import (

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.compare.ompl_peer import SampledJoints
-from ccm_opt.compare.space_clutter import space_clutter
+from ccm_opt.cli.compare.ompl_peer import SampledJoints
+from ccm_opt.cli.compare.space_clutter import space_clutter
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -37,7 +37,7 @@ def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
 def test_ompl_plans_in_space() -> None:
     """In open clutter OMPL finds a motion from the start to the goal that our certificate proves."""
     pytest.importorskip("ompl.geometric")
-    from ccm_opt.compare.ompl_peer import OmplPlanner
+    from ccm_opt.cli.compare.ompl_peer import OmplPlanner
 
     problem = space_clutter(0, 5, 12, "clutter")
     path = OmplPlanner().plan(problem)

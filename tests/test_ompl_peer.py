@@ -8,11 +8,11 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.compare.comparison_page import ShownQuantity, probability
-from ccm_opt.compare.methods import check_methods, method_named
-from ccm_opt.compare.runs import QUANTITIES
-from ccm_opt.compare.suites import clutter
-from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.cli.compare.comparison_page import ShownQuantity, probability
+from ccm_opt.cli.compare.methods import check_methods, method_named
+from ccm_opt.cli.compare.runs import QUANTITIES
+from ccm_opt.cli.compare.suites import clutter
+from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.errors import NoPlanFound, ProblemFileError
 from ccm_opt.core.length_words import long_length, place, short_length, words_for_unit
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.errors import NoPlanFound, ProblemFileError
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem, VerificationOptions
@@ -148,7 +148,7 @@ def test_the_contact_tolerance_is_the_users() -> None:
     with pytest.raises(ProblemFileError, match=r"line \d+: verification\.contact_tolerance"):
         parse_problem(SMALL_PROBLEM + "[verification]\ncontact_tolerance = 0.0\n")
     assert plan(asked).checks
-    with pytest.raises(ccm_opt.errors.ProblemError, match="contact_tolerance"):
+    with pytest.raises(ccm_opt.core.errors.ProblemError, match="contact_tolerance"):
         replace(problem, verification=VerificationOptions(-1.0))
 
 
@@ -163,7 +163,7 @@ def test_no_plan_goes_through_walls_by_way_of_rounding(*, in_space: bool) -> Non
     for wrong in (1.001 * most, f"1{'0' * 400}"):
         with pytest.raises(ProblemFileError, match=r"line \d+: verification\.contact_tolerance"):
             parse_problem(f"{text}\n[verification]\ncontact_tolerance = {wrong}\n")
-    with pytest.raises(ccm_opt.errors.ProblemError, match="a thousandth of the arm's length"):
+    with pytest.raises(ccm_opt.core.errors.ProblemError, match="a thousandth of the arm's length"):
         replace(problem, verification=VerificationOptions(1.001 * most))
 
 

@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
+from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
 from ccm_opt.driver.room_over_time import room_over_time
-from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
+from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.viz.paper_figures import pareto_png
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution

@@ -9,21 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from ccm_opt import retiming
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import RetimingError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.timed_plan import timed_and_verified
+from ccm_opt.dynamics import retiming
+from ccm_opt.dynamics.retiming.paul import WINDOWS, Legs, fastest_legs, retime_paul
+from ccm_opt.dynamics.retiming.timed_path import PathLimits
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.errors import RetimingError
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.problem import JointPose, Limits, Problem
-from ccm_opt.retiming.paul import WINDOWS, Legs, fastest_legs, retime_paul
-from ccm_opt.retiming.timed_path import PathLimits
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.coordinates import joint_coordinates
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.solution import JointPath
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointTrajectory
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.verification.drives import revolutes_of_bends
 from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION

@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.drawing import STILL_FIGURES, drawn_files
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.room_over_time import room_over_time
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.folder import WRITTEN_FILES, write_solution
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.reading_back import load_motion
 from ccm_opt.io.record_file import recorded_curves, recorded_nearest
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import DrawnPlan
 from ccm_opt.viz.films import film_of, motion_gif, motion_mp4
@@ -89,7 +89,7 @@ def test_axes_are_in_the_unit_of_the_file() -> None:
 
 def _still(links: int):  # noqa: ANN202 - a trajectory of three samples
     """Three samples of an arm that does not move."""
-    from ccm_opt.solution import JointTrajectory
+    from ccm_opt.problem.solution import JointTrajectory
 
     rest = np.zeros((3, links))
     return JointTrajectory(np.array([0.0, 0.5, 1.0]), rest, rest, rest)

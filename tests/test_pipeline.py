@@ -9,16 +9,16 @@ from scipy.interpolate import make_interp_spline
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import PACKAGES
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
+from ccm_opt.dynamics.retiming.timing_settings import SamplingSettings, TimingSettings
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.retiming.timing_settings import SamplingSettings, TimingSettings
+from ccm_opt.problem.solution import JointPath, Solution
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointPath, Solution
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 from .conftest import PROBLEMS, SMALL_PROBLEM

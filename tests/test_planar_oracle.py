@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import Check
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision

@@ -14,18 +14,18 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.dynamics.retiming import joined
+from ccm_opt.dynamics.retiming.paul import retime_paul
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
-from ccm_opt.retiming import joined
-from ccm_opt.retiming.paul import retime_paul
+from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.points import PointOnArm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.limits import check_points
 from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (

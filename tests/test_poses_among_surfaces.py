@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.bishop_shooting import axis, link_quaternions, product, quaternions_of, turned_by
 from ccm_opt.ik.pose_settings import SPACE_POSES
 from ccm_opt.ik.pose_solver import ArmPose

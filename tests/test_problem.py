@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError, UnreachableGoal
+from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.problem_data import problem_data, recorded_data
 from ccm_opt.io.reading import load_problem, problem_from_mapping
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions, TipGoal, Tolerances

@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
+from ccm_opt.core.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.build import folded_bends
 from ccm_opt.io.issues import locate_keys
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
-from ccm_opt.errors import ProblemFileError
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.problem import SimulationOptions, VerificationOptions

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import UnreachableGoal
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.passage_widths import passage_widths
 from ccm_opt.planning.tip_paths import find_tip_paths, turning_by

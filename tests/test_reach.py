@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import LocalWorkers, ThisProcess
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.tip_reach import FREE, CellTask, ReachQuestion, ReachSettings, cell_poses
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import ReachMap
 from ccm_opt.scene.bad_pose import refuse_bad_pose
-from ccm_opt.solution import ReachMap
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 

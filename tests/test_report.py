@@ -17,12 +17,12 @@ from hypothesis.extra.numpy import arrays
 from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.cli.solving import SolveOptions, solve_files
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.driver.room_over_time import room_over_time
-from ccm_opt.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem, Stop
+from ccm_opt.problem.solution import Check, GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
-from ccm_opt.solution import Check, GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.viz.checks_section import checks_in_words
 from ccm_opt.viz.document import MINUS, PageUnits, coded, three_digits
 from ccm_opt.viz.failure_page import failure_data, failure_html

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccm_opt.compare.comparison_page import comparison_page
-from ccm_opt.compare.running import Comparison
-from ccm_opt.compare.runs import Run
-from ccm_opt.errors import Diagnosis, Finding
+from ccm_opt.cli.compare.comparison_page import comparison_page
+from ccm_opt.cli.compare.running import Comparison
+from ccm_opt.cli.compare.runs import Run
+from ccm_opt.core.errors import Diagnosis, Finding
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.page import report_html
 

@@ -9,18 +9,18 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import RetimingError
+from ccm_opt.dynamics.retiming.efforts import InverseDynamics
+from ccm_opt.dynamics.retiming.grid import path_grid
+from ccm_opt.dynamics.retiming.motion_limits import limits_along
+from ccm_opt.dynamics.retiming.path_rows import path_rows
+from ccm_opt.dynamics.retiming.profile import SpeedProfile
+from ccm_opt.dynamics.retiming.speed_optimizer import fastest_profile, reachable_speeds
+from ccm_opt.dynamics.retiming.timed_path import TimedPath
+from ccm_opt.dynamics.retiming.timing import with_jumps
+from ccm_opt.dynamics.retiming.timing_settings import GridSettings
 from ccm_opt.dynamics.simulation.controller import step_reference
-from ccm_opt.errors import RetimingError
 from ccm_opt.problem import Limits
-from ccm_opt.retiming.efforts import InverseDynamics
-from ccm_opt.retiming.grid import path_grid
-from ccm_opt.retiming.motion_limits import limits_along
-from ccm_opt.retiming.path_rows import path_rows
-from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.speed_optimizer import fastest_profile, reachable_speeds
-from ccm_opt.retiming.timed_path import TimedPath
-from ccm_opt.retiming.timing import with_jumps
-from ccm_opt.retiming.timing_settings import GridSettings
 from ccm_opt.robot.coordinates import joint_coordinates
 from tests.phase_plane import fastest_duration
 from tests.retiming_paths import (

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError, RetimingError
-from ccm_opt.retiming import joined, reversed_trajectory
-from ccm_opt.solution import JointTrajectory
+from ccm_opt.core.errors import ProblemError, RetimingError
+from ccm_opt.dynamics.retiming import joined, reversed_trajectory
+from ccm_opt.problem.solution import JointTrajectory
 from tests.retiming_paths import (
     GRAVITY,
     LENGTH,

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt import solve
-from ccm_opt.compare.methods import method_named
-from ccm_opt.compare.suites import cases_of_suite
+from ccm_opt.cli.compare.methods import method_named
+from ccm_opt.cli.compare.suites import cases_of_suite
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.speed_optimizer import halved_where_unseen, unseen_gains
-from ccm_opt.retiming.timing_settings import SamplingSettings
-from ccm_opt.solution import JointTrajectory
+from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
+from ccm_opt.dynamics.retiming.speed_optimizer import halved_where_unseen, unseen_gains
+from ccm_opt.dynamics.retiming.timing_settings import SamplingSettings
+from ccm_opt.problem.solution import JointTrajectory
 from tests.retiming_paths import even_limits, make_path, run
 
 ACCELERATION = 2.0

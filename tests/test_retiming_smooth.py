@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.problem import JointPose, PlannerOptions, Problem
-from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
+from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.verification.verifier import verify
 from tests.retiming_paths import (
     GRAVITY,

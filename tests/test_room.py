@@ -18,9 +18,9 @@ from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.kept_plan import gap_between_walls
 from ccm_opt.driver.room_over_time import RoomSettings, room_over_time
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.solution import JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.viz.document import PageUnits

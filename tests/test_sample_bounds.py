@@ -11,9 +11,9 @@ from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.limits import holding_efforts

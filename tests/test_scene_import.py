@@ -16,7 +16,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import ImportOptions, divided
 from ccm_opt.io.drawing import import_scene as import_drawing
 from ccm_opt.io.dxf_pieces import Piece, joined_pieces

@@ -7,12 +7,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.baseline.curve_track import SegmentTrack
-from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.hill_climb import SchemaStep, SchemaStopped, run
-from ccm_opt.baseline.operators import Shapes
-from ccm_opt.baseline.plans import Folds, merge_and_climb
-from ccm_opt.baseline.schemas import (
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.polyline import wrap
+from ccm_opt.planning.baseline.curve_track import SegmentTrack
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climb import SchemaStep, SchemaStopped, run
+from ccm_opt.planning.baseline.operators import Shapes
+from ccm_opt.planning.baseline.plans import Folds, merge_and_climb
+from ccm_opt.planning.baseline.schemas import (
     begin_feeding,
     pass_length,
     scm_0,
@@ -26,9 +28,7 @@ from ccm_opt.baseline.schemas import (
     scm_8,
     slide_boundary,
 )
-from ccm_opt.baseline.world import World
-from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.core.polyline import wrap
+from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import add_segment, start_of
 from ccm_opt.robot.segment import CurvatureSegment, SegmentType, classify

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import as_it_stands
 from ccm_opt.driver.pipeline import best_of_tries, least_gap, surviving_errors
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
-from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
 from ccm_opt.planning.search_run import drawn_order

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import SimulationError
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, MassMatrix, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.controller import gains, hermite, inertia_at_most, step_reference
 from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
-from ccm_opt.errors import SimulationError
 from ccm_opt.io.robot_models import mjcf_text
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_loop import InterpretedLoop
 

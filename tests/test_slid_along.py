@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.compare.space_sites import site_problem
+from ccm_opt.cli.compare.space_sites import site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.followable_ways import feeds_to_end, slid_along
 from ccm_opt.planning.space_guides import SpaceTipTrack

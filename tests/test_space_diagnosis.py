@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import UnreachableGoal, sentences
 from ccm_opt.diagnosis.axis_ways import AxisWays, axis_ways
 from ccm_opt.diagnosis.cell_tree import CellTree
 from ccm_opt.diagnosis.checks import failed
@@ -24,7 +25,6 @@ from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.reach import TurnCaps, least_limit, most_turn
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.diagnosis.ways import tight_ways, way_length
-from ccm_opt.errors import UnreachableGoal, sentences
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits

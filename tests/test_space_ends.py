@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError, UnreachableGoal
+from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.distances.enclosures import deepest_enclosure

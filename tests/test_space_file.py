@@ -7,7 +7,7 @@ import pytest
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemFileError
+from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody

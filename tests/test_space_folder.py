@@ -15,15 +15,15 @@ from PIL import Image, ImageSequence
 from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.drawing import drawn_files, plan_pictures
 from ccm_opt.cli.written_plans import ExportOptions, check_folders, exported_files
-from ccm_opt.errors import ProblemError, UnreachableGoal
+from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import quaternions
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.problem import TipGoal
+from ccm_opt.problem.solution.solution import roll_against
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges, thinned
-from ccm_opt.solution.solution import roll_against
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.saved_plans import SavedPlan, load
 
@@ -346,7 +346,7 @@ def test_angles_of_revolutes_are_those_of_the_bends(folder: Path) -> None:
 
 def test_the_page_of_a_failure_shows_the_arm_at_its_start() -> None:
     """The page of a failure holds the scene, the start and the reason, and loads nothing."""
-    from ccm_opt.errors import Diagnosis
+    from ccm_opt.core.errors import Diagnosis
 
     page = failure_html(solved().problem, "infeasible", Diagnosis("it is too thick", "necessary checks"))
     assert "it is too thick" in page

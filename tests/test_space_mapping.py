@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.configuration import Configuration

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.bodies import BOX_FACES, MeshBody, SphereBody
 from tests.space_files import CUBE

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
+from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, TipGoal
-from ccm_opt.solution import StaticPose
+from ccm_opt.problem.solution import StaticPose
 from ccm_opt.verification.chain_motion import LinkFrames, chain_points
 
 from .command_runs import CommandLine, brightness

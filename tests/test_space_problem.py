@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, MeshBody, SphereBody

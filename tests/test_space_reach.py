@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import ccm_opt
 from ccm_opt.planning.tip_cells import DEFAULT_SPACE_REACH, SpaceReachQuestion, TipFlood, even_directions, look_at_cell
 from ccm_opt.problem import TipGoal
-from ccm_opt.solution import ReachMap
+from ccm_opt.problem.solution import ReachMap
 from ccm_opt.viz.arm_drawing import SIDES
 from ccm_opt.viz.views import SeenScene
 

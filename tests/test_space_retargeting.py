@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.problem import TipGoal
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 from .solved_problems import solved_in_space
 

@@ -9,7 +9,7 @@ import pytest
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened

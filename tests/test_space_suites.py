@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccm_opt.compare.comparison_files import write_problems
-from ccm_opt.compare.suites import SPACE_SUITES, Case, cases_of_suite
-from ccm_opt.errors import ProblemError
+from ccm_opt.cli.compare.comparison_files import write_problems
+from ccm_opt.cli.compare.suites import SPACE_SUITES, Case, cases_of_suite
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.contradictions import GoalRegion, contradictions
 from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces

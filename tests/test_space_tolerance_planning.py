@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
-from ccm_opt.errors import MotionNotFound
+from ccm_opt.core.errors import MotionNotFound
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath, JointTrajectory
+from ccm_opt.problem.solution import JointPath, JointTrajectory
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from tests.test_user_terms_in_space import POST, free_motion, post

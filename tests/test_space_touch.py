@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.compare.space_clutter import space_clutter
+from ccm_opt.cli.compare.space_clutter import space_clutter
 from ccm_opt.driver.closed_loop import seen_in_space
+from ccm_opt.problem.solution import JointTrajectory, SimulatedMotion
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.solution import JointTrajectory, SimulatedMotion
 from tests.snakes_in_space import least_gaps
 
 

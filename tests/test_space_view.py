@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.cli.view.app import GOAL, ViewerApp, claim_port, direction_of
 from ccm_opt.cli.view.frames import MotionFrames, turned_to
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LivePlan
-from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
 from ccm_opt.scene.workspace import Obstacle, Workspace

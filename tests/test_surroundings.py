@@ -218,7 +218,7 @@ def test_what_is_known_outlives_a_search_for_changes_that_falls_silent(tmp_path:
         'Progress("diagnosis", known=Diagnosis("in contact", "checks", findings=(Finding("contact", "in contact"),)))'
     )
     script = script.replace("    ctypes", f"    told({known})\n    ctypes")
-    script = f"from ccm_opt.errors import Diagnosis, Finding\nfrom ccm_opt.core.progress import Progress\n{script}"
+    script = f"from ccm_opt.core.errors import Diagnosis, Finding\nfrom ccm_opt.core.progress import Progress\n{script}"
     run = ended("-c", script, cwd=tmp_path)
     assert run.returncode in {NO_PLAN, -signal.SIGKILL}
     assert "nothing was heard of the search for changes that would help for 0.5 s" in run.stderr

@@ -12,7 +12,7 @@ import shapely
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.drawing import ImportedScene, ImportOptions, import_scene
 from ccm_opt.io.svg import path_subpaths
 from ccm_opt.io.svg_document import transform_of

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from ccm_opt.cli.outcome import complain
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.outlines import repaired
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.solution import JointTrajectory, SurvivedError
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.tolerance.error_model import (
     base_heading_error,

@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
-from ccm_opt.errors import MotionNotFound, ProblemError, ProblemFileError
+from ccm_opt.core.errors import MotionNotFound, ProblemError, ProblemFileError
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 

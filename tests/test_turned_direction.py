@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.diagnosis.moved_goal import turned_direction
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
-from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.workspace import Workspace

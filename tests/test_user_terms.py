@@ -18,7 +18,7 @@ from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.solving import SolveOptions, solve_files
 from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik import compiled_terms as building
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.quantities import Quantities

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.driver.pipeline import surviving_errors, with_lowered_costs
-from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms, compile_terms
 from ccm_opt.ik.terms import Expression
 from ccm_opt.problem import Problem

@@ -13,10 +13,10 @@ import ccm_opt
 from ccm_opt import Constraint, Cost, Interval
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
+from ccm_opt.core.errors import MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem, Stop, TipGoal
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 POST = """
 schema = 1

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.ik.quantities import Quantities
 from ccm_opt.ik.terms import Constraint
 from ccm_opt.io.reading import parse_problem

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import MotionNotFound, NoPlanFound
+from ccm_opt.core.errors import MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.quantities import Quantities
 from ccm_opt.ik.terms import Constraint, Cost, Interval
@@ -21,9 +21,9 @@ from ccm_opt.planning.optimisation.objective import even_parameters
 from ccm_opt.planning.path_on_limits import KnotJoints, moved_onto
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.solution import Check, JointPath, JointTrajectory, Solution
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.solution import Check, JointPath, JointTrajectory, Solution
 
 from .conftest import PROBLEMS
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import MotionNotFound, ProblemError
+from ccm_opt.core.errors import MotionNotFound, ProblemError
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.functions import MotionStates
 from ccm_opt.ik.terms import Constraint, Cost, Interval

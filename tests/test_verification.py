@@ -13,14 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.problem import JointPose, Limits, Problem, SimulationOptions, TipGoal
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import dh_table, joint_names, revolute_angles
 from ccm_opt.robot.mapping import map_curve
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_form
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links, segment_distances

@@ -8,10 +8,10 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.verifier import verify

@@ -9,7 +9,7 @@ from ccm_opt import load_problem, solve
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 from .conftest import PROBLEMS
 from .scenes import clutter

@@ -17,10 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from ccm_opt.cli.cancelling import CANCELLED
-from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
-from ccm_opt.cli.output import output, outside_allowed
-from ccm_opt.cli.tables import columned_table, report_console
-from ccm_opt.compare.comparison_files import (
+from ccm_opt.cli.compare.comparison_files import (
     FOLDER,
     JOURNAL,
     TABLE,
@@ -29,11 +26,21 @@ from ccm_opt.compare.comparison_files import (
     write_comparison,
     write_problems,
 )
-from ccm_opt.compare.comparison_page import SHOWN, ShownQuantity, comparison_page, percents, probability, success_words
-from ccm_opt.compare.methods import DEFAULT, check_methods
-from ccm_opt.compare.running import Comparison, Pair, compare, outdated
-from ccm_opt.compare.runs import Run, open_journal
-from ccm_opt.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
+from ccm_opt.cli.compare.comparison_page import (
+    SHOWN,
+    ShownQuantity,
+    comparison_page,
+    percents,
+    probability,
+    success_words,
+)
+from ccm_opt.cli.compare.methods import DEFAULT, check_methods
+from ccm_opt.cli.compare.running import Comparison, Pair, compare, outdated
+from ccm_opt.cli.compare.runs import Run, open_journal
+from ccm_opt.cli.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
+from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
+from ccm_opt.cli.output import output, outside_allowed
+from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
 
 _MOST_PROBLEMS = 40

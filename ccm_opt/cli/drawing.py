@@ -14,13 +14,13 @@ from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output, outside_allowed
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.surroundings import no_search_for_cycles
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import load_any_problem, load_motion
 from ccm_opt.io.result_folders import folder_of
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlans, Solution
+from ccm_opt.problem.solution import ParetoPlans, Solution
 from ccm_opt.viz.saved_plans import drawn, load
 
 if TYPE_CHECKING:

@@ -14,19 +14,19 @@ from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_al
 from ccm_opt.cli.output import outside_allowed
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.core.length_words import in_unit
 from ccm_opt.driver.verified_plan import failed_checks
-from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.io.folder import TOLERANCE_FILES
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import load_problem
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.io.records import tolerance_data, tolerance_json
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import SimulatedMotion, SurvivedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
-from ccm_opt.solution import SimulatedMotion, SurvivedError
 from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.room_section import survived_in_words
 

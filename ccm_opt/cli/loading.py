@@ -13,8 +13,8 @@ import shapely
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output, outside_allowed
 from ccm_opt.cli.tables import report_console, units_of
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
-from ccm_opt.errors import ProblemError
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
 from ccm_opt.io.reading import load_problem, with_keys_set
 from ccm_opt.io.rules import odd_mesh_size

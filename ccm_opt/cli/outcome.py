@@ -32,9 +32,16 @@ from rich.markup import escape
 from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupt_unmet, interrupts_as_usual
 from ccm_opt.cli.output import output
 from ccm_opt.cli.surroundings import out_of_memory
+from ccm_opt.core.errors import (
+    Diagnosis,
+    NativeLibraryError,
+    NoPlanFound,
+    ProblemError,
+    ProblemFileError,
+    VerificationError,
+)
 from ccm_opt.core.files import strict_text
-from ccm_opt.errors import Diagnosis, NativeLibraryError, NoPlanFound, ProblemError, ProblemFileError, VerificationError
-from ccm_opt.solution import SimulationVerdict
+from ccm_opt.problem.solution import SimulationVerdict
 
 UNBROKEN = re.compile(
     r"(?<=\d) (?=(?:mm|m|s|kg|N|rad|times)\b|%)"

@@ -18,11 +18,11 @@ from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.surroundings import MORE_MEMORY, no_search_for_cycles, out_of_memory
 from ccm_opt.cli.tables import print_pareto, print_solution
-from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
+from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlans
+from ccm_opt.problem.solution import ParetoPlans
 
 
 def failure_recorder(

@@ -24,8 +24,8 @@ from rich.markup import escape
 from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import output
 from ccm_opt.cli.surroundings import MORE_MEMORY, used_up
+from ccm_opt.core.errors import Diagnosis, NoPlanFound, TimeLimitReached
 from ccm_opt.core.progress import Progress
-from ccm_opt.errors import Diagnosis, NoPlanFound, TimeLimitReached
 from ccm_opt.problem import PlannerOptions
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from ccm_opt.cli.compare.suites import shared_folder
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console
-from ccm_opt.compare.suites import shared_folder
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.reading import parse_problem
 
 TEMPLATE = "template.toml"

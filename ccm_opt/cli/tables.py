@@ -12,7 +12,7 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict, Solution
+from ccm_opt.problem.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict, Solution
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
 from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.room_section import room_sentences

@@ -13,9 +13,9 @@ from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file
 from ccm_opt.driver.room_over_time import room_over_time
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
@@ -25,7 +25,7 @@ from ccm_opt.io.records import arrays_npz, bends_of_arrays, room_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, RoomRecord
+from ccm_opt.problem.solution import Check, RoomRecord
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.checks_section import checks_in_words

@@ -9,8 +9,8 @@ from typing import TypeGuard
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES
-from ccm_opt.errors import ProblemError
 
 
 def expect(value: object, kind: type | tuple[type, ...], what: str, hint: str = "") -> None:

@@ -26,8 +26,8 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, Generic, Protocol, TypeVar
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.threads import in_background
-from ccm_opt.errors import ProblemError
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.errors import NativeLibraryError
+from ccm_opt.core.errors import NativeLibraryError
 
 LIBRARY = Path(
     os.environ.get("CCM_OPT_NATIVE")

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 
+from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import LengthUnit, in_metres, said_unit, short_length, words_in
-from ccm_opt.errors import Diagnosis
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, overlap_missed, strong_enough
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, FirstLinksSettings
@@ -25,7 +26,6 @@ from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
 from ccm_opt.diagnosis.ranking import degrees, listed, point
 from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
 from ccm_opt.diagnosis.ways import any_way_closed, wide_and_short_enough
-from ccm_opt.errors import Finding
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.sampled_check import BlockedRaster
 from ccm_opt.problem import Problem

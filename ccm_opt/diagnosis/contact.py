@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
@@ -13,7 +14,6 @@ from ccm_opt.diagnosis.gaps import Gaps, ObstacleGap, gaps_of
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.ranking import point
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles

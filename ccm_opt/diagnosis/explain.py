@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, hopeless, no_way
@@ -16,7 +17,6 @@ from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import closed_off, listed, point, ranked, refuse
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.diagnosis.ways import tight_ways
-from ccm_opt.errors import ConfigurationNotFound, Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends

@@ -11,6 +11,7 @@ from shapely import affinity
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length
 from ccm_opt.core.polyline import heading_of
 from ccm_opt.diagnosis.checks import hopeless
@@ -21,7 +22,6 @@ from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.passages import beyond_hole
 from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, supple_enough
-from ccm_opt.errors import Finding
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Finding, Relaxation
 from ccm_opt.core.length_words import METRES, file_length, in_unit
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.gaps import ROOM_NAMES
 from ccm_opt.diagnosis.keyed_poses import tip_places, whole_poses
-from ccm_opt.errors import Finding, Relaxation
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 

@@ -12,7 +12,7 @@ from ccm_opt.diagnosis.gaps import gaps_of
 from ccm_opt.diagnosis.keyed_poses import keyed_goals, tip_places
 from ccm_opt.diagnosis.ways import tip_ways
 from ccm_opt.problem import Problem
-from ccm_opt.solution import PossibleGap, RoomRecord
+from ccm_opt.problem.solution import PossibleGap, RoomRecord
 
 
 def possible_gap(

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, Finding, Relaxation, UnreachableGoal
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.errors import Diagnosis, Finding, Relaxation, UnreachableGoal
 from ccm_opt.problem import Problem
 
 _FINDINGS = 5

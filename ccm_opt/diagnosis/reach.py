@@ -7,11 +7,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import in_metres, long_length
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, ReachSettings
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.ranking import degrees, point
-from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.gaps import ROOM_NAMES
 from ccm_opt.diagnosis.moved_goal import left_out, moved_goals
 from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, wider_room, without_obstacle, without_term
-from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.problem import Problem
 
 _STEPS = (0.045, 0.1, 0.2, 0.4)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import leg_lengths
@@ -17,7 +18,6 @@ from ccm_opt.diagnosis.gaps import Gaps, beside, depth_beyond
 from ccm_opt.diagnosis.keyed_poses import TipPlace
 from ccm_opt.diagnosis.ranking import degrees, diameter_words, listed, point
 from ccm_opt.diagnosis.reach import angle_between, most_turn, within_reach
-from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arguments import expect, expect_callable, expect_method
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.driver.legs import Planner, Retimer
-from ccm_opt.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalRegion, contradictions
 from ccm_opt.ik.terms import TERM_TOLERANCE, Constraint, Cost, applies_at

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.errors import SimulationError
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.errors import SimulationError
 from ccm_opt.planning.ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import nearest_links
 from ccm_opt.verification.stretch_proof import Verdict

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, ProblemError
 from ccm_opt.core.length_words import short_length, words_for_unit, words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
@@ -15,7 +16,6 @@ from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_contradictions, refuse_without_effect
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.pose_task import JointRegions
@@ -31,8 +31,8 @@ from ccm_opt.planning.pose_beginnings import PoseBeginning, PoseBeginnings, Pose
 from ccm_opt.planning.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import BindingSide, PoseOutcome, StaticPose
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import BindingSide, PoseOutcome, StaticPose
 
 _LEANING = 1e-4
 """By how much the room to a side may differ from the gap of a pose that leans on it (taste)."""

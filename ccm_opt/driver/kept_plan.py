@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import CancelledWithPlan
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
@@ -25,10 +26,17 @@ from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_plan import VerifiedPlan
-from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import (
+    Check,
+    JointTrajectory,
+    PossibleGap,
+    RoomRecord,
+    SimulatedMotion,
+    Solution,
+    SurvivedError,
+)
 from ccm_opt.scene.workspace import Obstacle
-from ccm_opt.solution import Check, JointTrajectory, PossibleGap, RoomRecord, SimulatedMotion, Solution, SurvivedError
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import Diagnosis, NoPlanFound
+from ccm_opt.core.errors import Diagnosis, NoPlanFound
 from ccm_opt.problem import Goal, JointPose, Problem
-from ccm_opt.solution import JointPath, JointTrajectory
+from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
 """CPU time that the planner is given for a leg, even when the legs before have used it up [s]: without any, a late leg

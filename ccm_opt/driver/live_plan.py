@@ -10,6 +10,7 @@ import numpy as np
 from ccm_opt.core.arguments import expect, expect_that, finite_array, is_number, refusal
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
@@ -20,7 +21,6 @@ from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
-from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import refuse_ends
@@ -31,8 +31,8 @@ from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.solution import Check, JointPath, Solution
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import Check, JointPath, Solution
 from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6

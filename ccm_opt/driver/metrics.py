@@ -8,10 +8,10 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import path_length, wrap
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 _PLACES_PER_LINK = 8

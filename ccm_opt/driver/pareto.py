@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ccm_opt.core.arguments import expect
+from ccm_opt.core.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
@@ -11,10 +12,9 @@ from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
+from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,14 @@ from typing import Generic, TypeAlias, TypeVar
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import (
+    CancelledWithPlan,
+    Diagnosis,
+    MotionNotFound,
+    NoPlanFound,
+    UnreachableGoal,
+    VerificationError,
+)
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
@@ -22,12 +30,11 @@ from ccm_opt.driver.legs import Planner, Retimer, plan_legs
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
-from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Solution, SurvivedError, TryRecord
 from ccm_opt.scene.bad_pose import room_advice
-from ccm_opt.solution import Solution, SurvivedError, TryRecord
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 

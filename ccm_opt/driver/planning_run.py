@@ -9,6 +9,7 @@ import numpy as np
 from ccm_opt.core.arguments import expect
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
 from ccm_opt.diagnosis.relaxation import Trials
@@ -18,11 +19,10 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import check_options
-from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath, JointTrajectory
+from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 
 def default_planner(
@@ -41,7 +41,7 @@ def default_planner(
     if problem.planner.method == "hill-climbing":
         if terms is not None:
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
-        from ccm_opt.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415
+        from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415
 
         return HillClimbingPlanner(stages, settings.hill_climbing)
     if problem.arm.base_axes:

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.planning.own_units import OwnUnits

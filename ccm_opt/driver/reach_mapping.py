@@ -9,6 +9,7 @@ import numpy as np
 
 from ccm_opt.core.arguments import expect_that, is_number, is_whole
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
@@ -16,7 +17,6 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
 from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.ends import contact_words
 from ccm_opt.planning.pose_beginnings import any_motion
@@ -31,9 +31,9 @@ from ccm_opt.planning.tip_cells import (
 )
 from ccm_opt.planning.tip_reach import FREE, Cell, ReachFlood, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
+from ccm_opt.problem.solution import ReachMap
 from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import ReachMap
 
 _MOTION_TIME = 5.0
 """CPU time in which a motion to the goal is sought, whose poses are beginnings in space [s]. Taste."""

@@ -10,9 +10,7 @@ from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import figures_of_motion
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.configuration import Configuration
-from ccm_opt.solution import (
+from ccm_opt.problem.solution import (
     Check,
     JointStates,
     JointTrajectory,
@@ -21,6 +19,8 @@ from ccm_opt.solution import (
     SimulationVerdict,
     SurvivedError,
 )
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, MODELS, ErrorModel
 from ccm_opt.verification.tolerance.survived_errors import survived_error

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ccm_opt import retiming
 from ccm_opt.core.arguments import expect, expect_that, is_number
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
@@ -18,13 +18,13 @@ from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
+from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
-from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 
 LATER = (0.15, 0.4, 1.0)
 """Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""

@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
+from ccm_opt.problem.solution.records import ShortCause
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
-from ccm_opt.solution.records import ShortCause
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

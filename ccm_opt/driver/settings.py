@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, field, fields
 
-from ccm_opt.baseline.settings import BaselineSettings
 from ccm_opt.core.arguments import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.driver.room_over_time import RoomSettings
+from ccm_opt.dynamics.retiming.timing_settings import TimingSettings
+from ccm_opt.planning.baseline.settings import BaselineSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.settings import CurvePlannerSettings, SpaceMotionSettings
 from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
-from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
 

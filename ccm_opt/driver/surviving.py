@@ -10,8 +10,8 @@ from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Disturbances, Problem
-from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
-from ccm_opt.solution.records import FOLLOWED
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
+from ccm_opt.problem.solution.records import FOLLOWED
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 

@@ -5,18 +5,18 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ccm_opt import retiming
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, RetimingError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Leg, Retimer, whole_path
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, results_of_terms, verified, worst_of_legs
+from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError
 from ccm_opt.planning.feed.leader import feed_limits
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.verifier import verify
 
 if TYPE_CHECKING:

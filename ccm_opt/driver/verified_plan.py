@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ccm_opt.core.errors import VerificationError
 from ccm_opt.core.length_words import file_length
-from ccm_opt.errors import VerificationError
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import verify
 

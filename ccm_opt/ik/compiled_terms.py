@@ -10,7 +10,7 @@ import numpy as np
 
 from ccm_opt.core.arguments import expect
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.functions import CompiledConstraint, CompiledCost, TimedConstraint, as_cost
 from ccm_opt.ik.quantities import ArmQuantities, Quantities, SpaceQuantities
 from ccm_opt.ik.row_set import RowSet

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.corridor import Corridor
 
 END_TOLERANCE = 1e-6

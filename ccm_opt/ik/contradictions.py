@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import CcmError
+from ccm_opt.core.errors import CcmError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint
 from ccm_opt.ik.terms import TERM_TOLERANCE

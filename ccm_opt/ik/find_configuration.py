@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import struve
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ConfigurationNotFound
 from ccm_opt.core.polyline import (
     WHOLE_TURN,
     arc_lengths,
@@ -26,7 +27,6 @@ from ccm_opt.core.polyline import (
     without_repeats,
     wrap,
 )
-from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose, shortfalls
 from ccm_opt.ik.multiple_shooting import (

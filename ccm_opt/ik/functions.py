@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.quantities import ArmQuantities
 from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, applies_at
 

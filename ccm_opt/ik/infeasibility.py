@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import curvature, long_length, short_length
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import wrap
-from ccm_opt.errors import Diagnosis
 from ccm_opt.ik.configuration_task import END_TOLERANCE, ConfigurationTask
 from ccm_opt.ik.multiple_shooting import ConfigurationAnswer, ConfigurationNLP, unpack_variables
 from ccm_opt.robot.configuration import Configuration

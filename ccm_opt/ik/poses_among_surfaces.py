@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.pose_settings import SPACE_POSES, PoseSettings

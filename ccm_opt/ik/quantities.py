@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polygons import counter_clockwise, half_planes, is_convex
-from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 
 

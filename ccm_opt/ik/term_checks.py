@@ -7,12 +7,12 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint, MotionStates, TimedConstraint
 from ccm_opt.ik.terms import TERM_TOLERANCE, Where, applies_at
+from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, JointPath, JointTrajectory
 
 _RATE = 1000.0
 """Samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to users."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from ccm_opt.core.arguments import expect, expect_that, is_number
 from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.core.threads import ANSWER, in_background
-from ccm_opt.errors import CcmError, ProblemError
 
 if TYPE_CHECKING:
     from ccm_opt.ik.quantities import ArmQuantities

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.schema import (
     ArmTable,
     DisturbancesTable,

@@ -20,9 +20,9 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.io.arm_description import FEED
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.points import MovingPoint, point_of
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.interpolated_message import Message, check_message_deviation, check_message_limits
 from ccm_opt.verification.newton_euler import drive_efforts

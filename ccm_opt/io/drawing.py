@@ -20,9 +20,9 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES
 from ccm_opt.core.polygons import mitred
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath

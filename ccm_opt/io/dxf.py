@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.dxf_pieces import PIECES, Entity, Piece, corner_points, hatch_rings, joined_pieces
 from ccm_opt.io.issues import told_by
 from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Line, Region, Shape

@@ -16,14 +16,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.problem_data import KEPT_MESHES, kept_meshes
 from ccm_opt.io.records import arrays_npz, solution_arrays, solution_json
 from ccm_opt.io.robot_models import URDF_MESHES, mjcf_text, scene_meshes, urdf_text
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 _PATIENCE = 60.0
 """How long others who write to the same place are waited for [s]. Taste: a folder takes milliseconds, on a slow disk a

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.errors import GEOSException, ShapelyError
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT, DrawingContent, Line, Region, Shape
 from ccm_opt.problem import LeftOut
 

@@ -17,15 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.arm_description import visual_radius
 from ccm_opt.io.issues import told_by
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
-from ccm_opt.solution import JointTrajectory
 
 _FILM_RATE = 30.0
 """Keyframes of films a second [1/s]; between them players interpolate."""

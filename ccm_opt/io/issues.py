@@ -18,7 +18,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from ccm_opt.errors import MOST_LISTED, FileIssue
+from ccm_opt.core.errors import MOST_LISTED, FileIssue
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 

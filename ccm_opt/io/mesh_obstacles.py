@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.build import build_placement
 from ccm_opt.io.drawing import content_of, place_beside
 from ccm_opt.io.glb import read_glb

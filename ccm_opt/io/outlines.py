@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from shapely import STRtree
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polygons import mitred
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT, Disc, FillRule, Line, Region, Shape, flatten_arc
 
 _SAME = 1e-6

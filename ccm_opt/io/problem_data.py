@@ -12,8 +12,8 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
-from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.robot_models import triangles_stl

@@ -14,8 +14,8 @@ import shapely
 
 from ccm_opt.core.arguments import Arguments, expect, expect_that, finite_array
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
-from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.io.build import build_arm
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.issues import Issues

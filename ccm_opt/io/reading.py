@@ -12,7 +12,7 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Array
 
 from ccm_opt.core.arguments import expect, expect_that
-from ccm_opt.errors import FileIssue, ProblemError, ProblemFileError
+from ccm_opt.core.errors import FileIssue, ProblemError, ProblemFileError
 from ccm_opt.io.issues import Issues, KeyPath, dotted, locate_keys
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import Problem

@@ -10,15 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.io.folder import ARRAYS, RECORD
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.record_file import read_record
 from ccm_opt.io.records import SCHEMA
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import bends_from_revolutes, joint_names
-from ccm_opt.solution import JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""

@@ -11,13 +11,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import read_plain
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.folder import ARRAYS, RECORD
+from ccm_opt.problem.solution import Check, NearPlace, SurvivedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import CurvatureSegment
-from ccm_opt.solution import Check, NearPlace, SurvivedError
 
 MOST_BYTES = 2**26
 """Larger records are not read. Derived: ten times what a drawing of as many vertices as are allowed takes as JSON."""

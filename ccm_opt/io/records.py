@@ -13,15 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.files import strict_text
-from ccm_opt.errors import Diagnosis
 from ccm_opt.io.problem_data import mesh_data, recorded_data
 from ccm_opt.problem import Problem
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
-from ccm_opt.robot.configuration import Configuration, Curve
-from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.robot.segment import segment_words
-from ccm_opt.solution import (
+from ccm_opt.problem.solution import (
     Check,
     EndRecord,
     GoalErrors,
@@ -33,6 +29,10 @@ from ccm_opt.solution import (
     StaticPose,
     SurvivedError,
 )
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
+from ccm_opt.robot.configuration import Configuration, Curve
+from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.segment import segment_words
 
 __all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
 

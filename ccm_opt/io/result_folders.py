@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.files import strict_text
-from ccm_opt.errors import Diagnosis
 from ccm_opt.io.folder import (
     ARRAYS,
     PARETO_RECORD,
@@ -23,9 +23,9 @@ from ccm_opt.io.folder import (
 from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
 from ccm_opt.io.records import SCHEMA, arrays_npz, curve_arrays, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, ReachMap, StaticPose
 from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.solution import ParetoPlan, ParetoPlans, ReachMap, StaticPose
 
 
 def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:

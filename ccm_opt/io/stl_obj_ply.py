@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted, triangles_of
 
 _START = 84

@@ -17,7 +17,7 @@ import numpy as np
 from svgelements import Ellipse, Path, Polyline, Rect
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import (
     IMPORT,
     Disc,

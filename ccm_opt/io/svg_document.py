@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 
 _LONGEST_ATTRIBUTE = 20_000

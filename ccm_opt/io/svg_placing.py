@@ -7,7 +7,7 @@ its own list of what is still to be drawn, so that no nesting is too deep for it
 import re
 from dataclasses import dataclass, field, replace
 
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 from ccm_opt.io.svg_document import (
     FOREIGN,

@@ -7,8 +7,8 @@ from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
-from ccm_opt.errors import ProblemError
 from ccm_opt.io.build import (
     Tables,
     build_arm,

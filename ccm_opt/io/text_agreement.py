@@ -31,8 +31,8 @@ from ccm_opt.io.records import goal_data, room_data
 from ccm_opt.io.robot_models import URDF_MESHES, mesh_file
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, RoomRecord, goal_errors
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord, goal_errors
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 HEAD = 84

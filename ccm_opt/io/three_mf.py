@@ -19,7 +19,7 @@ from xml.parsers import expat  # bounds how entities multiply, and loads no exte
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted
 
 _MICROSOFT = "http://schemas.microsoft.com/3dmanufacturing"

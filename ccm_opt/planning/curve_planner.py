@@ -16,8 +16,8 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.core.progress import Stages
-from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
@@ -38,9 +38,9 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.contact_finder import CertificateSettings
-from ccm_opt.solution import JointPath
 
 _PLANNING_SHARE = 0.9
 """Share of the time limit that the search may use. Taste: timing and checks need the rest."""

@@ -7,8 +7,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ConfigurationNotFound, ProblemError, UnreachableGoal
 from ccm_opt.core.polyline import path_length, unit_vector
-from ccm_opt.errors import ConfigurationNotFound, ProblemError, UnreachableGoal
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.ends import Ends

@@ -44,8 +44,8 @@ from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper, Stepper
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import SpaceGoalPoseRecord
 from ccm_opt.robot.biarc import straight_at_exit
-from ccm_opt.solution import SpaceGoalPoseRecord
 
 _LEAST_KEYFRAMES = 4
 """A motion of fewer keyframes has no second differences to speak of. Derived."""

@@ -6,9 +6,9 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray
+from ccm_opt.core.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.core.length_words import place, short_length
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.planning.space_task import SpaceTask

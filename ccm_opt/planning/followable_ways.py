@@ -25,8 +25,8 @@ from scipy.sparse.linalg import spsolve
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, element_type
-from ccm_opt.errors import ProblemError
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.settings import FollowableWaySettings

@@ -23,9 +23,9 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_pose import GoalPoseSearch, for_arm
 from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.solution import GoalPoseRecord
 
 _ROOM_ENOUGH = 0.9
 """Share of the wanted gap from which on a pose of the motion's own class is taken without asking for others (taste)."""

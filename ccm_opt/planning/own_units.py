@@ -14,8 +14,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, Finding, NoPlanFound
 from ccm_opt.core.length_words import words_for_unit
-from ccm_opt.errors import Diagnosis, Finding, NoPlanFound
 from ccm_opt.problem import (
     Goal,
     JointPose,
@@ -28,10 +28,10 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
+from ccm_opt.problem.solution import GoalPoseRecord, JointPath, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import GoalPoseRecord, JointPath, JointTrajectory
 
 GRID = 2.0**36
 """Lengths are rounded to this part of a unit: 15 picometres on an arm of a metre, far below any tolerance. Derived: as

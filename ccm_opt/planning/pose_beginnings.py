@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion

@@ -7,9 +7,9 @@ from itertools import islice
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import attempt, attempts

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.errors import UnreachableGoal
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.planning.continuation import Guide
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over

@@ -12,9 +12,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import tell_candidate
-from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
 
 AttemptT = TypeVar("AttemptT", bound="Attempt")

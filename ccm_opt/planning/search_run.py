@@ -14,8 +14,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.polyline import leg_headings, without_repeats
-from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, follow, settle, without_pauses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation

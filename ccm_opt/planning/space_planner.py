@@ -14,9 +14,9 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import Stages
-from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import refuse_ends
@@ -30,9 +30,9 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.tracking import tracked
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import JointPath, SpaceGoalPoseRecord
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
 
 STRAIGHT = 1e-9
 """Bends up to which joints count as straight [rad]."""

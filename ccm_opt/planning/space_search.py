@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import MotionNotFound
+from ccm_opt.core.errors import MotionNotFound
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along

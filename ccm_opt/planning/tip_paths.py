@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import (
     heading_of,
@@ -21,7 +22,6 @@ from ccm_opt.core.polyline import (
     without_repeats,
     wrap,
 )
-from ccm_opt.errors import UnreachableGoal
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import gate_rails
 from ccm_opt.scene.workspace import Obstacle, PlaneShape

@@ -11,8 +11,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import unit_vector, wrap
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.ends import clamped_arm, resolve_ends
 from ccm_opt.planning.goal import GoalPose

@@ -16,9 +16,9 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.core.arrays import SHORTEST, FloatArray
+from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import path_length, unit_vector
-from ccm_opt.errors import UnreachableGoal
 from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over

@@ -14,8 +14,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.core.polyline import arc_lengths
-from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.continuation import Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.user_limit import UserLimit

@@ -8,8 +8,8 @@ import numpy as np
 
 from ccm_opt.core.arguments import expect, is_number
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit, long_length, words_in
-from ccm_opt.errors import ProblemError
 from ccm_opt.problem.field_types import ImportedDrawing, wrong_types
 from ccm_opt.problem.options import (
     CONTACT_SHARE_OF_LENGTH,

@@ -9,10 +9,10 @@ import numpy as np
 
 from ccm_opt.core.arguments import Arguments, is_number
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.errors import ProblemError
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
 from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, DEFAULT_LINK_MASS, LinkMarginSettings, cylinder_inertia
 

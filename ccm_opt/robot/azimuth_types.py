@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polyline import wrap
-from ccm_opt.errors import ProblemError
 from ccm_opt.robot.biarc import Biarc
 from ccm_opt.robot.bishop_curve import Moments, SpaceConfiguration, SpaceSegment
 from ccm_opt.robot.rigid_motions import across, polar, transported, turned_towards

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS, across, polar, turned_towards

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment, Knots
 

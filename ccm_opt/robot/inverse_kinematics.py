@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.rigid_motions import bend_rotations

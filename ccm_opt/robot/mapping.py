@@ -3,8 +3,8 @@
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polyline import vector_headings, wrap
-from ccm_opt.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.inverse_kinematics import bends_from_directions

@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 from scipy.special import j0
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polyline import heading_of, wrap
-from ccm_opt.errors import ProblemError
 
 
 def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:

@@ -4,8 +4,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, UnreachableGoal
 from ccm_opt.core.length_words import place, short_length
-from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, ContactFinder

@@ -16,9 +16,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, UnreachableGoal
 from ccm_opt.core.polygons import cross
 from ccm_opt.core.polyline import arc_lengths, leg_lengths, points_at
-from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.scene.triangulation import WALL, Triangulation
 

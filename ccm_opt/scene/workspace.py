@@ -11,8 +11,8 @@ import shapely
 
 from ccm_opt.core.arguments import Arguments, in_words
 from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
-from ccm_opt.errors import ProblemError
 from ccm_opt.scene.bodies import BOX_FACES, Body, box_corners
 from ccm_opt.scene.surfaces import SurfaceSoup, box_about
 from ccm_opt.scene.walls import Walls, WallSegments

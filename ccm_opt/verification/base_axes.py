@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.drives import Efforts, bends_a_ball
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 

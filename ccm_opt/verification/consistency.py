@@ -13,9 +13,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.drives import Efforts, as_revolutes, joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 

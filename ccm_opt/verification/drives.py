@@ -10,9 +10,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointStates
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.solution import Check, JointStates
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
 """Torques of all revolutes, shape (T, 3 * links) [N m], and the force that carries the base, shape (T,) [N]."""

@@ -18,9 +18,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.drives import bends_a_ball, joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.limits import UNIT, check_points

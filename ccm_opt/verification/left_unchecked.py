@@ -1,8 +1,8 @@
 """What no check looks at: links that are near along the arm, and the mount."""
 
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import crossing_near_links, first_distant
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

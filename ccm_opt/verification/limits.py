@@ -13,8 +13,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Limits, PointLimit, Problem
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried, lengths_of
 from ccm_opt.verification.drives import as_revolutes, bends_a_ball, joint_of_bend
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts

@@ -22,7 +22,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
 from ccm_opt.verification.drives import joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.limits import HoldingEfforts, allowed_share

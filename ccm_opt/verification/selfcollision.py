@@ -3,8 +3,8 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
 from ccm_opt.verification.consistency import UNIT, distance_rounding
 from ccm_opt.verification.stretch_proof import (

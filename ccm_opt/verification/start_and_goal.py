@@ -7,9 +7,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
 from ccm_opt.verification.drives import joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings

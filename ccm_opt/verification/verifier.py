@@ -6,7 +6,7 @@ stands here on purpose: a mistake in the planners' code must not hide itself.
 
 from ccm_opt.core.arguments import expect
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_consistency, check_form
@@ -46,8 +46,10 @@ def verify(
         ProblemError: an argument is of another type.
     """
     Problem.expected(problem)
-    expect(trajectory, JointTrajectory, "a ccm_opt.solution.JointTrajectory", "solutions and loaded plans have one")
-    expect(joints, JointStates, "ccm_opt.solution.JointStates", "solutions and loaded plans have them")
+    expect(
+        trajectory, JointTrajectory, "a ccm_opt.problem.solution.JointTrajectory", "solutions and loaded plans have one"
+    )
+    expect(joints, JointStates, "ccm_opt.problem.solution.JointStates", "solutions and loaded plans have them")
     expect(settings, VerificationSettings, "VerificationSettings for settings=")
     settings = settings.for_problem(problem)
     form = check_form(problem, trajectory, joints, settings)

@@ -8,9 +8,9 @@ import shapely
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
+from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import ROOM_NAME, Workspace
-from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.body_sides import depth_enclosed, separations
 from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, lengths_of
 from ccm_opt.verification.consistency import distance_rounding

@@ -12,9 +12,9 @@ from matplotlib.path import Path
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointTrajectory, NearPlace, Solution
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, Workspace
-from ccm_opt.solution import JointTrajectory, NearPlace, Solution
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.room_section import place_of_least_gap
 from ccm_opt.viz.settings import PICTURES, PictureSettings

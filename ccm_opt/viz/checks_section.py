@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ccm_opt.solution import Check, SimulationVerdict, Solution
+from ccm_opt.problem.solution import Check, SimulationVerdict, Solution
 from ccm_opt.viz.document import Child, Markup, PageUnits, element, joined, table
 
 _WORDS = {

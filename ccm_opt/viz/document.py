@@ -15,7 +15,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import LengthUnit, Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import Diagnosis, Finding, sentences
+from ccm_opt.core.errors import Diagnosis, Finding, sentences
 from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.viz.document import (
     COMMON,

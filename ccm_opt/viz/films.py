@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path, draw_workspace
 from ccm_opt.viz.plan import action_window, draw_goals

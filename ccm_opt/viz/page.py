@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
     COMMON,

@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.scene.bodies import MeshBody
-from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.viz.document import MINUS, NONE, Child, Markup, PageUnits, element, joined, table, three_digits
 
 _ZOOMS = (("zoom-in", "+", "zoom in (+)"), ("zoom-out", MINUS, "zoom out (-)"))

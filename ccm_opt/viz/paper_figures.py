@@ -17,13 +17,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SLANTED, DrawnPlan, draw_body, draw_obstacle, draw_tip_path, draw_workspace
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis

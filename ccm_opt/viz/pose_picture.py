@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem import TipGoal
-from ccm_opt.solution import BindingSide, ReachMap, StaticPose
+from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, SLANTED, Side, draw_body, draw_workspace, polygon_patch
 from ccm_opt.viz.arm_section import draw_section

@@ -9,7 +9,15 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointTrajectory, NearPlace, PossibleGap, RoomRecord, ShortStretch, Solution, SurvivedError
+from ccm_opt.problem.solution import (
+    JointTrajectory,
+    NearPlace,
+    PossibleGap,
+    RoomRecord,
+    ShortStretch,
+    Solution,
+    SurvivedError,
+)
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 

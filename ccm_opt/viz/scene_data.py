@@ -8,8 +8,8 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import CcmError
 from ccm_opt.core.polyline import path_length
-from ccm_opt.errors import CcmError
 from ccm_opt.problem import Goal, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body

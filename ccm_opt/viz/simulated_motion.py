@@ -12,8 +12,8 @@ from matplotlib.gridspec import GridSpec
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.robot.frames import joint_positions_3d
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.levers import moved_by_joint_errors
 from ccm_opt.verification.tolerance.survived_errors import tube_of

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.frames import bends_from_revolutes
-from ccm_opt.solution import Solution
 from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
 
 _MOST_NUMBERS = 70_000

@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.compare.running import compare
-from ccm_opt.compare.runs import Run, Task, execute, open_journal
-from ccm_opt.compare.suites import Case, cases_of_suite
+from ccm_opt.cli.compare.running import compare
+from ccm_opt.cli.compare.runs import Run, Task, execute, open_journal
+from ccm_opt.cli.compare.suites import Case, cases_of_suite
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, completed
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import dask_cluster, wait_for_workers

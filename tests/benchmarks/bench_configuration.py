@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.core.errors import ConfigurationNotFound
 from ccm_opt.core.polyline import path_length
-from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.scene.corridor import Route

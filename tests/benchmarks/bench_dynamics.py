@@ -33,10 +33,10 @@ from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.problem import SimulationOptions
+from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_positions_3d, revolute_angles
 from ccm_opt.robot.inverse_kinematics import ball_angles
-from ccm_opt.solution import Solution
 from hatch_build import build
 from tests.benchmarks.arm_view import ArmView
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck

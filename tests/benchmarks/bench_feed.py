@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.core.errors import CcmError
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.errors import CcmError
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 from tests.benchmarks.bench_planning import head, row
 from tests.benchmarks.feed_families import FAMILIES, LINKS
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.sampled_check import SampledCheck

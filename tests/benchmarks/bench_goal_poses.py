@@ -27,7 +27,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends

@@ -10,7 +10,7 @@ from collections import Counter
 import numpy as np
 
 import ccm_opt
-from ccm_opt.compare.suites import clutter
+from ccm_opt.cli.compare.suites import clutter
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem import Problem, TipGoal
 

@@ -17,13 +17,13 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt import retiming
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import NoPlanFound, RetimingError
+from ccm_opt.core.errors import NoPlanFound, RetimingError
+from ccm_opt.dynamics import retiming
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import JointPath, JointStates
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.solution import JointPath, JointStates
 from ccm_opt.verification.verifier import verify
 from tests.arms import joint_torques
 from tests.benchmarks.ompl_planners import PLANNERS, run_peer

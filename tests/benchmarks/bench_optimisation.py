@@ -16,8 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.dynamics.retiming import retime
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.curve_planner import CurvePlanner, joint_path
 from ccm_opt.planning.ends import resolve_ends
@@ -26,7 +27,6 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import OptimiserName, Problem
-from ccm_opt.retiming import retime
 from ccm_opt.robot.frames import revolute_angles
 from tests.scenes import clutter, later
 

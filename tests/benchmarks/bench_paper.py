@@ -16,10 +16,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ccm_opt.baseline.distance import TipPose
-from ccm_opt.baseline.hill_climb import SchemaStopped, run
-from ccm_opt.baseline.schemas import ranked_selections, scm_0, scm_2
-from ccm_opt.baseline.world import World
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climb import SchemaStopped, run
+from ccm_opt.planning.baseline.schemas import ranked_selections, scm_0, scm_2
+from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.mapping import MappingName, map_curve, shape_error
 from tests.arms import plain_arm

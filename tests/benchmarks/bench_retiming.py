@@ -23,15 +23,15 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import RetimingError
+from ccm_opt.dynamics.retiming import retime, timing
+from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
+from ccm_opt.dynamics.retiming.timing import Profile, sample_motion
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.errors import RetimingError
 from ccm_opt.problem import Limits
-from ccm_opt.retiming import retime, timing
-from ccm_opt.retiming.motion_samples import MotionSamples
-from ccm_opt.retiming.timing import Profile, sample_motion
+from ccm_opt.problem.solution import JointPath, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.solution import JointPath, JointTrajectory
 from tests.arms import joint_torques
 from tests.dynamics_arms import swan_neck
 

@@ -21,12 +21,12 @@ import numpy as np
 
 from ccm_opt import load_problem
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import GoalPoseSearch
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.verification.verifier import verify
 from tests.benchmarks.dense_sweep import CHUNK
 from tests.benchmarks.shared_problems import FOLDER, NAMES

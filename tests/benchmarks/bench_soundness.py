@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 import ccm_opt
-from ccm_opt.errors import NoPlanFound, VerificationError
+from ccm_opt.core.errors import NoPlanFound, VerificationError
 from ccm_opt.problem import Problem
 from tests.benchmarks import feed_families, scene_families, withdrawal_scenes
 from tests.benchmarks.bench_planning import head, row

@@ -13,20 +13,20 @@ import traceback
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 
-from ccm_opt.compare.suites import SPACE_SUITES, shared_folder, space_maker
+from ccm_opt.cli.compare.suites import SPACE_SUITES, shared_folder, space_maker
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_planner import SpacePlanner, joint_path
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import JointPath
 from tests.benchmarks.bench_planning import head, row
 from tests.benchmarks.space_sweep import sweep_in_space
 

@@ -20,9 +20,9 @@ import shapely
 
 import ccm_opt
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.errors import CcmError
+from ccm_opt.core.errors import CcmError
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution, SurvivedError
+from ccm_opt.problem.solution import Solution, SurvivedError
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from tests.benchmarks.scene_families import FAMILIES, problems

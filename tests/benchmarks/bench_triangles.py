@@ -15,14 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 import ccm_opt
-from ccm_opt.compare.space_clutter import JOBS, disturbed_job
-from ccm_opt.compare.suites import shared_folder
+from ccm_opt.cli.compare.space_clutter import JOBS, disturbed_job
+from ccm_opt.cli.compare.suites import shared_folder
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import failed_checks
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import MeshBody

@@ -7,10 +7,10 @@ import numpy as np
 import shapely
 
 from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.verifier import verify
 from tests.arms import joint_torques, plain_arm
 

@@ -9,7 +9,7 @@ planning in this process. Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 # ruff: noqa: T201 - a benchmark prints its figures
 import argparse
 
-from ccm_opt.compare.suites import clutter
+from ccm_opt.cli.compare.suites import clutter
 from ccm_opt.problem import JointPose
 from tests.benchmarks.bench_planning import head, row, warm_up
 from tests.planned_runs import Run, quantile, run

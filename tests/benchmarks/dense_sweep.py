@@ -7,7 +7,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.solution import JointTrajectory
+from ccm_opt.problem.solution import JointTrajectory
 from tests.scenes import sweep_gaps
 
 LEAST_SUBSTEPS = 4

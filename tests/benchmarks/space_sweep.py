@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, SphereBody
-from ccm_opt.solution import JointTrajectory
 from tests.benchmarks.dense_sweep import HAIR, LEAST_SUBSTEPS, ROUNDING, STRAIGHT, Sweep
 
 TRAVEL = 1e-3

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import path_length
-from ccm_opt.errors import NoPlanFound
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search_run import SearchRun, pose_headings, tip_led

@@ -13,12 +13,12 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from ccm_opt.compare.suites import random_headings
+from ccm_opt.cli.compare.suites import random_headings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointTrajectory
 from tests.benchmarks.scene_families import DRAWS, SPARE, NoSceneError, clear, smooth
 from tests.benchmarks.wound_scenes import out_of_bottle, wound_up
 from tests.scenes import Scene, clutter, make_arm

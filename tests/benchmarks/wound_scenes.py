@@ -8,7 +8,7 @@ first, and its tip is wanted outside; back in is certainly possible once a way o
 import numpy as np
 import shapely
 
-from ccm_opt.compare.suites import random_headings
+from ccm_opt.cli.compare.suites import random_headings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm

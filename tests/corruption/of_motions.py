@@ -14,10 +14,10 @@ from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
-from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
 from ccm_opt.verification.verifier import verify
 
 from .plans import Folder, Generator, kind

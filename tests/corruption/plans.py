@@ -12,7 +12,7 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.solution import Solution
+from ccm_opt.problem.solution import Solution
 
 from .plans_in_space import PLANS_IN_SPACE, write_problem
 

@@ -30,7 +30,7 @@ LOADED = (
     "ccm_opt.diagnosis.explain",
     "ccm_opt.viz.plan",
     "ccm_opt.planning.curve_planner",
-    "ccm_opt.baseline.schemas",
+    "ccm_opt.planning.baseline.schemas",
     "casadi",
     "matplotlib.figure",
     "matplotlib.backends.backend_agg",

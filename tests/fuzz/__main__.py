@@ -20,7 +20,7 @@ from pathlib import Path
 
 import atheris
 
-from ccm_opt.errors import CcmError
+from ccm_opt.core.errors import CcmError
 from tests.fuzz.seeds import WORDS, seeds
 from tests.soak.mutations import mutated
 from tests.space_files import three_mf

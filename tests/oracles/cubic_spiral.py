@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.baseline.curve_track import chord_ratio
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
+from ccm_opt.planning.baseline.curve_track import chord_ratio
 from ccm_opt.robot.configuration import integrate_positions
 
 

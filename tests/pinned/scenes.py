@@ -13,9 +13,9 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import CcmError
 from ccm_opt.driver.record_agreement import keyframe_curves
 from ccm_opt.driver.room_over_time import room_over_time
-from ccm_opt.errors import CcmError
 from ccm_opt.problem import (
     JointPose,
     Limits,
@@ -27,6 +27,7 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
@@ -34,7 +35,6 @@ from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs, WallQuestion
 from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, ContactFinder, PairQuestion, PairSearch
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
-from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.interpolated_message import interpolation_deviation

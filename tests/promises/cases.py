@@ -9,10 +9,10 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.verifier import verify
 from tests.arms import plain_arm

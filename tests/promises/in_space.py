@@ -8,11 +8,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits, PointLimit
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification.chain_motion import LinkFrames
 from tests.space_arms import space_arm
 from tests.space_plans import SpacePlan, places_of, with_body

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ccm_opt import load_problem
-from ccm_opt.errors import CcmError
+from ccm_opt.core.errors import CcmError
 from ccm_opt.io.drawing import ImportOptions, import_scene
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
 from tests.conftest import PROBLEMS

@@ -28,10 +28,10 @@ from ccm_opt.cli.view.frames import MotionFrames, turned_to
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
-from ccm_opt.errors import CcmError, ProblemError
 from ccm_opt.problem import TipGoal
-from ccm_opt.solution import Check
+from ccm_opt.problem.solution import Check
 from ccm_opt.viz.document import PageUnits
 
 

@@ -10,8 +10,8 @@ import shapely
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.solution import JointStates, JointTrajectory
 
 _TUBE_FRAMES = 200
 """Poses whose union is the region that the arm sweeps."""

@@ -6,12 +6,12 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, native_constant
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model
-from ccm_opt.errors import ProblemError
+from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.solution import JointStates, JointTrajectory
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
 """From accelerations to torques, or from torques to accelerations."""

@@ -13,14 +13,14 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, RetimingError
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import DriveLimits, Limits
+from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import planned_share
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.points import MovingPoint, point_of
-from ccm_opt.solution import JointTrajectory
 
 _USUAL_STEP = 0.1
 """Share of the plan's steps that are shorter than those of braking. Taste: the shortest of all, where two corners

@@ -25,9 +25,9 @@ from ccm_opt.dynamics.simulation.simulation_record import (
 )
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
 _STRAYED = 0.1
 """Error of a joint above which the arm does not follow its plan [rad]. Taste."""

@@ -6,14 +6,14 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.dynamics.simulation.controller import disturbed_arm, hermite
 from ccm_opt.dynamics.simulation.stability import check_stability
-from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.problem import SimulationOptions
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
 
 _LARGEST_BEND = 1.3
 """Bend up to which an arm of Z-Y-X balls is simulated out of its plane [rad]. Derived: at 90° the ball is singular, and

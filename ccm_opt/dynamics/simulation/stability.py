@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import eigvalsh
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, SimulationError
 from ccm_opt.dynamics.runtime.inverse_dynamics import MassMatrix
 from ccm_opt.dynamics.simulation.controller import feed_gains, gains
-from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.arm import Arm
 

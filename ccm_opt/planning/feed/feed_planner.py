@@ -9,9 +9,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.progress import Stages
-from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.feed.fed_task import fed_task
@@ -35,9 +35,9 @@ from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bad_pose import room_advice
-from ccm_opt.solution import JointPath
 
 _PLANNING_SHARE = 0.9
 """Share of the time limit that planning may use; timing and verification need the rest. Taste."""

@@ -22,8 +22,8 @@ from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline
 from ccm_opt.problem import Limits, Weights
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import JointPath
 
 if TYPE_CHECKING:
     from ccm_opt.planning.search import Failure

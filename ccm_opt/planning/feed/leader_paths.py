@@ -20,11 +20,11 @@ from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import SHORTEST, TINY, BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import ConfigurationNotFound
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polygons import nearest_on_segments
 from ccm_opt.core.polyline import arc_lengths, heading_of, path_length, points_at, unit_vector
 from ccm_opt.core.small_qp import solve_small_qp
-from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.feed.leader import LeaderPath, path_through

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.core.errors import Diagnosis, UnreachableGoal
 from ccm_opt.planning.ends import refuse_blocked_tip
 from ccm_opt.planning.feed.leader import LeaderPath, feed_step, path_of_pose, travel_between_samples
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings

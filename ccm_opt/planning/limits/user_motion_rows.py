@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
+from ccm_opt.core.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.ik.terms import Interval
 from ccm_opt.planning.limits.limit import Quadratic
 

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from ccm_opt.core.arguments import LARGEST
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, element_type
-from ccm_opt.errors import ProblemError
 from ccm_opt.scene.surfaces import SurfaceSoup
 
 

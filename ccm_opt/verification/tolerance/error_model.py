@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.problem.solution import Check, SurvivedError
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, SurvivedError
 
 ErrorName = Literal["joints", "base heading", "link lengths", "base position", "walls"]
 

@@ -14,9 +14,9 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointTrajectory, SurvivedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.body_sides import nearest_lines
 from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches, carried, chain_points, lengths_of
 from ccm_opt.verification.selfcollision import LinkProof, first_distant, segment_distances, travels_in_frame

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
-from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 from .link_motion import ChainMotion, Nodes

@@ -8,9 +8,9 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
+from ccm_opt.problem.solution import Check, NearPlace
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 from .link_motion import ChainMotion, Nodes, unit_rows

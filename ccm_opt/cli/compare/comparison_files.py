@@ -1,0 +1,204 @@
+"""Files of comparisons: problems in, results out."""
+
+import csv
+import io
+import json
+import math
+import tomllib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+import tomlkit
+
+from ccm_opt.cli.compare.methods import method_named
+from ccm_opt.cli.compare.running import Comparison, Pair
+from ccm_opt.cli.compare.runs import QUANTITIES, Run
+from ccm_opt.cli.compare.statistics import LEVEL, ConfidenceInterval, FigurePair
+from ccm_opt.cli.compare.suites import Case
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.core.files import put_file
+from ccm_opt.io.problem_data import problem_data, recorded_data
+from ccm_opt.problem import Problem
+from ccm_opt.scene.bodies import Body, MeshBody
+
+JOURNAL = "journal.jsonl"
+TABLE = "runs.csv"
+RECORD = "comparison.json"
+PAGE = "comparison.html"
+
+
+def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
+    """Write the files of a comparison into a folder, each whole or not at all.
+
+    Args:
+        comparison: what came of it.
+        folder: exists already, with the journal in it.
+        page: content of the page; none is written where it is empty.
+
+    Raises:
+        ProblemError: when a file cannot be written.
+    """
+    files = {TABLE: runs_csv(comparison), RECORD: comparison_json(comparison)} | ({PAGE: page} if page else {})
+    for name, content in files.items():
+        try:
+            put_file(folder / name, content.encode())
+        except OSError as error:
+            raise ProblemError(f"cannot write {folder / name}: {error.strerror or error}") from error
+
+
+def runs_csv(comparison: Comparison) -> str:
+    """One row a run: problem, method, outcome, figures with their units, time, tactic, reason; empty where none."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    keys = [quantity.key for quantity in QUANTITIES]
+    writer.writerow(["problem", "method", "outcome", *keys, "wall_s", "tactic", "reason"])
+    for row in comparison.runs:
+        for run in row:
+            figures = [run.figures.get(key, "") for key in keys]
+            writer.writerow([run.problem, run.method, run.outcome, *figures, run.wall, run.tactic, run.reason])
+    return text.getvalue()
+
+
+def comparison_json(comparison: Comparison) -> str:
+    """The statistics: every method by itself, every two of them by pairs, and every failure with its reason."""
+    data = {
+        "schema": 1,
+        "level": LEVEL,
+        "problems": list(comparison.problems),
+        "methods": [_method(comparison, name) for name in comparison.methods],
+        "pairs": [_pair(pair) for pair in comparison.pairs],
+        "failures": [_failure(run) for run in comparison.failures],
+    }
+    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def medians(runs: Sequence[Run]) -> dict[str, float]:
+    """Median of every figure over the solved runs that have it, by key; NaN when none has."""
+    found = {
+        item.key: [run.figures[item.key] for run in runs if run.solved and item.key in run.figures]
+        for item in QUANTITIES
+    }
+    return {key: float(np.median(values)) if values else math.nan for key, values in found.items()}
+
+
+def _method(comparison: Comparison, name: str) -> dict[str, object]:
+    count, interval = comparison.solved(name)
+    runs = comparison.runs_of(name)
+    return {
+        "name": name,
+        "summary": method_named(name).summary,
+        "solved": count,
+        "problems": len(runs),
+        "share_interval": _bounds(interval),
+        "outcomes": dict(Counter(run.outcome for run in runs)),
+        "medians": {key: _number(value) for key, value in medians(runs).items()},
+        "cpu_of_all_s": sum(run.figures.get("cpu_s", 0.0) for run in runs),
+    }
+
+
+def _pair(pair: Pair) -> dict[str, object]:
+    success = asdict(pair.success) | {"interval": _bounds(pair.success.interval)}
+    return {
+        "first": pair.first,
+        "second": pair.second,
+        "success": success,
+        "figures": {item.quantity.key: _figure(item) for item in pair.figures},
+    }
+
+
+def _figure(item: FigurePair) -> dict[str, object]:
+    return {
+        "pairs": item.pairs,
+        "first_median": _number(item.first),
+        "second_median": _number(item.second),
+        f"median_{item.quantity.scale}": _number(item.effect),
+        "interval": _bounds(item.interval),
+        "first_better": _number(item.better),
+        "wilcoxon_p": _number(item.p_value),
+    }
+
+
+def _failure(run: Run) -> dict[str, object]:
+    return {"problem": run.problem, "method": run.method, "outcome": run.outcome, "reason": run.reason}
+
+
+def _bounds(interval: ConfidenceInterval) -> list[float | None]:
+    return [_number(interval.low), _number(interval.high)]
+
+
+def _number(value: float) -> float | None:
+    # JSON knows neither NaN nor infinity.
+    return value if math.isfinite(value) else None
+
+
+FOLDER = "problems"
+"""In the folder of a comparison."""
+MESH_FOLDER = "meshes"
+"""In the folder of the problems."""
+_DIGITS = 12
+"""Of a mesh's hash in its name."""
+
+
+def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
+    """Write every problem as ``<name>.toml``; angles pass through degrees, so that last bits may differ.
+
+    Args:
+        cases: the problems.
+        folder: is made where it is not there; files in it that say the same are left as they are.
+
+    Returns:
+        The files.
+
+    Raises:
+        ProblemError: a file cannot be written, or is there already and says something else.
+    """
+    files = []
+    for case in cases:
+        file = folder / f"{case.name}.toml"
+        problem = case.problem()
+        if problem.dimension == 3:
+            for mesh, content in mesh_files(problem).items():
+                _write(folder / mesh, content)
+        _write(file, problem_text(problem).encode())
+        files.append(file)
+    return tuple(files)
+
+
+def problem_text(problem: Problem) -> str:
+    """A problem file: the one that a problem was read from, if that says all of it, or a new one."""
+    if problem.dimension == 3:
+        return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
+    data = recorded_data(problem)
+    # Other files that a problem names would have to be written too; then its own text does not say all.
+    if problem.source and tomllib.loads(problem.source) == data:
+        return problem.source
+    return tomlkit.dumps(data)
+
+
+def mesh_files(problem: Problem) -> dict[str, bytes]:
+    """The meshes that a problem needs, by their paths beside its file; the same mesh has the same path everywhere."""
+    bodies = [each.body for each in problem.workspace.obstacles]
+    return {_mesh_name(body): body.content for body in bodies if isinstance(body, MeshBody)}
+
+
+def _mesh_name(body: Body) -> str:
+    """Path of a mesh; empty for other bodies."""
+    if not isinstance(body, MeshBody):
+        return ""
+    file = PurePosixPath(body.file)
+    return f"{MESH_FOLDER}/{file.stem}-{body.digest[:_DIGITS]}{file.suffix}"
+
+
+def _write(file: Path, content: bytes) -> None:
+    try:
+        if file.exists():
+            if file.read_bytes() == content:
+                return
+            raise ProblemError(f"{file} is there already and says something else; choose another --out, or remove it")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        put_file(file, content)
+    except OSError as error:
+        raise ProblemError(f"cannot write {file}: {getattr(error, 'strerror', None) or error}") from error

@@ -1,0 +1,239 @@
+"""The page of a comparison, and how its figures are told to people."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ccm_opt.cli.compare.comparison_files import medians
+from ccm_opt.cli.compare.running import Comparison, Pair
+from ccm_opt.cli.compare.runs import QUANTITIES, Quantity, Run
+from ccm_opt.cli.compare.statistics import ConfidenceInterval, FigurePair
+from ccm_opt.viz.document import NONE, Markup, element, html_document, joined, table, three_digits
+
+SCRIPTS = ("elements", "numbers", "sampled", "axes", "theme", "comparison_charts", "comparison_page")
+"""Scripts of the page of a comparison, in the order in which they are needed."""
+
+DECIMALS = 3
+"""At most; less than half of the last one is nothing."""
+TIMES = "\N{MULTIPLICATION SIGN} "
+LEAST_P = 1e-3
+"""Smaller probabilities are as good as none."""
+
+
+@dataclass(frozen=True)
+class ShownQuantity:
+    """A figure in the unit in which it is shown.
+
+    Attributes:
+        quantity: the figure.
+        unit: in which it is shown.
+        factor: from its own unit.
+    """
+
+    quantity: Quantity
+    unit: str
+    factor: float
+
+    @classmethod
+    def of(cls, quantity: Quantity) -> "ShownQuantity":
+        """Lengths are shown in millimetres, all else as it is."""
+        return cls(quantity, "mm", 1e3) if quantity.unit == "m" else cls(quantity, quantity.unit, 1.0)
+
+    @property
+    def title(self) -> str:
+        """With the unit."""
+        return f"{self.quantity.title} [{self.unit}]"
+
+    def value(self, figure: float) -> str:
+        """A value of the figure."""
+        return three_digits(self.factor * figure, DECIMALS)
+
+    def effect(self, item: FigurePair) -> str:
+        """By how much two methods differ: ``× 0.95`` or ``+1.2``."""
+        return self._compared(item.effect)
+
+    def interval(self, interval: ConfidenceInterval) -> str:
+        """What that may be; a dash where the problems are too few to say."""
+        if not (math.isfinite(interval.low) and math.isfinite(interval.high)):
+            return NONE
+        return f"{self._compared(interval.low, bare=True)} to {self._compared(interval.high, bare=True)}"
+
+    def _compared(self, value: float, *, bare: bool = False) -> str:
+        if not math.isfinite(value):
+            return NONE
+        # Ratios have no unit; differences have that of the figure.
+        if self.quantity.scale == "ratio":
+            return f"{'' if bare else TIMES}{three_digits(value, DECIMALS)}"
+        text = three_digits(self.factor * value, DECIMALS)
+        return f"+{text}" if value > 0.0 and float(text) else text
+
+
+def probability(value: float) -> str:
+    """A p value."""
+    if not math.isfinite(value):
+        return NONE
+    return f"< {LEAST_P:g}" if value < LEAST_P else f"{value:.2g}"
+
+
+def percents(share: float) -> str:
+    """A share."""
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else NONE
+
+
+def success_words(pair: Pair) -> str:
+    """How often two methods solve the same problems, in a sentence."""
+    success = pair.success
+    p_value = probability(success.p_value)
+    return (
+        f"both solve {success.both}, only the first {success.first_only}, only the second {success.second_only}, "
+        f"neither {success.neither}; difference {100 * success.difference:+.0f} % "
+        f"({100 * success.interval.low:+.0f} to {100 * success.interval.high:+.0f} %), "
+        f"McNemar p {p_value if p_value.startswith('<') else f'= {p_value}'}"
+    )
+
+
+SHOWN = tuple(ShownQuantity.of(quantity) for quantity in QUANTITIES)
+"""What is compared, in the units in which it is shown."""
+PAIR_HEADS = ("where both solve", "pairs", "first", "second", "", "median by pairs", "95 %", "first better", "p")
+"""Of the table of two methods."""
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """The page of a comparison, which loads nothing."""
+    count, problems = len(comparison.methods), len(comparison.problems)
+    title = f"{count} method{'s' if count > 1 else ''} on {problems} problems"
+    sections = (
+        _success_section(),
+        *(_pair_section(pair, number) for number, pair in enumerate(comparison.pairs)),
+        _methods_section(comparison),
+        _runs_section(comparison),
+    )
+    body = joined((_header(title, comparison), element("main", *sections, cls="alone")))
+    return html_document(title, body, _data(comparison), SCRIPTS)
+
+
+def _data(comparison: Comparison) -> dict[str, object]:
+    """What the scripts of the page read; gaps may be nothing, so that lengths have linear axes."""
+    intervals = {name: comparison.solved(name)[1] for name in comparison.methods}
+    return {
+        "methods": [{"name": name, "interval": [it.low, it.high]} for name, it in intervals.items()],
+        "problems": list(comparison.problems),
+        "quantities": [
+            {"key": q.key, "title": q.title, "unit": item.unit, "factor": item.factor, "log": q.unit != "m"}
+            for item in SHOWN
+            for q in [item.quantity]
+        ],
+        "runs": [
+            {"problem": run.problem, "method": run.method, "solved": run.solved, "figures": _figures(run)}
+            for row in comparison.runs
+            for run in row
+        ],
+        "pairs": [[pair.first, pair.second] for pair in comparison.pairs],
+    }
+
+
+def _figures(run: Run) -> dict[str, float]:
+    return {key: _without_dust(key, value) for key, value in run.figures.items() if math.isfinite(value)}
+
+
+def _without_dust(key: str, value: float) -> float:
+    """A figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
+    tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
+    return tie * round(value / tie) if tie > 0.0 else value
+
+
+def _header(title: str, comparison: Comparison) -> Markup:
+    figures = [
+        element(
+            "div",
+            element("b", f"{comparison.solved(name)[0]} of {len(comparison.problems)}"),
+            element("span", f"solved by {name}"),
+            cls="figure",
+        )
+        for name in comparison.methods
+    ]
+    theme = element("button", "auto", id="theme", type="button", title="light or dark")
+    top = element("div", element("div", element("h1", title)), theme, cls="top")
+    return element("header", top, element("div", *figures, cls="figures"))
+
+
+def _success_section() -> Markup:
+    words = "Share of the problems that are solved and verified within a CPU time; bars at the right: 95 % intervals."
+    return element("section", element("h2", "Solved"), element("p", words), element("figure", id="success"))
+
+
+def _pair_section(pair: Pair, number: int) -> Markup:
+    words = success_words(pair)
+    hint = (
+        f"Every problem that both solve is a point, {pair.first} across and {pair.second} up: below the line the "
+        "second has less. The name of a problem stands under the mouse."
+    )
+    return element(
+        "section",
+        element("h2", f"{pair.first} against {pair.second}"),
+        element("p", f"{words[:1].upper()}{words[1:]}."),
+        element("p", hint, cls="soft"),
+        element("div", cls="scatters", data_pair=number),
+        table(PAIR_HEADS, map(_row, pair.figures), numbers=range(1, len(PAIR_HEADS))),
+    )
+
+
+def _row(item: FigurePair) -> tuple[str, ...]:
+    """One figure of two methods."""
+    shown = ShownQuantity.of(item.quantity)
+    return (
+        shown.title,
+        str(item.pairs),
+        shown.value(item.first),
+        shown.value(item.second),
+        item.quantity.scale,
+        shown.effect(item),
+        shown.interval(item.interval),
+        percents(item.better),
+        probability(item.p_value),
+    )
+
+
+def _methods_section(comparison: Comparison) -> Markup:
+    heads = ("method", "solved", "95 %", *(item.title for item in SHOWN))
+    rows = []
+    for name in comparison.methods:
+        solved, interval = comparison.solved(name)
+        found = medians(comparison.runs_of(name))
+        rows.append(
+            (
+                name,
+                f"{solved} of {len(comparison.problems)}",
+                f"{100.0 * interval.low:.0f} to {100.0 * interval.high:.0f} %",
+                *(_value(found, item) for item in SHOWN),
+            )
+        )
+    return element("section", element("h2", "Methods, medians"), table(heads, rows, numbers=range(1, len(heads))))
+
+
+def _runs_section(comparison: Comparison) -> Markup:
+    heads = ("problem", "method", "outcome", *(item.title for item in SHOWN), "tactic, or reason")
+    rows = [
+        (
+            run.problem,
+            run.method,
+            element("span", run.outcome, cls="holds" if run.solved else "fails"),
+            *(_value(_figures(run), item) for item in SHOWN),
+            element("div", words, cls="reason", title=words),
+        )
+        for row in comparison.runs
+        for run in row
+        for words in [run.tactic if run.solved else run.reason]
+    ]
+    search = element("input", id="search", type="search", placeholder="problem, method, reason", aria_label="search")
+    return element(
+        "section",
+        element("h2", "Every run"),
+        element("p", "Show ", search, " A click on a head sorts."),
+        table(heads, rows, cls="runs", numbers=range(3, len(heads) - 1)),
+    )
+
+
+def _value(figures: Mapping[str, float], item: ShownQuantity) -> str:
+    value = figures.get(item.quantity.key, math.nan)
+    return three_digits(item.factor * value, 2 if item.unit == "mm" else 4)

@@ -1,0 +1,306 @@
+"""Runs of a comparison in processes that are watched over.
+
+Whatever a planner does, a run comes back as a record: a process that dies, is killed for its time or for its memory is
+the result of that run alone, and the next run has a new process. A process that behaves is kept, with its libraries
+loaded.
+"""
+
+import atexit
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, cast
+
+from ccm_opt.cli.compare.methods import code_of
+from ccm_opt.cli.compare.runs import Journal, Outcome, Run, Task, failed_run
+from ccm_opt.cli.compare.statistics import (
+    ConfidenceInterval,
+    FigurePair,
+    SuccessPair,
+    compare_figures,
+    compare_success,
+    success_interval,
+)
+from ccm_opt.cli.compare.suites import Case
+from ccm_opt.core.executors import Workers, completed
+
+
+@dataclass(frozen=True)
+class SupervisionSettings:
+    """Bounds on a run that its planner does not keep itself.
+
+    Attributes:
+        time_factor: wall time for planning in units of the planner's CPU time. Derived: the wall guard of our own
+            deadlines.
+        spare_time: wall time beside that, for timing, verification and simulation [s]. Taste.
+        most_memory: resident memory of a run [B]. Taste: our planners take less than a tenth.
+        look_every: time between two looks at a run's memory [s]. Taste.
+        last_words: time for a process that is told to end, before it is killed [s]. Taste.
+    """
+
+    time_factor: float = 3.0
+    spare_time: float = 120.0
+    most_memory: int = 4 << 30
+    look_every: float = 0.05
+    last_words: float = 5.0
+
+
+DEFAULT_SUPERVISION = SupervisionSettings()
+"""What runs are held to unless other bounds are given."""
+
+
+_ALONE = threading.Lock()
+"""CPU time is measured by run, so a worker makes one at a time, however many threads it has."""
+
+
+class RunProcess:
+    """A process that makes runs, one after the other."""
+
+    def __init__(self) -> None:
+        # Planners are found where this process finds them.
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        # Nothing is ever written to this pipe: the run ends when its other end is closed, see ``run_process``.
+        theirs, ours = os.pipe()
+        self._life = os.fdopen(ours, "wb")
+        self._process = subprocess.Popen(  # noqa: S603 - this interpreter
+            [sys.executable, "-m", "ccm_opt.cli.compare.run_process", str(theirs)],
+            pass_fds=(theirs,) if os.name == "posix" else (),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
+        os.close(theirs)
+        self._answers: SimpleQueue[Run | None] = SimpleQueue()
+        # A thread waits for answers, as pipes cannot be waited for with a time limit on every system.
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can make a run."""
+        return self._process.poll() is None
+
+    def run(self, task: Task, limit: float, settings: SupervisionSettings) -> Run:
+        """Make a run; when it does not end within a wall time [s] or takes too much memory it is ended."""
+        begin = time.monotonic()
+        try:
+            pickle.dump(task, self._tasks)
+            self._tasks.flush()
+        except OSError:
+            self._answers.put(None)  # it died before it had read the task
+        answer = self._watched(begin + limit, limit, settings)
+        if isinstance(answer, Run):
+            return answer
+        self.end(settings)
+        outcome, reason = answer
+        ended = failed_run(task, RuntimeError())
+        return replace(ended, outcome=outcome, reason=reason, wall=time.monotonic() - begin)
+
+    def end(self, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> None:
+        """End the process, whatever it is at."""
+        self._process.kill()
+        # What could not be sent does not matter any more.
+        with suppress(OSError):
+            self._tasks.close()
+        self._process.wait(settings.last_words)
+        self._life.close()
+
+    @property
+    def _tasks(self) -> IO[bytes]:
+        return cast("IO[bytes]", self._process.stdin)
+
+    def _listen(self) -> None:
+        """Pass answers on until the process ends, or says what makes no sense."""
+        with cast("IO[bytes]", self._process.stdout) as answers:
+            while True:
+                try:
+                    answer = pickle.load(answers)  # noqa: S301 - from our own process
+                except Exception:  # noqa: BLE001 - whatever a planner wrote there
+                    self._answers.put(None)
+                    return
+                self._answers.put(answer)
+
+    def _watched(self, until: float, limit: float, settings: SupervisionSettings) -> Run | tuple[Outcome, str]:
+        """The answer, or how the run ended without one."""
+        while True:
+            with suppress(Empty):
+                answer = self._answers.get(timeout=settings.look_every)
+                if isinstance(answer, Run):
+                    return answer
+                return "crashed", f"the planner ended its process: {self._how_it_ended(settings)}"
+            if time.monotonic() > until:
+                return "timed out", f"the run did not end within {limit:.4g} s of wall time, and was ended"
+            memory = _resident_memory(self._process.pid)
+            if memory > settings.most_memory:
+                gigabytes = settings.most_memory / 2**30
+                return "crashed", f"the run took more than {gigabytes:.3g} GiB of memory, and was ended"
+
+    def _how_it_ended(self, settings: SupervisionSettings) -> str:
+        try:
+            code = self._process.wait(settings.last_words)
+        except subprocess.TimeoutExpired:
+            return "its answers make no sense"
+        return f"exit code {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
+
+
+def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> Run:
+    """Make a run in a process of its own; whatever happens there is the result."""
+    with _ALONE:
+        try:
+            limit = wall_limit(task, settings)
+        except Exception as error:  # noqa: BLE001 - a problem that cannot be made is the run's result
+            return failed_run(task, error)
+        return _process().run(task, limit, settings)
+
+
+def wall_limit(task: Task, settings: SupervisionSettings) -> float:
+    """Wall time after which a run is ended [s]."""
+    limit = task.time_limit if task.time_limit is not None else task.case.problem().planner.time_limit
+    return settings.time_factor * limit + settings.spare_time
+
+
+_kept: list[RunProcess] = []
+
+
+def _process() -> RunProcess:
+    """The process of the runs before, or a new one where that is gone."""
+    if _kept and not _kept[0].alive:
+        _kept.pop().end()
+    if not _kept:
+        _kept.append(RunProcess())
+    return _kept[0]
+
+
+@atexit.register
+def _end_kept() -> None:
+    while _kept:
+        _kept.pop().end()
+
+
+def _resident_memory(process: int) -> int:
+    """Memory of a process [B]; 0 where the system does not tell."""
+    try:
+        pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
+    except (OSError, IndexError):
+        return 0
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two methods on the same problems.
+
+    Attributes:
+        first: name of the first method.
+        second: name of the second method.
+        success: how often they solve.
+        figures: what the solutions are worth, on the problems that both solve.
+    """
+
+    first: str
+    second: str
+    success: SuccessPair
+    figures: tuple[FigurePair, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of several methods on the same problems.
+
+    Attributes:
+        problems: their names.
+        methods: their names.
+        runs: by problem, then by method; in the order of ``problems`` and ``methods``.
+    """
+
+    problems: tuple[str, ...]
+    methods: tuple[str, ...]
+    runs: tuple[tuple[Run, ...], ...]
+
+    def runs_of(self, method: str) -> tuple[Run, ...]:
+        """The runs of a method, in the order of the problems."""
+        column = self.methods.index(method)
+        return tuple(row[column] for row in self.runs)
+
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Every two methods, in their order."""
+        found = []
+        for one, other in combinations(self.methods, 2):
+            first = self.runs_of(one)
+            second = self.runs_of(other)
+            found.append(Pair(one, other, compare_success(first, second), compare_figures(first, second)))
+        return tuple(found)
+
+    def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
+        """How many problems a method solves, and the interval of that as a share."""
+        count = sum(run.solved for run in self.runs_of(method))
+        return count, success_interval(count, len(self.problems))
+
+    @property
+    def failures(self) -> tuple[Run, ...]:
+        """Every run that is not solved."""
+        return tuple(run for row in self.runs for run in row if not run.solved)
+
+
+def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
+    """How many runs of these problems in the journal were made with other code, by method; none is left out.
+
+    They stay in the journal and count no more: such runs are made anew.
+    """
+    names = {case.name for case in cases}
+    old = Counter(
+        run.method
+        for run in journal.runs.values()
+        if run.problem in names and run.method in methods and run.code != code_of(run.method)
+    )
+    return {method: old[method] for method in methods if old[method]}
+
+
+def compare(
+    cases: Sequence[Case],
+    methods: Sequence[str],
+    workers: Workers,
+    journal: Journal,
+    *,
+    time_limit: float | None = None,
+    progress: Callable[[Run], None] | None = None,
+) -> Comparison:
+    """Run every method on every problem, but for the runs that the journal has already; what crashed is run again.
+
+    Args:
+        cases: the problems; no two may have the same name.
+        methods: names of methods.
+        workers: where to run.
+        journal: takes every run as soon as it is done.
+        time_limit: CPU time of every planner [s]; None keeps each problem's.
+        progress: called after every run.
+
+    Raises:
+        ProblemError: when a method is unknown, the journal cannot be written, or the cluster is gone.
+    """
+    rows = [[Task(case, method, time_limit, code_of(method)) for method in methods] for case in cases]
+    # A comparison that was interrupted goes on where it stopped.
+    missing = [task for row in rows for task in row if not journal.has(task.key)]
+    if missing:
+        for task, result in completed(workers, run_apart, missing):
+            run = result if isinstance(result, Run) else failed_run(task, result)
+            journal.append(run)
+            if progress is not None:
+                progress(run)
+
+    # Tasks end in any order; the table is put together from the journal in that of problems and methods.
+    runs = tuple(tuple(journal.runs[task.key] for task in row) for row in rows)
+    return Comparison(tuple(case.name for case in cases), tuple(methods), runs)

@@ -1,0 +1,347 @@
+"""One method on one problem: what runs on a worker, its record, the journal of all records, and the figures compared.
+
+A line is written by one call at the end of the file, so that a process that is killed leaves whole lines and at most
+one torn one, which is cut off when the journal is opened again. Runs are identified by their keys; of two with the same
+key the first counts, unless it crashed: a crash is a defect that may have been mended since.
+"""
+
+import hashlib
+import json
+import math
+import os
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+from ccm_opt.cli.compare.methods import code_of, method_named
+from ccm_opt.cli.compare.suites import Case
+from ccm_opt.core.arguments import in_words
+from ccm_opt.core.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
+from ccm_opt.driver.legs import Planner
+from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointPath
+
+Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
+"""A verified motion; no plan; none within the time; refused by the verifier; not for this method; a defect."""
+_ALONE = threading.Lock()
+"""Compiled functions and IPOPT are not for two threads at once; workers of a cluster may have several."""
+LONGEST_REASON = 400
+"""Characters of a reason that are kept."""
+MICROMETRE = 1e-6
+"""[m]; no arm is built more exactly, so that smaller differences of lengths are ties."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A figure that methods are compared by.
+
+    Attributes:
+        key: in records and files, with its unit.
+        title: in tables.
+        unit: of the value.
+        scale: whether two values are compared by their ratio or by their difference.
+        more_is_better: whether the greater value is the better one.
+        tie: differences up to this count as none; in ``unit``.
+    """
+
+    key: str
+    title: str
+    unit: str
+    scale: Literal["ratio", "difference"] = "ratio"
+    more_is_better: bool = False
+    tie: float = 0.0
+
+
+QUANTITIES = (
+    Quantity("tip_error_m", "tip error", "m", "difference", tie=MICROMETRE),
+    Quantity("least_wall_clearance_m", "clearance", "m", "difference", more_is_better=True, tie=MICROMETRE),
+    Quantity("joint_path_length_rad", "joint path", "rad"),
+    Quantity("duration_s", "duration", "s"),
+    Quantity("peak_torque_Nm", "peak torque", "N m"),
+    Quantity("planning_cpu_s", "planning CPU", "s"),
+    Quantity("cpu_s", "CPU in all", "s"),
+)
+"""What is compared on the problems that both methods solve."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A method to be run on a problem.
+
+    Attributes:
+        case: the problem.
+        method: name of the method.
+        time_limit: CPU time of the planner [s]; None keeps the problem's.
+        code: digest of the code that is asked for; empty for whatever is there.
+    """
+
+    case: Case
+    method: str
+    time_limit: float | None = None
+    code: str = ""
+
+    @cached_property
+    def key(self) -> str:
+        """Differs from that of every other run, so that a resumed comparison knows which runs it has."""
+        options = sorted(method_named(self.method).options.items())
+        # All that can change the result: an edited problem or changed code is another run.
+        parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, self.code)
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:20]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a task.
+
+    Attributes:
+        key: of the task.
+        problem: its name.
+        method: its name.
+        outcome: how it ended.
+        reason: why it is not solved; empty when it is.
+        figures: by the keys of ``QUANTITIES``; those of the motion only when it is solved.
+        wall: time from begin to end [s].
+        tactic: name of what found the motion.
+        code: digest of the code that was asked for.
+    """
+
+    key: str
+    problem: str
+    method: str
+    outcome: Outcome
+    reason: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    wall: float = 0.0
+    tactic: str = ""
+    code: str = ""
+
+    @property
+    def solved(self) -> bool:
+        """Whether a verified motion was found."""
+        return self.outcome == "solved"
+
+    def figure(self, key: str) -> float:
+        """A figure, NaN when there is none."""
+        return self.figures.get(key, math.nan)
+
+
+class ClockedPlanner:
+    """A planner that notes the CPU time it takes, also when it fails.
+
+    Attributes:
+        seconds: CPU time of this process while planning [s].
+    """
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        self.seconds = 0.0
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan as the planner does."""
+        begin = time.process_time()
+        try:
+            # A planner is given problems of the kind that its method has made it for.
+            path: object = self._planner.plan(problem)
+        finally:
+            self.seconds += time.process_time() - begin
+        if not isinstance(path, JointPath):
+            raise TypeError(f"the planner returned {in_words(path)}; expected a JointPath")
+        return path
+
+
+def execute(task: Task) -> Run:
+    """Run a task; whatever goes wrong is the result. CPU time is that of this process, so tasks run one at a time."""
+    with _ALONE:
+        _load_libraries()
+        cpu_begin = time.process_time()
+        wall_begin = time.perf_counter()
+        # Making the planner may fail; then there is no time of planning to note.
+        planner = None
+        try:
+            _refuse_other_code(task)
+            method = method_named(task.method)
+            problem = method.prepared(task.case.problem(), task.time_limit)
+            planner = ClockedPlanner(method.planner(problem))
+            run = _solved(task, problem, planner)
+        except BaseException as error:  # noqa: BLE001 - whatever a planner raises must not end the comparison
+            run = failed_run(task, error)
+
+        figures = dict(run.figures)
+        if planner is not None:
+            figures["planning_cpu_s"] = planner.seconds
+            figures["cpu_s"] = time.process_time() - cpu_begin
+        return replace(run, figures=figures, wall=time.perf_counter() - wall_begin)
+
+
+def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
+    from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+
+    # Without an explanation of failures: it would count as time, and no figure depends on it.
+    solution = solve(problem, planner=planner, explain=False)
+    wanted = {quantity.key for quantity in QUANTITIES}
+    figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
+    tactic = solution.path.candidate
+    return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=tactic, code=task.code)
+
+
+def _refuse_other_code(task: Task) -> None:
+    """Refuse to run what was not asked for: the worker of a cluster may have another version.
+
+    Raises:
+        RuntimeError: which makes the run a crash, so that it is made again once the worker is mended.
+    """
+    here = code_of(task.method)
+    if task.code and here != task.code:
+        raise RuntimeError(
+            f"this worker has other code of {task.method} ({here}) than was asked for ({task.code}); "
+            "install the same version on every worker and start it anew"
+        )
+
+
+def failed_run(task: Task, error: BaseException) -> Run:
+    """The record of a task that ended with an error."""
+    outcome, reason = _outcome_of(error)
+    return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON], code=task.code)
+
+
+def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
+    """How a run ended, and why, in one line."""
+    if isinstance(error, NoPlanFound):
+        outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
+        return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
+    if isinstance(error, VerificationError):
+        return "refused", "the verifier refuses the motion: " + "; ".join(error.failures)
+    if isinstance(error, ProblemError):
+        return "unusable", str(error)
+    where = ""
+    # A crash is a defect, so the record says where it happened.
+    if frames := traceback.extract_tb(error.__traceback__):
+        where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
+    return "crashed", f"{type(error).__name__}: {error}{where}"
+
+
+@cache
+def _load_libraries() -> None:
+    """Load what is loaded when first used, so that no run pays for it."""
+    for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
+        import_module(name)
+
+
+class Journal:
+    """Runs in a file, each once.
+
+    Args:
+        path: the file; it is made when it is not there.
+
+    Attributes:
+        runs: those in the file, by key.
+    """
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path = path
+        self._descriptor = descriptor
+        self.runs: dict[str, Run] = {}
+        for run in _parsed(path, _whole_lines(descriptor)):
+            if not self.has(run.key):
+                self.runs[run.key] = run
+
+    def has(self, key: str) -> bool:
+        """Whether there is a run with this key that counts: one that did not crash."""
+        return key in self.runs and self.runs[key].outcome != "crashed"
+
+    def append(self, run: Run) -> None:
+        """Write a run, unless one with its key counts already.
+
+        Raises:
+            ProblemError: when it cannot be written.
+        """
+        if self.has(run.key):
+            return
+        line = json_line(run)
+        before = os.fstat(self._descriptor).st_size
+        try:
+            written = os.write(self._descriptor, line)
+        except OSError as error:
+            raise self._full(error.strerror or str(error)) from error
+        # A line written in part must not be completed by a second call: another line could come between.
+        if written != len(line):
+            # What is torn is cut off; where even that fails, the next who opens the journal does it.
+            with suppress(OSError):
+                os.ftruncate(self._descriptor, before)
+            raise self._full(f"only {written} of {len(line)} bytes; is the device full?")
+        self.runs[run.key] = run
+
+    def _full(self, reason: str) -> ProblemError:
+        return ProblemError(
+            f"cannot write {self._path}: {reason}; all {len(self.runs)} runs before this one are in it, and the same "
+            "command goes on from there once there is room"
+        )
+
+
+@contextmanager
+def open_journal(path: Path) -> Iterator[Journal]:
+    """A journal for one writer; a second one is refused while the first is there.
+
+    Raises:
+        ProblemError: when the file cannot be used, is used by another comparison, or holds something else.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # With O_APPEND every write goes to the end of the file, whoever wrote before.
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+    except OSError as error:
+        raise ProblemError(f"cannot write {path}: {error.strerror or error}; choose another --out") from error
+    try:
+        _lock(path, descriptor)
+        yield Journal(path, descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def json_line(run: Run) -> bytes:
+    """A run as a line of JSON; figures that are not finite are left out."""
+    finite = {key: value for key, value in run.figures.items() if math.isfinite(value)}
+    data = vars(run) | {"figures": finite}
+    return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _lock(path: Path, descriptor: int) -> None:
+    """Keep other comparisons out; the lock goes with the process. Where there are no such locks, nothing happens."""
+    try:
+        import fcntl  # noqa: PLC0415 - not on every system
+    except ImportError:
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise ProblemError(f"{path} is being written by another comparison; choose another --out") from error
+
+
+def _whole_lines(descriptor: int) -> list[bytes]:
+    """The lines of the file; a torn one at its end is cut off the file."""
+    size = os.fstat(descriptor).st_size
+    # A duplicate, since closing the file closes its descriptor.
+    with os.fdopen(os.dup(descriptor), "rb") as file:
+        file.seek(0)
+        content = file.read(size)
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
+        os.ftruncate(descriptor, whole)
+    return content[:whole].splitlines()
+
+
+def _parsed(path: Path, lines: list[bytes]) -> Iterator[Run]:
+    for number, line in enumerate(lines, start=1):
+        try:
+            yield Run(**json.loads(line))
+        except (ValueError, TypeError) as error:
+            raise ProblemError(
+                f"{path}, line {number} is no run of a comparison ({error}); delete the line or choose another --out"
+            ) from error

@@ -1,0 +1,212 @@
+"""Which of two methods is better, and how sure that is: tests and intervals by pairs, exact where possible."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ccm_opt.cli.compare.runs import QUANTITIES, Quantity, Run
+from ccm_opt.core.arrays import FloatArray
+
+LEVEL = 0.95
+"""Confidence of every interval."""
+
+
+@dataclass(frozen=True)
+class ConfidenceInterval:
+    """A confidence interval; not finite where the sample does not bound it."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SuccessPair:
+    """How often two methods solve the same problems.
+
+    Attributes:
+        both: problems that both solve.
+        first_only: problems that only the first solves.
+        second_only: problems that only the second solves.
+        neither: problems that neither solves.
+        p_value: of McNemar's exact test that both solve equally often.
+        difference: share of the first less share of the second, with its interval.
+        interval: of the difference.
+    """
+
+    both: int
+    first_only: int
+    second_only: int
+    neither: int
+    p_value: float
+    difference: float
+    interval: ConfidenceInterval
+
+
+@dataclass(frozen=True)
+class FigurePair:
+    """A figure of two methods on the problems that both solve.
+
+    Attributes:
+        quantity: the figure.
+        pairs: number of problems.
+        first: median of the first method.
+        second: median of the second method.
+        effect: median over the problems of the first's value by the second's, or less the second's.
+        interval: of that median.
+        better: share of the problems on which the first is better; ties count half.
+        p_value: of Wilcoxon's signed-rank test; NaN without pairs that differ.
+    """
+
+    quantity: Quantity
+    pairs: int
+    first: float
+    second: float
+    effect: float
+    interval: ConfidenceInterval
+    better: float
+    p_value: float
+
+
+def success_interval(solved: int, count: int) -> ConfidenceInterval:
+    """Clopper and Pearson's interval of a share (Biometrika 26, 1934): it covers at least at its level."""
+    if count == 0:
+        return ConfidenceInterval(0.0, 1.0)
+    found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
+    return ConfidenceInterval(float(found.low), float(found.high))
+
+
+def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
+    """Compare success on the same problems, in the same order.
+
+    McNemar's test in its exact form: of the problems that only one method solves, each is the first's with
+    probability ½ when both are equally good.
+    """
+    one = np.array([run.solved for run in first], dtype=bool)
+    other = np.array([run.solved for run in second], dtype=bool)
+    both = int(np.sum(one & other))
+    neither = int(np.sum(~one & ~other))
+    first_only = int(np.sum(one & ~other))
+    second_only = int(np.sum(~one & other))
+    # Problems that both or neither solve say nothing about which method is better.
+    apart = first_only + second_only
+    p_value = float(stats.binomtest(first_only, apart).pvalue) if apart else 1.0
+    difference = (first_only - second_only) / len(one) if len(one) else 0.0
+    interval = paired_difference_interval(both, first_only, second_only, neither)
+    return SuccessPair(both, first_only, second_only, neither, p_value, difference, interval)
+
+
+def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> ConfidenceInterval:
+    """Interval of the difference of two shares from the same problems: Newcombe's method 10.
+
+    Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is corrected for
+    continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
+    """
+    count = both + first_only + second_only + neither
+    if count == 0:
+        return ConfidenceInterval(-1.0, 1.0)
+    first = both + first_only
+    second = both + second_only
+    share_1 = first / count
+    share_2 = second / count
+    low_1, high_1 = _wilson(first, count)
+    low_2, high_2 = _wilson(second, count)
+    phi = _correlation(both, first_only, second_only, neither)
+    # The difference is least when the first share is low and the second high, and the other way round.
+    below = _combined(share_1 - low_1, high_2 - share_2, phi)
+    above = _combined(high_1 - share_1, share_2 - low_2, phi)
+    difference = share_1 - share_2
+    return ConfidenceInterval(difference - below, difference + above)
+
+
+def _combined(first: float, second: float, phi: float) -> float:
+    """Half width of an interval of a difference, from the half widths of its correlated terms."""
+    return math.sqrt(max(0.0, first**2 - 2.0 * phi * first * second + second**2))
+
+
+def _wilson(solved: int, count: int) -> tuple[float, float]:
+    found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
+    """Correlation of success of the two methods, corrected for continuity when positive; 0 when undefined."""
+    margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
+    if margins == 0:
+        return 0.0
+    # φ = (ad − bc) / √(product of the four margins) of the table of both outcomes.
+    product = float(both * neither - first_only * second_only)
+    if product > 0.0:
+        product = max(product - (both + first_only + second_only + neither) / 2.0, 0.0)
+    return product / math.sqrt(margins)
+
+
+def compare_figures(first: Sequence[Run], second: Sequence[Run]) -> tuple[FigurePair, ...]:
+    """Compare every figure on the problems that both methods solve and that have it."""
+    pairs = [(one, other) for one, other in zip(first, second, strict=True) if one.solved and other.solved]
+    return tuple(_figure_pair(quantity, pairs) for quantity in QUANTITIES)
+
+
+def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> FigurePair:
+    first, second = _finite_values(quantity, pairs)
+    if len(first) == 0:
+        unbounded = ConfidenceInterval(-math.inf, math.inf)
+        return FigurePair(quantity, 0, math.nan, math.nan, math.nan, unbounded, math.nan, math.nan)
+
+    # Ratios are compared by their logarithms, in which twice and half are equally far from equal.
+    by_ratio = quantity.scale == "ratio"
+    gap = np.log(first / second) if by_ratio else first - second
+    # Ties are set to exactly 0, as the test leaves out pairs that do not differ.
+    gap = np.where(np.abs(first - second) <= quantity.tie, 0.0, gap)
+    wins = gap > 0.0 if quantity.more_is_better else gap < 0.0
+    ties = gap == 0.0
+
+    effect = float(np.median(gap))
+    bounds = median_interval(gap)
+    if by_ratio:
+        # Back from logarithms: the median of the ratios, whose order they keep.
+        effect = float(np.exp(effect))
+        bounds = ConfidenceInterval(float(np.exp(bounds.low)), float(np.exp(bounds.high)))
+    return FigurePair(
+        quantity=quantity,
+        pairs=len(first),
+        first=float(np.median(first)),
+        second=float(np.median(second)),
+        effect=effect,
+        interval=bounds,
+        better=float(np.mean(wins + 0.5 * ties)),
+        p_value=_wilcoxon(gap),
+    )
+
+
+def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tuple[FloatArray, FloatArray]:
+    """A figure of both methods where both have it, and where it is positive if it is compared by ratio, shape (P,)."""
+    first = np.array([one.figure(quantity.key) for one, _ in pairs], dtype=np.float64)
+    second = np.array([other.figure(quantity.key) for _, other in pairs], dtype=np.float64)
+    kept = np.isfinite(first) & np.isfinite(second)
+    if quantity.scale == "ratio":
+        kept &= (first > 0.0) & (second > 0.0)
+    return first[kept], second[kept]
+
+
+def median_interval(values: FloatArray) -> ConfidenceInterval:
+    """Interval of a median from the order of the sample alone, without any assumption on its distribution.
+
+    The number of values below the median is binomial with ½, so the k-th value from either end bounds it with a
+    probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric
+    Statistics, section 3.2). Fewer than six values bound nothing.
+    """
+    count = len(values)
+    # ppf gives the least k with P(B <= k) of at least the tail, so that P(B < k) stays below it.
+    k = int(stats.binom.ppf((1.0 - LEVEL) / 2.0, count, 0.5)) if count else 0
+    if k < 1:
+        return ConfidenceInterval(-math.inf, math.inf)
+    ordered = np.sort(values)
+    return ConfidenceInterval(float(ordered[k - 1]), float(ordered[count - k]))
+
+
+def _wilcoxon(gap: FloatArray) -> float:
+    apart = gap[gap != 0.0]
+    return float(stats.wilcoxon(apart).pvalue) if len(apart) else math.nan

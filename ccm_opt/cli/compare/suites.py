@@ -1,0 +1,363 @@
+"""Suites of problems, by name.
+
+The arm reaches 1 m with a radius of 15 mm; clutter is polygons of 3–8 vertices, 30–90 mm from their middle. A seed
+gives the same scene on every machine.
+"""
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import shapely
+from scipy.optimize import brentq
+
+from ccm_opt.cli.compare.space_clutter import (
+    ACCELERATION,
+    JOBS,
+    KEPT_OFF,
+    LENGTH,
+    RADIUS,
+    USUAL_LINKS,
+    VELOCITY,
+    disturbed_job,
+    space_clutter,
+)
+from ccm_opt.cli.compare.space_sites import SITES, site_problem
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.core.files import strict_text
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.io.problem_data import problem_data
+from ccm_opt.io.reading import load_problem
+from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
+
+SPACE = "space-"
+"""How the names of these suites begin."""
+SPACE_SUITES = (
+    *(f"{SPACE}clutter-{count}" for count in (20, 40, 80, 160, 320)),
+    *(f"{SPACE}{job}" for job in JOBS),
+    *(f"{SPACE}{site}" for site in SITES),
+)
+"""The suites with as many links as usual; any other even number follows as ``-8-links``."""
+_NAME = re.compile(
+    rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)})|(?P<site>{'|'.join(SITES)}))"
+    r"(-(?P<links>\d{1,3})-links)?"
+)
+
+
+def space_maker(suite: str, folder: Path) -> Callable[[int, str], Problem]:
+    """What makes the problems of a suite in space from seeds and names.
+
+    Args:
+        suite: its name.
+        folder: of the shipped problems in space.
+
+    Raises:
+        ProblemError: there is no such suite.
+    """
+    found = _NAME.fullmatch(suite)
+    links = int(found["links"] or USUAL_LINKS) if found else 0
+    if found is None or links < 2 or links % 2:
+        names = ", ".join(SPACE_SUITES)
+        raise ProblemError(
+            f"there is no suite '{suite}'; expected one of {names}, or {SPACE}clutter-N with a number of bodies; "
+            "each may end in -L-links, with an even number of links"
+        )
+    if found["job"]:
+        return lambda seed, name: disturbed_job(seed, found["job"], links, folder, name)
+    if found["site"]:
+        return lambda seed, name: site_problem(found["site"], seed, links, name)
+    return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)
+
+
+ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
+"""Boundary of every scene, out of the arm's reach [m]."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An arm among walls with two poses that touch nothing.
+
+    Attributes:
+        arm: the arm.
+        workspace: its room.
+        start: link headings, shape (links,) [rad].
+        goal: link headings, shape (links,) [rad].
+    """
+
+    arm: Arm
+    workspace: Workspace
+    start: FloatArray
+    goal: FloatArray
+
+    @property
+    def goal_tip(self) -> TipGoal:
+        """Position and heading of the tip in the goal pose."""
+        return TipGoal(self.arm.joint_positions(self.goal)[-1], heading=float(self.goal[-1]))
+
+    def problem(
+        self, goal: TipGoal | JointPose | None = None, time_limit: float = 60.0, name: str = "scene"
+    ) -> Problem:
+        """The scene as a problem.
+
+        Args:
+            goal: of the motion; the tip of the goal pose when None.
+            time_limit: of the planner [s].
+            name: of the problem.
+        """
+        count = 3 * self.arm.links
+        return Problem(
+            name,
+            self.workspace,
+            self.arm,
+            Limits(np.full(count, VELOCITY), np.full(count, ACCELERATION)),
+            JointPose(self.arm.bends(self.start)),
+            goal or self.goal_tip,
+            planner=PlannerOptions(time_limit=time_limit),
+        )
+
+
+def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
+    """An arm of length 1 m and 0.5 kg with its base at the origin, heading along x."""
+    arm = Arm(
+        links=links,
+        link_length=LENGTH / links,
+        radius=radius,
+        base=np.zeros(2),
+        base_heading=0.0,
+        joint_limit=float(np.deg2rad(60.0)),
+        base_limit=2.0 * np.pi,
+        self_collision=True,
+        mount_length=radius,
+        masses=np.full(links, 0.5 / links),
+        inertia_axial=np.full(links, 1e-5),
+        inertia_transverse=np.full(links, 2e-5),
+    )
+    return replace(arm, **changes)  # type: ignore[arg-type]
+
+
+def random_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> FloatArray:
+    """Link headings of a smooth random pose, shape (links,) [rad]; curvature has standard deviation ``bend`` [1/m]."""
+    # Six normally distributed curvatures along the arm, linear between them, give a pose that is smooth but arbitrary.
+    knots = rng.normal(0.0, bend, 6)
+    middles = (np.arange(arm.links) + 0.5) / arm.links
+    bends = np.interp(middles, np.linspace(0.0, 1.0, 6), knots) * arm.link_length
+    bends[0] = rng.uniform(-np.pi, np.pi)  # the base may point anywhere
+    # A little inside the limits, so that no problem fails for rounding at its start or goal.
+    return arm.headings(np.clip(bends, -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
+
+
+def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> FloatArray:
+    """The same, drawn again until no link comes near another."""
+    while True:
+        headings = random_headings(rng, arm, bend)
+        if links_apart(arm, arm.joint_positions(headings)):
+            return headings
+
+
+def links_apart(arm: Arm, points: FloatArray) -> bool:
+    """Whether distant links keep more than ``KEPT_OFF`` between their surfaces; points (links + 1, 2) [m]."""
+    links = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
+    i, j = arm.distant_pairs
+    gaps = shapely.distance(links[i], links[j]) - 2.0 * arm.radius
+    return bool(np.all(gaps > KEPT_OFF))
+
+
+def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Polygon:
+    """A polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
+    while True:
+        corners = rng.integers(3, 9)
+        # Taken in order round the middle, corners seldom make an outline that crosses itself.
+        angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
+        radii = rng.uniform(0.03, 0.09, corners)
+        polygon = shapely.Polygon(middle + radii[:, None] * unit_vector(angles))
+        if polygon.is_valid and polygon.area > 1e-4:
+            return polygon
+
+
+def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
+    """Start and goal drawn first, then ``count`` polygons within the arm's reach that keep off both."""
+    rng = np.random.default_rng(seed)
+    arm = make_arm(links)
+    start = clear_headings(rng, arm)
+    goal = clear_headings(rng, arm)
+    poses = shapely.MultiLineString([arm.joint_positions(pose) for pose in (start, goal)])
+    obstacles: list[Obstacle] = []
+    while len(obstacles) < count:
+        polygon = random_polygon(rng, rng.uniform(-LENGTH, LENGTH, 2))
+        if polygon.distance(poses) > arm.radius + KEPT_OFF:
+            obstacles.append(Obstacle(f"polygon {len(obstacles)}", PlaneShape(polygon)))
+    return Scene(arm, Workspace(ROOM, tuple(obstacles)), start, goal)
+
+
+def open_space(seed: int, links: int = 24) -> Scene:
+    """No obstacles: from the straight arm to a random pose (the open-space problem of section 3)."""
+    rng = np.random.default_rng(seed)
+    arm = make_arm(links)
+    return Scene(arm, Workspace(ROOM), np.zeros(links), clear_headings(rng, arm))
+
+
+def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
+    """A duct to the right of the base, at a random height; the arm lies outside and has to put its end into it."""
+    rng = np.random.default_rng(seed)
+    arm = make_arm(links)
+    height = rng.uniform(-0.2, 0.2)
+    mouth = rng.uniform(0.45, 0.55)
+    obstacles = (
+        Obstacle("duct, top", PlaneShape(shapely.box(mouth, height + 0.5 * width, 1.1, height + 0.5 * width + 0.1))),
+        Obstacle("duct, bottom", PlaneShape(shapely.box(mouth, height - 0.5 * width - 0.1, 1.1, height - 0.5 * width))),
+    )
+    start = np.full(links, rng.choice((-1.0, 1.0)) * rng.uniform(1.3, 1.9))
+    return Scene(arm, Workspace(ROOM, obstacles), start, _into_duct(arm, height))
+
+
+def _into_duct(arm: Arm, height: float) -> FloatArray:
+    """Link headings of a step aside from the base that ends level at a height, shape (links,) [rad]."""
+    middles = (np.arange(arm.links) + 0.5) / arm.links
+    hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
+    # The height wanted lies between those of a full step down and of a full step up.
+    scale = brentq(lambda x: arm.joint_positions(x * hump)[-1, 1] - height, -1.0, 1.0)
+    pose: FloatArray = scale * hump
+    return pose
+
+
+SHARED = "shared"
+"""The suite of the problem files that come with the package."""
+ON_AXIS = "feed-"
+"""How the names of shared problems with a feed axis begin; they are left out, since the baseline knows no such axis."""
+GENERATOR = 1
+"""Counts changes of the random scenes: runs on other scenes are other runs."""
+DEFAULT_COUNT = 20
+"""Random problems of a suite when no number is asked for."""
+
+SUITES: Mapping[str, Callable[[int], Scene]] = {
+    "open-space": open_space,
+    "clutter-20": partial(clutter, count=20),
+    "clutter-40": partial(clutter, count=40),
+    "clutter-80": partial(clutter, count=80),
+    "duct": corridor,
+}
+"""Scene from a seed, by the name of its suite; ``clutter-N`` stands for any number of polygons."""
+_CLUTTER = re.compile(r"clutter-(\d{1,4})")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One problem of a comparison; a random one is made where it is solved.
+
+    Attributes:
+        name: of the problem, unique within a comparison.
+        suite: where the problem is from; "files" for a file.
+        seed: of the random scene.
+        given: the problem of a file.
+        fingerprint: differs where problems of the same name differ.
+    """
+
+    name: str
+    suite: str
+    seed: int = 0
+    given: Problem | None = field(default=None, compare=False)
+    fingerprint: str = field(default="")
+
+    def problem(self) -> Problem:
+        """The problem itself."""
+        if self.given is not None:
+            return self.given
+        if self.suite.startswith(SPACE):
+            return space_maker(self.suite, shared_folder() / "space")(self.seed, self.name)
+        scene = scene_maker(self.suite)(self.seed)
+        return scene.problem(name=self.name)
+
+
+def scene_maker(suite: str) -> Callable[[int], Scene]:
+    """What makes the scenes of a random suite from seeds.
+
+    Raises:
+        ProblemError: when there is no such suite.
+    """
+    if suite in SUITES:
+        return SUITES[suite]
+    if found := _CLUTTER.fullmatch(suite):
+        return partial(clutter, count=int(found[1]))
+    names = ", ".join((SHARED, *SUITES, *SPACE_SUITES))
+    raise ProblemError(f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons")
+
+
+def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) -> tuple[Case, ...]:
+    """The problems of a suite.
+
+    Args:
+        suite: its name.
+        count: how many; None for all shared problems, or ``DEFAULT_COUNT`` random ones.
+        first_seed: of the random problems; the others follow.
+
+    Raises:
+        ProblemError: when there is no such suite, or it has fewer problems.
+    """
+    if suite == SHARED:
+        files = sorted(shared_folder().glob("*.toml"))
+        cases = cases_of_files([file for file in files if not file.name.startswith(ON_AXIS)])
+        if count is not None and count > len(cases):
+            raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
+        return cases[:count]
+    if suite.startswith(SPACE):
+        space_maker(suite, shared_folder() / "space")
+    else:
+        scene_maker(suite)
+    # No scene is made yet: workers make their own from the seed, so that only the seed travels.
+    wanted = DEFAULT_COUNT if count is None else count
+    seeds = range(first_seed, first_seed + wanted)
+    return tuple(
+        Case(name=f"{suite}-{seed}", suite=suite, seed=seed, fingerprint=f"{GENERATOR}:{suite}:{seed}")
+        for seed in seeds
+    )
+
+
+def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tuple[Case, ...]:
+    """The problems of problem files.
+
+    Args:
+        files: the files.
+        allow_outside: whether drawings may lie outside the folders of the files.
+
+    Raises:
+        ProblemError: when a file cannot be used.
+    """
+    cases = []
+    for file in files:
+        problem = load_problem(file, allow_outside=allow_outside)
+        fingerprint = _content_hash(problem)
+        cases.append(Case(name=problem.name, suite="files", given=problem, fingerprint=fingerprint))
+    return tuple(cases)
+
+
+def _content_hash(problem: Problem) -> str:
+    """By content, drawings and meshes included: a file of the same name that was edited is another problem."""
+    return hashlib.sha256(strict_text(problem_data(problem)).encode()).hexdigest()
+
+
+def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """The cases, each once.
+
+    Raises:
+        ProblemError: when two different problems have the same name.
+    """
+    kept: dict[str, Case] = {}
+    for case in cases:
+        # A problem given twice is fine; two problems under one name could not be told apart in tables.
+        same_name = kept.setdefault(case.name, case)
+        if same_name.fingerprint != case.fingerprint:
+            raise ProblemError(f"two different problems are called '{case.name}'; give each its own name")
+    return tuple(kept.values())
+
+
+def shared_folder() -> Path:
+    """Where the shared problem files are: in the installed package, or beside it in its source tree."""
+    installed = Path(__file__).with_name("problems")
+    return installed if installed.is_dir() else Path(__file__).parents[3] / "problems"

@@ -1,0 +1,344 @@
+"""Limits on motions of coordinates and of points of the arm.
+
+TOPP-RA knows no s⃛, so the fastest motion keeps only the part that the shape of the path causes; ``smoothing`` does the
+rest.
+
+An effort τ(q, q̇, q̈) is linear in the accelerations and quadratic in the velocities, so that three evaluations of
+inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0) − d, c = τ(q, 0, 0), with d
+the viscous friction at q'.
+
+What a plan may use of an effort's limit depends on the place alone, by what holds the arm still there
+(``robot.coordinates.planned_share``). All rows are taken as shares of that.
+
+Along the path |ṗ|² = |p'|² ṡ², and p̈ = p' s̈ + p'' ṡ² lies in a disc, which is convex in (s̈, ṡ²). A regular polygon
+around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is within the
+share of the limits that is not used, and samples are judged by the disc itself. In space p' and p'' span a plane at
+every place of the path, and the polygon lies in that plane.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.errors import Diagnosis, ProblemError, RetimingError
+from ccm_opt.dynamics.retiming.efforts import Efforts
+from ccm_opt.dynamics.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
+from ccm_opt.dynamics.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences, slowings
+from ccm_opt.dynamics.retiming.timed_path import TimedPath
+from ccm_opt.dynamics.retiming.timing_settings import ProfileSettings
+from ccm_opt.problem import Limits
+from ccm_opt.robot.coordinates import Coordinates, planned_share
+from ccm_opt.robot.points import MovingPoint, point_of
+
+_JERK_SHARE = 0.7
+"""Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots. Taste."""
+
+
+class CoordinateAcceleration(MotionLimit):
+    """Every coordinate's acceleration.
+
+    Args:
+        limit: of every coordinate, shape (n,) [rad/s², m/s²].
+    """
+
+    kept_by_legs = True
+
+    def __init__(self, limit: FloatArray) -> None:
+        self._limit = limit
+
+    @classmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateAcceleration"]:
+        """One limit for all coordinates."""
+        del settings
+        yield cls(path.bounds.acceleration)
+
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
+        """A row a coordinate."""
+        # q̈ = q' s̈ + q'' ṡ².
+        a = spline(s, 1) / self._limit
+        b = spline(s, 2) / self._limit
+        return SpeedRows(a, b, np.zeros_like(a))
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the accelerations, the differences of velocities and the second differences of places."""
+        step = samples.steps
+        reported = np.max(np.abs(samples.acceleration) / self._limit, axis=1)
+        gained = np.max(np.abs(mean_rates(samples.velocity, step)) / self._limit, axis=1)
+        second = np.max(np.abs(second_differences(samples.place, step)) / self._limit, axis=1)
+        return np.asarray(np.sqrt(np.maximum.reduce([reported, of_samples(gained), second])))
+
+
+class CoordinateVelocity(MotionLimit):
+    """Every coordinate's velocity.
+
+    Args:
+        limit: of every coordinate, shape (n,) [rad/s, m/s].
+    """
+
+    kept_by_legs = True
+
+    def __init__(self, limit: FloatArray) -> None:
+        self._limit = limit
+
+    @classmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateVelocity"]:
+        """One limit for all coordinates."""
+        del settings
+        yield cls(path.bounds.velocity)
+
+    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
+        """The greatest |q'| / v of all coordinates."""
+        return np.asarray(np.max(np.abs(spline(s, 1)) / self._limit, axis=1))
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the velocities, and the mean velocities of the steps."""
+        reported = np.max(np.abs(samples.velocity) / self._limit, axis=1)
+        means = np.max(np.abs(mean_rates(samples.place, samples.steps)) / self._limit, axis=1)
+        return np.asarray(np.maximum(reported, of_samples(means)))
+
+
+BESIDE = 1e-10
+"""Distance in s at which a jump of the third derivative is looked at from both sides; a guard against rounding."""
+
+
+class CoordinateJerk(MotionLimit):
+    """Every coordinate's jerk.
+
+    Args:
+        limit: of every coordinate, shape (n,) [rad/s³, m/s³], inf where it is not limited.
+        share: of the limit that may go to the shape of the path.
+    """
+
+    def __init__(self, limit: FloatArray, share: float) -> None:
+        self._limit = limit
+        self._share = share
+
+    @classmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateJerk"]:
+        """One limit for all coordinates, where any of them has one."""
+        del settings
+        if path.bounds.smooth:
+            yield cls(path.bounds.jerk, _JERK_SHARE)
+
+    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
+        """1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of the limit."""
+        before, after = sides_of_third(spline, s)
+        third = np.maximum(np.abs(before), np.abs(after))
+        return np.asarray(np.cbrt(np.max(third / self._limit, axis=1) / self._share))
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the differences of accelerations, and of mean accelerations."""
+        step = samples.steps
+        gained = np.max(np.abs(mean_rates(samples.acceleration, step)) / self._limit, axis=1)
+        second = np.max(np.abs(second_differences(samples.velocity, step)) / self._limit, axis=1)
+        # At the ends velocity is no mirrored rest, so a second difference says nothing there.
+        second[[0, -1]] = 0.0
+        return np.asarray(np.cbrt(np.maximum(of_samples(gained), second)))
+
+
+def sides_of_third(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
+    before = np.asarray(spline(np.clip(s - BESIDE, 0.0, 1.0), 3))
+    after = np.asarray(spline(np.clip(s + BESIDE, 0.0, 1.0), 3))
+    return before, after
+
+
+_AXIS = ("first (yaw)", "second (bend)", "third")
+
+
+def revolute_name(number: int) -> str:
+    """Ball and axis of a revolute in words, the ball counted from 1."""
+    return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
+
+
+def drive_name(number: int, coordinates: Coordinates) -> str:
+    """A revolute in words, or an axis that carries the base; these are counted after the revolutes."""
+    names = [f"the {name} axis" for name in coordinates.base_names]
+    return revolute_name(number) if number < coordinates.revolutes else names[number - coordinates.revolutes]
+
+
+def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
+    """The error for a drive that cannot hold the arm still.
+
+    Args:
+        number: of the drive.
+        share: of its limit that it needs.
+        place: path parameter.
+        limits: of the problem.
+        coordinates: of the arm.
+    """
+    turning = number < coordinates.revolutes
+    kind = "torque" if turning else "force"
+    unit = "N m" if turning else "N"
+    part = "joint" if turning else "axis"
+
+    limit = float(limits.of_drives(coordinates).effort[number])
+    load = share * limit
+    return RetimingError(
+        Diagnosis(
+            reason=f"{drive_name(number, coordinates)} needs {load:.4g} {unit} to hold the arm still at {place:.1%} "
+            f"of the path, but its {kind} limit is {limit:.4g} {unit}",
+            stage="retiming",
+            advice=(
+                f"raise the {kind} limit of this {part} above {load:.4g} {unit}",
+                "make the links lighter, or correct the direction of gravity",
+                "choose a start or goal nearer to the vertical through the base",
+            ),
+            evidence={"revolute": number, kind: load, "limit": limit, "path_position": place},
+        )
+    )
+
+
+class DriveEffort(MotionLimit):
+    """Every drive's torque or force.
+
+    Args:
+        path: whose drives are limited.
+    """
+
+    def __init__(self, path: TimedPath) -> None:
+        self._path = path
+        self._efforts = Efforts(path.limits, path.inverse_dynamics, path.revolutes, path.coordinates)
+
+    @classmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["DriveEffort"]:
+        """One limit for all drives, where any of them is limited."""
+        del settings
+        limit = cls(path)
+        if limit._efforts.limited:
+            yield limit
+
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
+        """A row a drive that does anything.
+
+        Raises:
+            RetimingError: naming the drive that cannot hold the arm still, and where.
+        """
+        q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
+        rest = np.zeros_like(q)
+        efforts = self._efforts
+        c = efforts(q, rest, rest)
+        d = efforts.damping(first)
+        # q' is the velocity at ṡ = 1 and the acceleration at s̈ = 1 alone; q'' is the acceleration at ṡ = 1 and s̈ = 0.
+        a = efforts(q, rest, first) - c
+        b = efforts(q, first, second) - c - d
+        self._check_static_load(s, c)
+        usable = planned_share(c, self._path.share)
+
+        # Joints that turn out of the plane have rows of rounding only, as shares of their limits.
+        kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > TINY)
+        rows = [(row / usable)[:, kept] for row in (a, b, c, d)]
+        return SpeedRows(rows[0], rows[1], rows[2], rows[3] if efforts.damped else None)
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the efforts at the samples."""
+        parts = self._efforts.parts(samples.place, samples.velocity, samples.acceleration)
+        parts = parts.as_shares_of(planned_share(parts.static, self._path.share))
+        damping = parts.damping if self._efforts.damped else None
+        return np.asarray(np.max(slowings(parts.moving, parts.static, 1.0, damping), axis=1))
+
+    def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
+        """Where every drive can hold the arm still, some slow motion keeps all limits."""
+        load = np.abs(static)
+        point, drive = np.unravel_index(np.argmax(load), load.shape)
+        if load[point, drive] >= 1.0:
+            share = float(load[point, drive])
+            raise too_weak(int(drive), share, float(s[point]), self._path.limits, self._path.coordinates)
+
+
+class PointSpeed(MotionLimit):
+    """Velocity and acceleration of one point of the arm.
+
+    Args:
+        point: of the arm.
+        velocity: greatest speed [m/s], inf for none.
+        acceleration: greatest acceleration in any direction [m/s²], inf for none.
+        directions: of the rows, over half a turn.
+    """
+
+    def __init__(self, point: MovingPoint, velocity: float, acceleration: float, directions: int) -> None:
+        self._point = point
+        self._velocity = velocity
+        self._acceleration = acceleration
+        # Half a turn is enough: a row bounds both its direction and the opposite one.
+        angles = np.pi * np.arange(directions) / directions
+        self._normals = np.stack((np.cos(angles), np.sin(angles)))
+
+    @classmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["PointSpeed"]:
+        """One limit for every point that the problem names.
+
+        Raises:
+            ProblemError: points are limited, and there is no arm to say where they are.
+        """
+        for limit in path.limits.points:
+            if path.arm is None:
+                raise ProblemError("limits on points of the arm need the arm: hand it to the timing")
+            point = point_of(path.arm, limit.at)
+            yield cls(point, limit.velocity, limit.acceleration, settings.directions)
+
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
+        """A row for the speed, and one for each pair of opposite sides of the polygon around the disc.
+
+        A row in ṡ², unlike a bound on ṡ, is tightened only where it is passed between grid points: points of the arm
+        change their speed along the path much faster than joints.
+        """
+        q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
+        # Along the path ṗ = p' ṡ and p̈ = p' s̈ + p'' ṡ²: velocity and acceleration at ṡ = 1, s̈ = 0.
+        tangent = self._point.velocity(q, first)
+        bend = self._point.acceleration(q, first, second)
+        gains = [np.zeros((len(s), 1))]
+        # |ṗ|² = |p'|² ṡ², which is linear in ṡ².
+        squares = [np.sum(tangent**2, axis=1)[:, None] / self._velocity**2]
+        if np.isfinite(self._acceleration):
+            # The polygon is circumscribed: what its corners allow too much is mended by slowing down.
+            along, across = _in_their_plane(tangent, bend)
+            gains.append(along @ self._normals / self._acceleration)
+            squares.append(across @ self._normals / self._acceleration)
+        a = np.concatenate(gains, axis=1)
+        return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the motion at the samples, by differences of it, and by the motion that is linear between them."""
+        step = samples.steps
+        places = self._point.position(samples.place)
+        velocities = self._point.velocity(samples.place, samples.velocity)
+        accelerations = self._point.acceleration(samples.place, samples.velocity, samples.acceleration)
+
+        means = _length(mean_rates(places, step))
+        speed = np.maximum(_length(velocities), of_samples(np.maximum(means, self._speed_between(samples))))
+        gained = of_samples(_length(mean_rates(velocities, step)))
+        second = _length(second_differences(places, step))
+        growth = np.maximum.reduce([_length(accelerations), gained, second])
+        return np.asarray(np.maximum(speed / self._velocity, np.sqrt(growth / self._acceleration)))
+
+    def _speed_between(self, samples: MotionSamples) -> FloatArray:
+        """Bound on the speed within the steps, in which coordinates are linear in time, shape (T − 1,) [m/s].
+
+        Between the ends of a step the point's velocity leaves its own chord by at most h² / 8 · max|p⃛|.
+        """
+        rates = np.diff(samples.place, axis=0) / samples.steps
+        before = _length(self._point.velocity(samples.place[:-1], rates))
+        after = _length(self._point.velocity(samples.place[1:], rates))
+        sag = 0.125 * samples.steps[:, 0] ** 2 * self._point.most_jerk(samples.place[:-1], rates, samples.steps[:, 0])
+        return np.maximum(before, after) + sag
+
+
+def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pairs of vectors, shape (N, 2) or (N, 3), as they lie in a plane that holds both, shape (N, 2) each."""
+    if first.shape[1] == 2:
+        return first, second
+    length = np.linalg.norm(first, axis=1)
+    # Where the first vector is nothing, any plane that holds the second will do.
+    axis = np.where(length[:, None] > 0.0, first, second)
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    along = np.sum(second * axis, axis=1)
+    across = np.linalg.norm(second - along[:, None] * axis, axis=1)
+    return np.column_stack((length, np.zeros_like(length))), np.column_stack((along, across))
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    plane = np.hypot(vectors[..., 0], vectors[..., 1])
+    return np.asarray(plane if vectors.shape[-1] == 2 else np.hypot(plane, vectors[..., 2]))

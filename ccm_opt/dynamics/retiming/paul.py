@@ -1,0 +1,342 @@
+"""Paul's blends between straight pieces.
+
+The paper plans its trajectories so (section 5.4). Joints move at constant speed along a leg, and within ±τ of the time
+of a via point B they go over to the next leg. With A the place at −τ, C the next via point, T the time from B to C,
+ΔB = A − B, ΔC = C − B and h = (t + τ) / 2τ
+
+    q = [(ΔC τ/T + ΔB)(2 − h) h² − 2 ΔB] h + B + ΔB
+    q̇ = [(ΔC τ/T + ΔB)(3 − 2 h) h² − ΔB] / τ,   q̈ = 3 (ΔC τ/T + ΔB)(1 − h) h / τ².
+
+So speed goes from that of one leg to that of the next without passing either, acceleration is continuous, at most
+¾ |Δv| / τ, and the via point is missed by 3/16 τ |Δv|. At the ends the speed before, or after, is zero.
+
+A motion with all times longer by λ has the same shape in space, speeds smaller by λ, accelerations by λ².
+
+Joints move at constant speed along the legs between keyframes and turn smoothly at each, see ``transitions``. The
+times of the legs are found here: every leg is lengthened until speed, acceleration and torque keep their limits, then
+shortened where they leave room. Transitions leave the polygon of keyframes, by less the smaller the window that they
+may take of a leg; whoever calls this must verify the motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.errors import Diagnosis, RetimingError
+from ccm_opt.dynamics.retiming.efforts import InverseDynamics, Revolutes
+from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
+from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
+from ccm_opt.dynamics.retiming.timed_path import PathLimits, TimedPath, likely_coordinates
+from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING
+from ccm_opt.problem import Limits
+from ccm_opt.problem.solution import JointPath, JointTrajectory
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import Coordinates
+
+WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
+"""Largest half transitions as a share of the shorter leg beside them, in the order in which they are worth a try.
+Derived: ½ is the greatest at which neighbours fit into their leg; each halves the miss of the corner."""
+_SHARE = 0.995
+"""Share of every limit that is used. Taste."""
+_LEAST_SAMPLES = 2
+"""Samples in half a transition, at least, so that the samples show what happens in it. Taste."""
+_ROUNDS = 60
+"""Most rounds of lengthening legs; what is left after them is met by stretching time. Taste."""
+_DRIVE_ROUNDS = 24
+"""Most rounds of slowing down where a limit beyond those of the legs is passed, such as that on torques: legs by
+themselves in the first half, then all of them. Taste."""
+_LONGEST = 1_000_000
+"""Most samples of a motion; a motion that needs more time than that is given up. Taste."""
+_SHORTENING = (0.8, 0.9, 0.95, 0.98, 0.99)
+"""Factors by which legs are shortened where the limits leave room. Taste."""
+_SWEEPS = 12
+"""Sweeps with each factor. Taste."""
+_STATIC_POINTS = 400
+"""Places along the polygon at which the joints must be able to hold the arm. Taste."""
+_NO_LEG = 1e-9
+"""Legs shorter than this in joint space are left out [rad, m]. Taste, above rounding."""
+
+
+@dataclass(frozen=True)
+class Legs:
+    """A motion along a polygon, with transitions at its via points.
+
+    Attributes:
+        vias: shape (K, n) [rad, m].
+        times: from via point to via point, shape (K − 1,) [s].
+        halves: half the time of each transition, shape (K,) [s]; two neighbours fit into the leg between them.
+    """
+
+    vias: FloatArray
+    times: FloatArray
+    halves: FloatArray
+
+    @cached_property
+    def speeds(self) -> FloatArray:
+        """Velocities before, on and after the legs, shape (K + 1, n); zero before the first and after the last."""
+        speeds = np.diff(self.vias, axis=0) / self.times[:, None]
+        rest = np.zeros((1, self.vias.shape[1]))
+        return np.concatenate((rest, speeds, rest))
+
+    @cached_property
+    def passed(self) -> FloatArray:
+        """When each via point is passed, or would be without its transition, shape (K,) [s]."""
+        # Time counts from the start of the first transition, τ₀ before the first via point.
+        return np.asarray(self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times))))
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+        return float(self.passed[-1] + self.halves[-1])
+
+    @cached_property
+    def _breaks(self) -> FloatArray:
+        """Begin and end of every transition, in order, shape (2 K,) [s]."""
+        pairs = np.stack((self.passed - self.halves, self.passed + self.halves), axis=1)
+        # Transitions may touch, and rounding must not put their ends out of order for the search.
+        return np.maximum.accumulate(pairs.ravel())
+
+    def piece(self, time: FloatArray) -> tuple[IntArray, BoolArray]:
+        """The last via point whose transition has begun, and whether that transition is still going on."""
+        number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
+        # The breaks alternate: even pieces are transitions, odd ones the straight legs after them.
+        return number // 2, number % 2 == 0
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Places, velocities and accelerations at given times, each of shape (N, n)."""
+        via, turning = self.piece(time)
+        since = (time - self.passed[via])[:, None]
+        before = self.speeds[via]
+        after = self.speeds[via + 1]
+        tau = self.halves[via][:, None]
+
+        # A piece is evaluated in both ways, as a transition and as a leg, and the one that holds is picked.
+        h = np.clip((since + tau) / (2.0 * tau), 0.0, 1.0)
+        start = -before * tau  # Paul's ΔB
+        bend = after * tau + start  # Paul's ΔC τ/T + ΔB
+        turn = (
+            (bend * (2.0 - h) * h**2 - 2.0 * start) * h + self.vias[via] + start,
+            (bend * (3.0 - 2.0 * h) * h**2 - start) / tau,
+            3.0 * bend * (1.0 - h) * h / tau**2,
+        )
+        straight = (self.vias[via] + after * since, after, np.zeros_like(after))
+
+        pick = turning[:, None]
+        q, qd, qdd = (np.where(pick, one, other) for one, other in zip(turn, straight, strict=True))
+        return q, qd, qdd
+
+    def slowed(self, factor: float) -> "Legs":
+        """The same motion with all times longer by a factor."""
+        return replace(self, times=self.times * factor, halves=self.halves * factor)
+
+
+def retime_paul(
+    path: JointPath,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    *,
+    revolutes: Revolutes,
+    window: float = WINDOWS[0],
+    step: float = DEFAULT_TIMING.sampling.step,
+    coordinates: Coordinates | None = None,
+    arm: Arm | None = None,
+    share: float = 1.0,
+) -> JointTrajectory:
+    """A motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
+
+    Args:
+        path: its keyframes are the via points; the spline between them is not used.
+        limits: of every revolute; ball i's bend is revolute 3 i + 1; of the feed axis; and of points of the arm.
+        inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m].
+        revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
+        window: largest half transition as a share of the shorter leg beside it, at most ½.
+        step: largest time between two samples [s].
+        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
+        arm: whose points are limited; needed when the limits name some.
+        share: of the limits of the drives that may be used, see ``robot.coordinates``.
+
+    Returns:
+        Samples at equal times, the first and last at rest at the path's ends. The motion leaves the polygon of
+        keyframes at its corners; it is for the caller to verify it.
+
+    Raises:
+        RetimingError: a joint cannot even hold the arm at some point of the polygon, or no slower motion keeps the
+            torque limits.
+    """
+    vias = _distinct(path.keyframes)
+    columns = coordinates or likely_coordinates(limits, vias.shape[1])
+    timed = TimedPath(_polygon(vias), limits, inverse_dynamics, revolutes, columns, arm, share)
+    # Those on the coordinates' own velocities and accelerations are kept by the legs as they are made.
+    others = [limit for limit in limits_along(timed) if not limit.kept_by_legs]
+    for limit in others:
+        limit.rows(timed.spline, np.linspace(0.0, 1.0, _STATIC_POINTS))  # an error where the arm cannot rest
+    if len(vias) < 2:
+        return _sampled(_standing(path.keyframes, step), step).trajectory(columns, "rest")
+
+    axes = timed.bounds
+    least = _LEAST_SAMPLES * step
+    legs = fastest_legs(vias, axes, window, least)
+    for attempt in range(_DRIVE_ROUNDS):
+        stretch = _stretch_of_legs(legs, others, step)
+        if np.max(stretch) <= 1.0:
+            return _sampled(legs, step).trajectory(columns, "paul")
+        # At first only the legs at fault are lengthened. Legs influence their neighbours, so this need not settle;
+        # slowing the whole motion does.
+        if 2 * attempt < _DRIVE_ROUNDS:
+            legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
+        else:
+            legs = legs.slowed(float(np.max(stretch)) * (1.0 + 1e-6))
+    raise _no_speed(limits)
+
+
+def fastest_legs(vias: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
+    """Legs as short as the limits on speed and acceleration let them be, nearly.
+
+    Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
+
+    Args:
+        vias: shape (K ≥ 2, n).
+        axes: limits.
+        window: largest half transition as a share of the shorter leg beside it.
+        least: least half transition [s].
+    """
+    lengths = np.abs(np.diff(vias, axis=0))
+    legs = lengthened(vias, np.max(lengths / (_SHARE * axes.velocity), axis=1), axes, window, least)
+    for factor in _SHORTENING:
+        for sweep in range(_SWEEPS):
+            legs = _shortened(legs, axes, window, least, factor, sweep % 2)
+    return legs
+
+
+def lengthened(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
+    """Legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
+    legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
+    for _ in range(_ROUNDS):
+        need = needed(legs, axes)
+        if np.max(need) <= 1.0:
+            return legs
+        legs = with_transitions(vias, legs.times * np.maximum(need, 1.0) * (1.0 + 1e-9), axes, window, least)
+    return legs.slowed(max(1.0, float(np.max(needed(legs, axes)))))
+
+
+def with_transitions(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
+    """Give legs their transitions: as short as acceleration lets them be, but within the window."""
+    # A half transition takes at most its share of the shorter leg beside it; beyond both ends there is no leg.
+    most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
+    legs = Legs(vias, times, most)
+    change = np.abs(np.diff(legs.speeds, axis=0))
+    # A transition peaks at ¾ |Δv| / τ, solved here for the half time τ at which that is the limit.
+    wanted = 0.75 * np.max(change / (_SHARE * axes.acceleration), axis=1)
+    return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
+
+
+def needed(legs: Legs, axes: PathLimits) -> FloatArray:
+    """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
+    # The first and the last speed are the rest before and after the motion, not those of legs.
+    speed = np.max(np.abs(legs.speeds[1:-1]) / (_SHARE * axes.velocity), axis=1)
+    change = np.abs(np.diff(legs.speeds, axis=0))
+    growth = 0.75 * np.max(change / (_SHARE * axes.acceleration), axis=1) / legs.halves
+    # Legs longer by λ lower |Δv| by λ and lengthen τ by λ: their peak falls by λ².
+    turn = np.sqrt(growth)
+    return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
+
+
+def _shortened(legs: Legs, axes: PathLimits, window: float, least: float, factor: float, colour: int) -> Legs:
+    """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
+    times = legs.times.copy()
+    # Never so short that the least half transition would not fit into the window.
+    times[colour::2] = np.maximum(factor * times[colour::2], least / window)
+    trial = with_transitions(legs.vias, times, axes, window, least)
+    fails = needed(trial, axes) > 1.0 + 1e-12
+    # A leg shares its transitions with its neighbours: where one of them fails, both sides go back.
+    near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])
+    return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least)
+
+
+def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
+    """Factor on the time of each leg that brings its samples within the limits, shape (K − 1,)."""
+    stretch = np.zeros(len(legs.times))
+    if not limits:
+        return stretch
+    # So slow a motion would fill the memory with samples, and is of no use.
+    if legs.duration > _LONGEST * step:
+        raise _too_slow(legs.duration)
+    samples = _sampled(legs, step)
+    need = np.max([limit.stretches(samples) for limit in limits], axis=0)
+
+    # A sample in a turn is due to the legs on both sides of it.
+    via, turning = legs.piece(samples.time)
+    last = len(stretch) - 1
+    np.maximum.at(stretch, np.minimum(via, last), need)
+    np.maximum.at(stretch, np.maximum(via - turning, 0), need)
+    return stretch
+
+
+def _sampled(legs: Legs, step: float) -> MotionSamples:
+    time = _sample_times(legs, step)
+    q, qd, qdd = legs.at(time)
+    # Both ends are free of rounding: the motion starts and ends exactly where it was asked to, at rest.
+    q[[0, -1]] = legs.vias[[0, -1]]
+    qd[[0, -1]] = 0.0
+    qdd[[0, -1]] = 0.0
+    return MotionSamples(time / time[-1], time, q, qd, qdd)
+
+
+def _sample_times(legs: Legs, step: float) -> FloatArray:
+    return np.linspace(0.0, legs.duration, max(1, int(np.ceil(legs.duration / step - 1e-9))) + 1)
+
+
+def _distinct(keyframes: FloatArray) -> FloatArray:
+    """The keyframes without those that repeat the one before; the last is kept."""
+    kept = [keyframes[0]]
+    for row in keyframes[1:]:
+        if np.max(np.abs(row - kept[-1])) > _NO_LEG:
+            kept.append(row)
+    # The last one kept may be a hair beside the goal, but the motion must end at the goal itself.
+    if len(kept) > 1:
+        kept[-1] = keyframes[-1]
+    return np.array(kept)
+
+
+def _standing(keyframes: FloatArray, step: float) -> Legs:
+    """Standing still for one step."""
+    ends = keyframes[[0, -1]]
+    return Legs(np.array([ends[0], ends[0]]), np.array([0.5 * step]), np.array([0.25 * step, 0.25 * step]))
+
+
+def _polygon(vias: FloatArray) -> BSpline:
+    """The polygon as a spline of degree 1 over [0, 1]; one via point alone counts twice."""
+    vias = vias if len(vias) > 1 else np.repeat(vias, 2, axis=0)
+    knots = np.concatenate(([0.0], np.linspace(0.0, 1.0, len(vias)), [1.0]))
+    return BSpline(knots, vias, 1)
+
+
+def _no_speed(limits: Limits) -> RetimingError:
+    torque = None if limits.torque is None else float(np.min(limits.torque))
+    return RetimingError(
+        Diagnosis(
+            reason="however slow, a transition takes a pose that the joints cannot hold within their torque limits",
+            stage="retiming",
+            advice=("raise the torque limit", 'use planner.retiming = "toppra", which stays on the path'),
+            evidence={"least_torque_limit": torque},
+        )
+    )
+
+
+def _too_slow(duration: float) -> RetimingError:
+    return RetimingError(
+        Diagnosis(
+            reason=f"a motion of legs and turns that keeps the limits would take more than {duration:.4g} s",
+            stage="retiming",
+            advice=(
+                "raise the limits",
+                "raise planner.effort_share",
+                'use planner.retiming = "toppra", which stays on the path',
+            ),
+            evidence={"duration": duration},
+        )
+    )

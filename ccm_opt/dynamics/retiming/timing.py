@@ -1,0 +1,486 @@
+"""Times a path and samples it.
+
+Between samples the columns of a path are taken as linear in time. The chord from s₀ to s₁ leaves the path in a column
+by at most ⅛ (s₁ − s₀)² max|q''|, so with headings φ (running sums of the bends) every point of the arm leaves its way
+by at most ⅛ (s₁ − s₀)² (Σ l |φ''| + |feed''|), the greatest on the interval. The second derivative of a cubic spline is
+linear between knots, so the greatest stands at a knot or at an end. What a chord does in time does not matter: it is
+another speed along the same way.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, Self
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray
+from ccm_opt.core.errors import Diagnosis, RetimingError
+from ccm_opt.dynamics.retiming.efforts import InverseDynamics, Revolutes
+from ccm_opt.dynamics.retiming.grid import path_grid, refine, span_lengths
+from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
+from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
+from ccm_opt.dynamics.retiming.path_rows import PathRows, path_rows
+from ccm_opt.dynamics.retiming.profile import SpeedProfile
+from ccm_opt.dynamics.retiming.speed_optimizer import SmoothProfile, fastest_within, halved_where_unseen, jerk_limited
+from ccm_opt.dynamics.retiming.timed_path import TimedPath, likely_coordinates
+from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings, TimingSettings
+from ccm_opt.problem import Limits
+from ccm_opt.problem.solution import JointPath, JointTrajectory
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.coordinates import Coordinates
+
+_LEAST_SAMPLES = 100
+"""Steps of a short motion, whatever the time between them. Taste."""
+_MOST_NUMBERS = 30_000_000
+"""Steps times coordinates of the arm; a motion of more is not sampled. Taste: an array of them has a quarter of a
+gigabyte, and a fed arm of 24 links moves for 40 minutes."""
+_SPARE_SHARE = 0.5
+"""Share of the gap that a path is certified to spare that chords between samples may use. Derived: the other half is
+the verifier's, whose bounds are not sharp."""
+_CUTTINGS = 8
+"""Most rounds of cutting steps, for chords and again for accelerations. Measured: the first leaves few steps too long
+for chords."""
+_STANDING = 1e-9
+"""Path length in joint space below which a path counts as standing still [rad]. Taste, above rounding."""
+
+_BESIDE_JUMP = 0.02
+"""Share of a step by which such a sample is at least away from its neighbours. Derived: nearer than this to a sample, a
+jump adds less than 4 %."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Chords:
+    """How far the straight pieces between samples may leave the path.
+
+    Attributes:
+        link_length: of the arm [m].
+        sag: most that any point of the arm may be off its way [m].
+    """
+
+    link_length: float
+    sag: float
+
+    @classmethod
+    def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
+        """Within a share of the gap that a path is certified to spare; where it spares none, within a hair."""
+        return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
+
+
+class Profile(Protocol):
+    """A motion along the path parameter."""
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """s, ṡ and s̈ at given times."""
+
+    def slowed(self, factor: float) -> Self:
+        """The same profile with all times longer by a factor."""
+
+
+def sample_motion(
+    spline: BSpline,
+    profile: Profile,
+    step: float,
+    chords: Chords | None,
+    coordinates: Coordinates,
+    settings: SamplingSettings = DEFAULT_TIMING.sampling,
+    jumps: FloatArray | None = None,
+) -> MotionSamples:
+    """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ².
+
+    Args:
+        spline: of the arm's coordinates.
+        profile: how the path parameter grows.
+        step: largest time between two samples [s].
+        chords: how far chords between samples may leave the path; None for anyhow.
+        coordinates: what the columns of the spline are.
+        settings: of sampling.
+        jumps: times at which accelerations jump, so that samples are to stand there; None for none [s].
+
+    Raises:
+        RetimingError: the motion is too slow to be sampled like this.
+    """
+    most = _MOST_NUMBERS // spline.c.shape[1]
+    if profile.duration / step > most:
+        raise _too_slow(profile.duration, step, most)
+    # The small number keeps rounding from adding a step where the duration is a whole number of them.
+    count = max(int(np.ceil(profile.duration / step - 1e-9)), _LEAST_SAMPLES)
+    time = np.linspace(0.0, profile.duration, count + 1)
+    if chords is not None:
+        time = near_the_path(spline, profile, time, chords, coordinates, settings)
+    if jumps is not None:
+        time = with_jumps(time, jumps, _BESIDE_JUMP)
+    return samples_at(spline, profile, time)
+
+
+def _too_slow(duration: float, step: float, most: int) -> RetimingError:
+    return RetimingError(
+        Diagnosis(
+            reason=f"the motion takes {duration:.4g} s within the limits; {most} steps of {step:.2g} s are the "
+            "most that is written",
+            stage="retiming",
+            advice=("raise the limits on speeds and accelerations: one of them hardly lets the arm move",),
+            evidence={"duration": duration},
+        )
+    )
+
+
+def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:
+    """The motion of a path at given times, the first and last of which are those of its ends, shape (T,) [s]."""
+    s, speed, growth = (values[:, None] for values in profile.at(time))
+    # Both ends are free of rounding, so that start and goal are met exactly and at rest.
+    s[[0, -1], 0] = (0.0, 1.0)
+    speed[[0, -1], 0] = 0.0
+    poses = [np.asarray(spline(s[:, 0], nu)) for nu in range(3)]
+    return MotionSamples(s[:, 0], time, poses[0], poses[1] * speed, poses[1] * growth + poses[2] * speed**2)
+
+
+def with_jumps(time: FloatArray, jumps: FloatArray, apart: float) -> FloatArray:
+    """Sample times with those of jumps among them, but for jumps that stand next to a sample anyhow.
+
+    Args:
+        time: strictly increasing, shape (T,) [s].
+        jumps: increasing, within the motion, shape (J,) [s].
+        apart: share of a step that a jump is at least away from its ends, and from the jump before.
+    """
+    after = np.clip(np.searchsorted(time, jumps, side="right"), 1, len(time) - 1)
+    least = apart * (time[after] - time[after - 1])
+    away = np.minimum(jumps - time[after - 1], time[after] - jumps) > least
+    since_last = np.diff(jumps, prepend=-np.inf) > least
+    return np.union1d(time, jumps[away & since_last])
+
+
+def near_the_path(
+    spline: BSpline,
+    profile: Profile,
+    time: FloatArray,
+    chords: Chords,
+    coordinates: Coordinates,
+    settings: SamplingSettings,
+) -> FloatArray:
+    """Sample times with more between them where chords would leave the path; no step is cut into too many pieces."""
+    # Bounds the number of samples: a path with a kink would otherwise be cut for ever.
+    shortest = np.min(np.diff(time)) / settings.most_pieces
+    for _ in range(_CUTTINGS):
+        # The sag falls with the square of the step, so a step is cut into as many pieces as the root says.
+        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
+        pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
+        if np.all(pieces <= 1):
+            break
+        time = _cut(time, np.maximum(pieces, 1))
+    _report(sag(spline, profile.at(time)[0], chords.link_length, coordinates), chords, len(time))
+    return time
+
+
+def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordinates) -> FloatArray:
+    """How far any point of the arm may leave its way on the chords between points of the path.
+
+    Args:
+        spline: of the arm's coordinates.
+        s: path parameters, not decreasing, shape (T,).
+        link_length: [m].
+        coordinates: what the columns of the spline are.
+
+    Returns:
+        Bounds, shape (T − 1,) [m].
+    """
+    # |q''| is linear between knots, so knots and ends of intervals are all that need looking at.
+    places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
+    weight = coordinates.travel(np.asarray(spline(places, 2)), link_length)
+    at = np.searchsorted(places, s)
+    # ``reduceat`` covers an interval's start and the knots in it, but not its end, which is taken below; its last entry
+    # is the end of the path alone.
+    inside = np.maximum.reduceat(weight, at)[:-1]
+    return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))
+
+
+def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
+    """Cut every step into a number of equal pieces."""
+    places = np.concatenate(([0], np.cumsum(pieces)))
+    return np.interp(np.arange(places[-1] + 1), places, time)
+
+
+def _report(left: FloatArray, chords: Chords, count: int) -> None:
+    worst = float(np.max(left, initial=0.0))
+    if worst > 1.1 * chords.sag:
+        logger.warning(
+            "%d samples; steps are not cut further, though chords between them may leave the path by %.3g m, more than "
+            "the %.3g m asked for",
+            count,
+            worst,
+            chords.sag,
+        )
+
+
+def joined(
+    trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = DEFAULT_TIMING.sampling.step
+) -> JointTrajectory:
+    """One motion along several legs, each from rest to rest, with pauses between them.
+
+    Args:
+        trajectories: at least one; each begins where the one before ends.
+        pauses: time at rest after each leg but the last, length ``len(trajectories) − 1`` [s]; none when left out.
+        step: largest time between two samples of a pause [s].
+
+    Returns:
+        Its ``stops`` are the samples at which the legs end, beside those that the legs have themselves. The sample at
+        a stop without a pause reports the acceleration at the end of the leg.
+
+    Raises:
+        RetimingError: a leg does not begin where the one before ends.
+        ValueError: the pauses do not fit the legs.
+    """
+    pauses = pauses or [0.0] * (len(trajectories) - 1)
+    if len(pauses) != len(trajectories) - 1 or min(pauses, default=0.0) < 0.0:
+        raise ValueError(f"got pauses {list(pauses)} for {len(trajectories)} legs; expected one, ≥ 0, between two legs")
+    whole = trajectories[0]
+    for number, (leg, pause) in enumerate(zip(trajectories[1:], pauses, strict=True), start=1):
+        _check_place(whole, leg, number)
+        whole = _after(_paused(whole, pause, step), leg, stop=len(whole.time) - 1)
+    return whole
+
+
+def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
+    """The same motion backward: velocities change their sign, accelerations do not; a retraction."""
+    last = len(trajectory.time) - 1
+    return replace(
+        trajectory,
+        time=trajectory.time[-1] - trajectory.time[::-1],
+        positions=trajectory.positions[::-1].copy(),
+        velocities=0.0 - trajectory.velocities[::-1],  # not -v: what rests keeps +0.0
+        accelerations=trajectory.accelerations[::-1].copy(),
+        stops=tuple(last - stop for stop in reversed(trajectory.stops)),
+    )
+
+
+def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTrajectory:
+    """The motion with its last pose held for some time."""
+    count = int(np.ceil(pause / step - 1e-9))
+    if count == 0:
+        return trajectory
+    time = np.linspace(0.0, pause, count + 1)[1:]
+    held = np.repeat(trajectory.positions[-1:], count, axis=0)
+    rest = np.zeros_like(held)
+    return _chained(trajectory, JointTrajectory(time, held, rest, rest, trajectory.coordinates))
+
+
+def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
+    """Two motions in a row; the first sample of the second is the last of the first."""
+    later = tuple(len(first.time) - 1 + number for number in leg.stops)
+    return replace(_chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
+
+
+def _chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
+    """The samples of both, the time of the second counted from the end of the first."""
+    return replace(
+        first,
+        time=np.concatenate((first.time, first.time[-1] + second.time)),
+        positions=np.concatenate((first.positions, second.positions)),
+        velocities=np.concatenate((first.velocities, second.velocities)),
+        accelerations=np.concatenate((first.accelerations, second.accelerations)),
+        timed_by=(*first.timed_by, *second.timed_by),
+    )
+
+
+def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> None:
+    # Legs in different coordinates do not fit at all, whatever their numbers.
+    gap = np.inf
+    if first.coordinates == leg.coordinates:
+        # Rounding of a place on a long axis grows with the place.
+        size = np.maximum(np.abs(first.positions[-1]), 1.0)
+        gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1]) / size))
+    if gap <= ROUNDING:
+        return
+    raise RetimingError(
+        Diagnosis(
+            reason=f"leg {number + 1} begins {gap:.3g} (rad or m) away from where leg {number} ends",
+            stage="retiming",
+            advice=("plan each leg from the end of the one before",),
+            evidence={"leg": number + 1, "gap": gap},
+        )
+    )
+
+
+_PERIOD = 1e-3
+"""Time between looks at the smoothed motion, which has no grid of its own [s]. Taste."""
+_JUMP = 0.1
+"""Change of an acceleration or effort, as a share of its limit, at which a sample is put when it happens at once. A
+drive's reference that is interpolated between two samples beside a jump passes the accelerations before and after it by
+up to a third of the jump. Taste: what smaller ones add is within the share that plans leave."""
+_SMALL_STRETCH = 1.01
+"""Stretch of time that keeps the samples where they are on the path; steps are shorter by as much before it. Taste."""
+_RESAMPLINGS = 60
+"""Most samplings, each of a motion slower than the last by at least a small stretch. Derived: they reach 1.8 times the
+duration."""
+_MOST_STRETCH = 100.0
+"""From which on a motion is not slowed down but given up: samples this far beyond a limit are those of a path that
+nothing can be driven along, as one with a corner is, and a motion as slow has millions of them. Taste."""
+
+
+def retime(
+    path: JointPath,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    *,
+    revolutes: Revolutes,
+    step: float | None = None,
+    link_length: float | None = None,
+    coordinates: Coordinates | None = None,
+    arm: Arm | None = None,
+    share: float = 1.0,
+    settings: TimingSettings = DEFAULT_TIMING,
+) -> JointTrajectory:
+    """The fastest motion along a path from rest to rest, within the limits.
+
+    A motion exists whenever every drive can hold the arm still all along the path; if in doubt it is a slow one.
+
+    Args:
+        path: spline of the bends, and of the feed when there is a feed axis, over u in [0, 1].
+        limits: of every revolute; ball i's bend is revolute 3 i + 1; of the feed axis; and of points of the arm.
+        inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m]. With
+            a feed axis it takes its accelerations (N,) as well, and has the method ``feed_forces``.
+        revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
+        step: largest time between two samples [s]; that of the settings when None.
+        link_length: of the arm [m]; by it, steps are cut where chords between samples would leave the path by more
+            than half the gap that the path is certified to spare. None leaves the steps as they are.
+        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
+        arm: whose points are limited; needed when the limits name some.
+        share: of the limits of the drives that may be used, see ``robot.coordinates``.
+        settings: numbers of timing.
+
+    Returns:
+        Samples, the first and last at rest at the path's ends; angles, velocities and accelerations are those of one
+        motion, to rounding, and neither they nor their finite differences pass a limit. ``timed_by`` says what found
+        the speeds.
+
+    Raises:
+        RetimingError: a drive cannot even hold the arm still at some point of the path.
+        ProblemError: points are limited and there is no arm, or it is shorter than where they are.
+    """
+    columns = coordinates or likely_coordinates(limits, path.spline.c.shape[1])
+    timed = TimedPath(path.spline, limits, inverse_dynamics, revolutes, columns, arm, share)
+    timing = _Timing(timed, limits_along(timed, settings.profile), settings)
+    largest = settings.sampling.step if step is None else step
+
+    # A path that goes nowhere has no grid; its rows are still asked whether the arm can be held there.
+    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < _STANDING:
+        timing.rows(np.linspace(0.0, 1.0, 2))
+        return _standing(path.spline, largest).trajectory(columns, "rest")
+
+    fastest = timing.fastest()
+    profile = timing.smooth(fastest) if timed.bounds.smooth else fastest
+    chords = None if link_length is None else Chords.beside(path, link_length, settings.sampling)
+    return timing.sampled(profile, largest, chords).trajectory(columns, fastest.timed_by)
+
+
+def needed_stretch(samples: MotionSamples, limits: Sequence[MotionLimit]) -> float:
+    """Factor on time that brings every sample and every difference within the limits; 1 or less when all are."""
+    return max(float(np.max(limit.stretches(samples))) for limit in limits)
+
+
+@dataclass(frozen=True)
+class _Timing:
+    """The stages of timing one path.
+
+    Attributes:
+        path: what is timed.
+        limits: every limit of it.
+        settings: numbers of timing.
+    """
+
+    path: TimedPath
+    limits: tuple[MotionLimit, ...]
+    settings: TimingSettings
+
+    @cached_property
+    def _grid(self) -> FloatArray:
+        return path_grid(self.path.spline, self.settings.grid)
+
+    def rows(self, s: FloatArray) -> PathRows:
+        """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
+        return path_rows(self.limits, self.path.spline, s)
+
+    @cached_property
+    def _dense(self) -> PathRows:
+        """The limits at the grid points and between them."""
+        return self.rows(refine(self._grid, self.settings.profile.substeps))
+
+    def fastest(self) -> SpeedProfile:
+        """The fastest speeds along the path."""
+        return fastest_within(self._dense, self.settings.profile)
+
+    def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
+        """The motion with bounded jerk, slowed down until all limits hold at every look."""
+        spline = self.path.spline
+        coordinates = self.path.coordinates
+        profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
+        looks = sample_motion(spline, profile, _PERIOD, None, coordinates, self.settings.sampling)
+        # As between the points of a grid, samples will fall beside the looks.
+        return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
+
+    def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> MotionSamples:
+        """Samples that keep the limits, of the motion or one a little slower."""
+        settings = self.settings.sampling
+        for _ in range(_RESAMPLINGS):
+            # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
+            samples = sample_motion(
+                self.path.spline,
+                profile,
+                step / _SMALL_STRETCH,
+                chords,
+                self.path.coordinates,
+                settings,
+                self._jumps(profile),
+            )
+            samples = self._with_all_seen(samples, profile)
+            stretch = needed_stretch(samples, self.limits)
+            if stretch <= _SMALL_STRETCH:
+                return samples.slowed(max(stretch, 1.0))
+            self.rows(samples.s)  # a drive that is too weak between grid points is the reason, and is named
+            if stretch > _MOST_STRETCH:
+                break
+            profile = profile.slowed(stretch)
+        raise _no_speed(profile)
+
+    def _with_all_seen(self, samples: MotionSamples, profile: SpeedProfile | SmoothProfile) -> MotionSamples:
+        """The samples, with more between them where accelerations swing unseen."""
+        settings = self.settings.sampling
+        for _ in range(_CUTTINGS):
+            time = halved_where_unseen(samples, self.path.bounds.acceleration, settings)
+            if time is None:
+                break
+            samples = samples_at(self.path.spline, profile, time)
+        return samples
+
+    def _jumps(self, profile: SpeedProfile | SmoothProfile) -> FloatArray | None:
+        """When the motion's accelerations jump; None for a motion whose jerk is limited."""
+        if isinstance(profile, SmoothProfile):
+            return None
+        # Rows are shares of the limits, so the greatest coefficient of s̈ is what a change of it does to any of them.
+        gain = np.max(np.abs(self._dense.every(self.settings.profile.substeps).a), axis=1)
+        return profile.jumps(gain, _JUMP)
+
+
+def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:
+    return RetimingError(
+        Diagnosis(
+            reason=f"no speed was found that keeps the limits; the slowest motion tried takes {profile.duration:.4g} s",
+            stage="retiming",
+            advice=("raise the torque limits: they may hardly suffice to hold the arm still", "plan a smoother path"),
+            evidence={"duration": profile.duration},
+        )
+    )
+
+
+def _standing(spline: BSpline, step: float) -> MotionSamples:
+    place = np.asarray(spline(np.array([0.0, 1.0])))
+    rest = np.zeros((2, spline.c.shape[1]))
+    return MotionSamples(np.array([0.0, 1.0]), np.array([0.0, step]), place, rest, rest.copy())

@@ -1,0 +1,142 @@
+"""Tracks of straight lines and cubic spirals.
+
+Kanayama and Hartman, "Smooth local path planning for autonomous vehicles", 1989. With turn α and length ℓ
+
+    κ(s) = (6 α / ℓ³) s (ℓ - s),    θ(s) = θ₀ + α (3 u² - 2 u³),  u = s / ℓ,
+
+so the peak curvature is 1.5 α / ℓ, and ∫ κ'² ds = 12 α² / ℓ³ is the least of all curves of that turn, length and
+end curvature. The chord is ℓ D(α) long and bisects the headings at its ends, which are -α/2 and α/2 to it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.core.arrays import SHORTEST, FloatArray
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.core.length_words import curvature, long_length, place
+from ccm_opt.core.polyline import vector_headings, wrap
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.decomposition import rest_of, start_of
+from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+"""Gauss points of the chord's integral."""
+
+
+def chord_ratio(turn: float) -> float:
+    """D(α) = 2 ∫₀^½ cos(α (3/2 - 2x²) x) dx: chord over length of a cubic spiral (Kanayama and Hartman, table 1).
+
+    Args:
+        turn: α, at most 20 either way [rad]; the quadrature then errs by less than 1e-14.
+    """
+    x = 0.25 * (_NODES + 1.0)
+    return float(0.5 * _WEIGHTS @ np.cos(turn * (1.5 - 2.0 * x * x) * x))
+
+
+_EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
+"""Even knots, the ends included."""
+
+
+@dataclass(frozen=True)
+class SegmentTrack:
+    """Curvature segments end to end.
+
+    Attributes:
+        segments: each begins at the heading at which the one before ends.
+    """
+
+    segments: tuple[CurvatureSegment, ...]
+
+    @property
+    def length(self) -> float:
+        """Total length [m]."""
+        return float(sum(segment.length for segment in self.segments))
+
+    def first(self, length: float) -> tuple[CurvatureSegment, ...]:
+        """The segments of the first ``length`` metres, the last one cut, exactly."""
+        return self._divided(length)[0]
+
+    def after(self, length: float) -> "SegmentTrack":
+        """What follows the first ``length`` metres."""
+        return SegmentTrack(self._divided(length)[1])
+
+    def from_pose(self, position: FloatArray) -> Configuration:
+        """The track as a curve that begins at a point (2,) [m]."""
+        return Configuration(position, self.segments)
+
+    def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:
+        """The segments of the first ``length`` metres, and the others; the one between is cut in two."""
+        before: list[CurvatureSegment] = []
+        least = SHORTEST * self.length
+        for k, segment in enumerate(self.segments):
+            left = length - sum(s.length for s in before)
+            if left <= least:
+                return tuple(before), self.segments[k:]
+            if left < segment.length - least:
+                return (*before, start_of(segment, left)), (rest_of(segment, left), *self.segments[k + 1 :])
+            before.append(segment)
+        return tuple(before), ()
+
+
+def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
+    """Straight lines between corners and a cubic spiral round each (section 4.1).
+
+    A turn by α that begins and ends at the distance c from its corner has the length 2 c cos(α/2) / D(α) and the peak
+    curvature 1.5 α / length (Kanayama and Hartman). Legs between two corners are shared by halves.
+
+    Args:
+        corners: shape (k ≥ 2, 2) [m].
+        sharpest: curvature that no turn may exceed [1/m].
+
+    Raises:
+        ProblemError: a turn is too sharp for the room along its legs.
+    """
+    legs = np.diff(corners, axis=0)
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    headings = vector_headings(legs)
+    turns = [wrap(float(after - before)) for before, after in pairwise(headings)]
+    share = np.full(len(lengths), 0.5)
+    share[[0, -1]] = 1.0
+    # A little short of all the room, so that the straights between two turns never vanish by rounding.
+    reaches = [0.999 * min(share[k] * lengths[k], share[k + 1] * lengths[k + 1]) for k in range(len(turns))]
+
+    heading = float(headings[0])
+    segments: list[CurvatureSegment] = []
+    for k, length in enumerate(lengths):
+        straight = float(length)
+        if k > 0:
+            straight -= reaches[k - 1]
+        if k < len(turns):
+            straight -= reaches[k]
+        if straight > SHORTEST * lengths.sum():
+            segments.append(CurvatureSegment(straight, heading, np.zeros(5)))
+        if k < len(turns):
+            segments.append(_spiral(heading, turns[k], float(reaches[k]), sharpest, corners[k + 1]))
+            heading = segments[-1].end_heading
+    return SegmentTrack(tuple(segments))
+
+
+def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: FloatArray) -> CurvatureSegment:
+    """A cubic spiral as a curvature segment, exactly: κ = (6 α / ℓ³) s (ℓ - s) has the second derivative -12 α / ℓ³."""
+    length = 2.0 * reach * np.cos(0.5 * turn) / chord_ratio(turn)
+    if length <= 0.0 or 1.5 * abs(turn) > sharpest * length:
+        raise ProblemError(
+            f"the turn by {np.rad2deg(turn):.0f}° at {place(corner)} has {long_length(reach)} of room on "
+            f"either side; that is too sharp for a curvature of {curvature(sharpest)}"
+        )
+    bend = -12.0 * turn / length**3
+    return CurvatureSegment(
+        float(length), heading, 6.0 * turn / length * _EVEN * (1.0 - _EVEN), EVEN_KNOTS, (bend, bend)
+    )
+
+
+def without_near(points: Sequence[FloatArray], least: float) -> FloatArray:
+    """Points with those left out that are nearer than ``least`` [m] to the one before; the last always stays."""
+    kept = [points[0]]
+    for point in points[1:-1]:
+        if np.hypot(*(point - kept[-1])) >= least and np.hypot(*(points[-1] - point)) >= least:
+            kept.append(point)
+    return np.array([*kept, points[-1]])

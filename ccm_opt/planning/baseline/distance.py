@@ -1,0 +1,85 @@
+"""Distance functions of the tip's position, the tip's heading and the base's rotation (section 3.1).
+
+The paper names the three quantities and refers to a thesis for the functions. Here they are squared and summed,
+
+    d² = (|p - p_goal| / R)² + w_h · 4 sin²((θ_tip - θ_goal)/2) + w_b · (θ_base - θ_ref)²,
+
+with the reach R as the unit of length. The square keeps the level sets smooth, so that moves along one coordinate do
+not get stuck on ridges as they do on a sum of absolute values; the sine makes headings that differ by whole turns one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.baseline.operators import Shapes
+
+
+@dataclass(frozen=True)
+class TipPose:
+    """Where a tip should be.
+
+    Attributes:
+        position: shape (2,) [m].
+        heading: [rad], or None when any will do.
+    """
+
+    position: FloatArray
+    heading: float | None = None
+
+
+@dataclass(frozen=True)
+class DistanceWeights:
+    """Weights of heading and base rotation beside position, whose weight is 1."""
+
+    heading: float = 0.1
+    base: float = 0.0
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How near a goal counts as reached: position as a share of the reach, heading [rad]."""
+
+    position: float = 4e-4
+    heading: float = 6e-3
+
+
+@dataclass(frozen=True)
+class Distance:
+    """One distance function.
+
+    Attributes:
+        goal: for the tip.
+        reach: R, the unit of length [m].
+        weights: of heading and base rotation.
+        base_heading: θ_ref [rad].
+        precision: how near counts as reached.
+    """
+
+    goal: TipPose
+    reach: float
+    weights: DistanceWeights = DistanceWeights()
+    base_heading: float = 0.0
+    precision: Precision = Precision()
+
+    def of_tips(self, positions: FloatArray, headings: FloatArray, base_headings: FloatArray) -> FloatArray:
+        """d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
+        distance: FloatArray = np.square((positions - self.goal.position) / self.reach).sum(axis=1)
+        if self.goal.heading is not None:
+            turn = np.sin(0.5 * (headings - self.goal.heading))
+            distance = distance + self.weights.heading * 4.0 * turn**2
+        if self.weights.base > 0.0:
+            distance = distance + self.weights.base * (base_headings - self.base_heading) ** 2
+        return distance
+
+    def __call__(self, shapes: Shapes) -> FloatArray:
+        """d² for the tips of whole configurations, shape (m,)."""
+        positions, headings = shapes.tips
+        return self.of_tips(positions, headings, shapes.heading)
+
+    @property
+    def threshold(self) -> float:
+        """A value of d² that no configuration outside the precision has."""
+        least = self.precision.position**2
+        return least if self.goal.heading is None else min(least, self.weights.heading * self.precision.heading**2)

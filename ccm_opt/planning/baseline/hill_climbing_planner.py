@@ -1,0 +1,349 @@
+"""The 1990 planner: hill climbing in free space, region by region.
+
+(1) Free space is partitioned into convex regions. (2) Subgoals are the turns of a route through the connectivity graph
+of these regions. (3) The arm is decomposed: what lies before the first subgoal is folded and holds it, what lies after
+has a segment for each straight passage and each cubic-spiral turn. (4) Schemas achieve each subgoal: SCM-1, SCM-8 and
+SCM-7 the first, SCM-3 and SCM-5 the others, SCM-0 the goal.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from scipy.interpolate import BSpline
+
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.core.polyline import arc_lengths, heading_of, unit_vector
+from ccm_opt.core.progress import Stages
+from ccm_opt.planning.baseline.curve_track import SegmentTrack, track_through, without_near
+from ccm_opt.planning.baseline.distance import Precision, TipPose
+from ccm_opt.planning.baseline.hill_climb import Schema, SchemaStep, SchemaStopped, run
+from ccm_opt.planning.baseline.operators import Shapes
+from ccm_opt.planning.baseline.plans import REACH, Folds, Follower, fold_plan, staged, subgoals, trace
+from ccm_opt.planning.baseline.schema import scm_0, scm_2
+from ccm_opt.planning.baseline.schemas import ranked_selections, scm_6, scm_7
+from ccm_opt.planning.baseline.settings import DEFAULT_BASELINE, BaselineSettings
+from ccm_opt.planning.baseline.world import World
+from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.spline_path import certified_spline, spare_kept
+from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import JointPath
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.free_space import FreeSpace
+
+_STRAIGHT_RUNS = (0.08, 0.05, 0.03, 0.015)
+"""Straight runs out of the first subgoal and into the goal that are tried. Taste."""
+_FIRST_SUBGOALS = (0.15, 0.08)
+"""Places of the first subgoal on the route, from the base; the nearer, the tighter the fold, so the farther is tried
+first. Taste."""
+_CORNER_SPACING = 0.7
+"""Corners nearer to each other than this share of the straight run are taken as one. Taste."""
+_CORNER_DISTANCE = 0.04
+"""Distance kept from corners where there is room, as a share of the arm's length. Taste."""
+_NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
+"""How near the first subgoal counts, for an arm of many segments. Taste."""
+_TRACK_SAMPLES = 200
+"""Points of a track that are looked at for contact. Taste."""
+_SHARPEST_TURN = 0.85
+"""Share of the curvature's limit that a turn may use. Taste."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A first subgoal and the track that leads from it to the goal.
+
+    Attributes:
+        subgoal: for the tip of the folded arm.
+        track: from there to the goal.
+    """
+
+    subgoal: TipPose
+    track: SegmentTrack
+
+
+def region_plan(
+    world: World, start: Configuration, passage: Passage, goal: TipPose, folds: Folds | None = None
+) -> Schema:
+    """Fold to the first subgoal of a passage, then feed along it to the goal.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        passage: through the regions.
+        goal: for the tip.
+        folds: remembers folds for other plans.
+
+    Yields:
+        Steps.
+
+    Returns:
+        A configuration at the goal.
+
+    Raises:
+        SchemaStopped: naming the schema.
+    """
+    yield SchemaStep("start", start, "1 start")
+    if len(start.segments) == 1:
+        here = yield from (folds or Folds()).to(world, start, passage.subgoal)
+    else:
+        nearer = scm_7(world.of_curve, start, passage.subgoal, _NEAR_SUBGOAL)
+        here = yield from staged(nearer, "3 proceed to the subgoal")
+    here = yield from staged(_interface(world, here), REACH)
+    return (yield from trace(world, here, passage.track, goal, sliding=True))
+
+
+def _interface(world: World, start: Configuration) -> Schema:
+    """SCM-6, or nothing where the arm has no room for it: the curvature then jumps where the track begins."""
+    try:
+        steps, here = run(scm_6(world, start))
+    except SchemaStopped:
+        return start
+    yield from steps
+    return here
+
+
+def passages(
+    world: World, start: Configuration, room: FreeSpace, goal: TipPose, obstacle: FloatArray | None, routes: int
+) -> Iterator[Passage]:
+    """Passages from near the base to the goal: beside the obstacle ahead, then along the routes from the base.
+
+    Those longer than the arm are left out, for it cannot follow them.
+
+    Args:
+        world: the world; its curvature limit counts.
+        start: the arm.
+        room: free space of the arm's axis.
+        goal: for the tip.
+        obstacle: the point of the obstacle ahead, shape (2,) [m], or None.
+        routes: so many routes are looked at, shortest first.
+    """
+    shrink = _CORNER_DISTANCE * start.length
+    firsts = []
+    if obstacle is not None:
+        firsts = [(first, np.array([first.position, goal.position])) for first in subgoals(start.base, obstacle)]
+    for route in room.routes(start.base, goal.position, routes, shrink=shrink):
+        firsts += [_on_route(route.taut, share * start.length) for share in _FIRST_SUBGOALS]
+    for first, way in firsts:
+        track = _first_open_track(world, room, first, way, goal, start.length, shrink)
+        if track is not None and track.length <= start.length:
+            yield Passage(first, track)
+
+
+def _first_open_track(
+    world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
+) -> SegmentTrack | None:
+    """The track with the longest straight runs that touches nothing, for an arm of a length [m]; None without any."""
+    for share in _STRAIGHT_RUNS:
+        try:
+            track = _track(world, room, first, way, goal, share * length, shrink)
+        except (ProblemError, UnreachableGoal):
+            continue  # no way, or one too sharp for the arm: a shorter run leaves more room to turn
+        if _is_open(world, first, track):
+            return track
+    return None
+
+
+def _is_open(world: World, first: TipPose, track: SegmentTrack) -> bool:
+    """Whether a track touches no wall."""
+    samples = np.linspace(0.0, track.length, _TRACK_SAMPLES)
+    places = track.from_pose(first.position).positions_at(samples)
+    return bool(np.all(world.gap(places) > 0.0))
+
+
+def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
+    """The pose on a polyline at a distance from its start, and what of the polyline comes after it."""
+    ends = arc_lengths(taut)[1:]
+    leg = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
+    heading = heading_of(taut[leg + 1] - taut[leg])
+    short = max(0.0, float(ends[leg]) - distance)
+    position = taut[leg + 1] - short * unit_vector(heading)
+    return TipPose(position, heading), np.vstack((position, taut[leg + 1 :]))
+
+
+def _track(
+    world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
+) -> SegmentTrack:
+    """Straight passages and turns from the first subgoal to the goal, along the taut way between their runs.
+
+    Raises:
+        ProblemError: a turn is too sharp.
+        UnreachableGoal: there is no way.
+    """
+    # Straight runs at both ends, so that the headings there are met without a turn.
+    entry = first.position + run * unit_vector(first.heading or 0.0)
+    last = goal.position if goal.heading is None else goal.position - run * unit_vector(goal.heading)
+    # A way of its two ends only says nothing of how to pass between the walls: look for a route.
+    if len(way) == 2:
+        found = room.routes(entry, last, 1)
+        if not found:
+            raise ProblemError("no route leads from the first subgoal to the goal; choose another subgoal")
+        way = found[0].taut
+    taut = room.taut_path(np.array([entry, *way[1:-1], last]), shrink)
+    corners = [first.position, *taut]
+    if goal.heading is not None:
+        corners.append(goal.position)
+    distinct = without_near(corners, _CORNER_SPACING * run)
+    return track_through(distinct, _SHARPEST_TURN * world.curvature_limit)
+
+
+_TYPES_TRIED = 4
+"""Segment types that are tried, best first. The paper has five; the last is seldom any good. Taste."""
+
+
+@dataclass(frozen=True)
+class HillClimbingPlanner:
+    """Plans as the paper of 1990 does; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        stages: names and times the stages.
+        settings: shares of the time, margins and tolerances.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+    settings: BaselineSettings = DEFAULT_BASELINE
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified motion.
+
+        Raises:
+            ProblemError: the arm has a feed axis, which the baseline does not know.
+            NoPlanFound: with the schema at which each plan stopped.
+        """
+        if problem.arm.feed is not None:
+            raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
+        with in_own_units(problem) as units:
+            with self.stages("mapping"):
+                follower = Follower.from_problem(units.scaled(problem), self.settings)
+            with self.stages("motion"):
+                name, steps = first_plan(follower)
+                path = followed_joint_path(follower, name, steps)
+        return units.path_in_metres(path, problem.arm)
+
+
+@dataclass(frozen=True)
+class _Stop:
+    """Where a plan stopped.
+
+    Attributes:
+        plan: its name.
+        schema: at which it stopped.
+        reason: in words.
+    """
+
+    plan: str
+    schema: str
+    reason: str
+
+
+def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
+    """The first plan that arrives, and its name.
+
+    Raises:
+        MotionNotFound: none does; the diagnosis names the schema at which each stopped.
+        TimeLimitReached: the time passed first, or some plan spent its share and no other arrives; with the stops.
+    """
+    stops: list[_Stop] = []
+    some_cut_short = False
+
+    for name, schema in plans(follower):
+        steps: list[SchemaStep] = []
+        try:
+            for step in schema:
+                steps.append(step)  # noqa: PERF402 - what came before a stop is kept
+            return name, tuple(steps)
+        except SchemaStopped as stopped:
+            stops.append(_Stop(name, stopped.schema, stopped.diagnosis.reason))
+        except TimeLimitReached as late:
+            # A plan that has made no step yet is still selecting a segment type.
+            last_schema = steps[-1].schema if steps else "SCM-1"
+            if follower.deadline.passed():
+                stops.append(_Stop(name, last_schema, f"the time limit passed after {last_schema}"))
+                raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
+            stops.append(_Stop(name, last_schema, f"its share of the time passed after {last_schema}"))
+            some_cut_short = True
+
+    if some_cut_short:
+        raise TimeLimitReached(_diagnosis("no plan arrived in its share of the time", stops))
+    raise MotionNotFound(_diagnosis("no plan arrived", stops))
+
+
+def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
+    """Type selection with every type in turn, folds to either side, then the passages of the region plan."""
+    start = follower.start
+    folds = Folds()
+    goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
+
+    # Worlds are made when a plan is asked for, since each one's share of the time begins then.
+    for k in range(_TYPES_TRIED):
+        yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
+
+    # The fold's subgoal lies in front of an obstacle; without one there is nothing to fold round.
+    obstacle = obstacle_ahead(follower.problem, goal.position)
+    if obstacle is not None:
+        for subgoal, side in zip(subgoals(start.base, obstacle), ("right", "left"), strict=True):
+            fold = fold_plan(follower.hurried_world, start, subgoal, goal, sliding=True, folds=folds)
+            yield f"fold to the {side}", fold
+
+    count = follower.problem.planner.routes
+    found = passages(follower.world, start, follower.free_space, goal, obstacle, count)
+    for k, passage in enumerate(found, start=1):
+        yield f"passage {k}", region_plan(follower.hurried_world, start, passage, goal, folds)
+
+
+def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:
+    """SCM-1, SCM-2 and SCM-0, as in the paper's Figure 4."""
+    target = ranked_selections(world, start, goal)[rank].configuration(start.base)
+    here = yield from scm_2(world, start, target)
+    return (yield from scm_0(world, here, goal))
+
+
+def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
+    """The point nearest to the base of the first obstacle between base and goal, shape (2,) [m]; None without one."""
+    base = shapely.Point(problem.arm.base)
+    sight = shapely.LineString([problem.arm.base, goal])
+
+    distance_ahead: dict[int, float] = {}
+    for k, wall in enumerate(problem.workspace.obstacles):
+        outline = wall.outline(problem.arm.radius)
+        if shapely.intersects(sight, outline):
+            distance_ahead[k] = shapely.distance(base, shapely.intersection(sight, outline))
+    if not distance_ahead:
+        return None
+
+    first = min(distance_ahead, key=lambda k: distance_ahead[k])
+    nearest = shapely.shortest_line(base, problem.workspace.obstacles[first].outline())
+    return np.array(nearest.coords[1])
+
+
+def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
+    """The smooth, certified path through the steps of a plan.
+
+    Raises:
+        MotionNotFound: no smooth path near them can be certified.
+    """
+    arm = follower.problem.arm
+    curves = (follower.start, *(step.configuration for step in steps))
+    headings = np.concatenate([follower.headings(Shapes.from_configurations([curve])) for curve in curves])
+    headings[0] = follower.ends.start  # the same but for rounding
+
+    turns = np.abs(np.diff(headings, axis=0)).max(axis=1)
+    # The spline wants distinct keyframes; steps that turn no link by more than rounding are left out.
+    moved = np.append(True, turns > TINY)
+    headings = headings[moved]
+    curves = tuple(curves[k] for k in np.flatnonzero(moved))
+
+    spline = certified_spline(headings, follower.certificate)
+    if spline is None:
+        reason = "the motion leaves no room for a smooth path"
+        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, follower.problem.workspace.clearance)))
+    spare = spare_kept(spline, follower.certificate)
+    return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name, spare=spare)
+
+
+def _diagnosis(what: str, stops: list[_Stop]) -> Diagnosis:
+    reasons = "; ".join(f"{stop.plan}: {stop.reason}" for stop in stops)
+    evidence = {"stopped_at": {stop.plan: stop.schema for stop in stops}}
+    return Diagnosis(f"{what}: {reasons}", "motion", ("use planner.method nlp",), evidence)

@@ -1,0 +1,495 @@
+"""The fold plan of the baseline, and follow-the-leader (section 4).
+
+The arm takes the mean heading of the curve on each link plus what the start's own mapping adds, so that the first
+keyframe is the start itself. Tips and contacts are those of the arm.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeAlias, TypeVar
+
+import numpy as np
+import shapely
+from scipy.ndimage import map_coordinates
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis, ProblemError, TimeLimitReached
+from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polyline import heading_of
+from ccm_opt.planning.baseline.curve_track import SegmentTrack
+from ccm_opt.planning.baseline.distance import TipPose
+from ccm_opt.planning.baseline.hill_climb import Schema, SchemaStep, SchemaStopped, run
+from ccm_opt.planning.baseline.operators import Shapes
+from ccm_opt.planning.baseline.schema import FEED, PATIENCE, PUSH
+from ccm_opt.planning.baseline.schemas import (
+    Feeding,
+    begin_feeding,
+    pass_length,
+    scm_0,
+    scm_1,
+    scm_2,
+    scm_4,
+    scm_6,
+    scm_7,
+    scm_8,
+    slide_boundary,
+)
+from ccm_opt.planning.baseline.settings import DEFAULT_BASELINE, BaselineSettings
+from ccm_opt.planning.baseline.world import World
+from ccm_opt.planning.ends import Ends, resolve_ends
+from ccm_opt.planning.link_space import nearest_curve
+from ccm_opt.problem import Problem
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.decomposition import merge_segments
+from ccm_opt.scene.certificate import Certificate
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Workspace
+
+_PLANNING_SHARE = 0.9
+"""Share of the time limit that planning may use; timing and verification need the rest. Taste."""
+_BISECTIONS = 3
+"""Halvings of a move before it counts as blocked. Most candidate moves are discarded, so that fewer than the
+certificate's own pay. Taste."""
+_ROUTE_INFLATION = 1e-3
+"""Inflation of the walls for routes beyond radius and clearance, as a share of the arm's length. Taste."""
+
+_LEAST_BASE_SEGMENT = 0.05
+"""Length that the base segment keeps. Taste."""
+_BOUNDARY_AHEAD = 0.06
+"""Length by which the boundary moves ahead. Taste."""
+_BOUNDARY_SLIDE = 0.4
+"""Share of that by which it slides with the feed. Taste."""
+_NEAR_GOAL = 0.15
+"""The arm climbs to the goal when no more than this length is left of the curve to it. Taste."""
+_NOTHING_LEFT = 1e-6
+"""What is left of the curve counts as nothing below this length. Taste."""
+_TAKEN_BACK = (0.0, 0.25, 0.5, 0.75)
+"""Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end. Taste."""
+_MOST_OF_WAY = 0.5
+"""SCM-7 that gets farther than this share of its way does not begin earlier when it is stuck. Taste."""
+_LAST_CLIMB = 300
+"""Moves of SCM-0 after a merge, at most. Taste."""
+_MERGE_TOLERANCE = 0.1
+"""How far headings may move when the segments are merged [rad]; the arm goes there by SCM-2. Taste."""
+
+_Result = TypeVar("_Result")
+
+REACH = "4 reach from the subgoal"
+"""The stage of the plan between the fold and the merge."""
+
+
+def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
+    """The midpoint between the base and a point of the obstacle, each (2,) [m], with both headings across the line."""
+    line = obstacle - base
+    direction = heading_of(line)
+    middle = base + 0.5 * line
+    return TipPose(middle, direction - 0.5 * np.pi), TipPose(middle, direction + 0.5 * np.pi)
+
+
+def fold_plan(
+    world: World,
+    start: Configuration,
+    subgoal: TipPose,
+    goal: TipPose,
+    *,
+    sliding: bool = False,
+    folds: "Folds | None" = None,
+) -> Schema:
+    """The five steps of Figure 5.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        subgoal: in front of the obstacle.
+        goal: for the tip.
+        sliding: let the boundary slide ahead with the feed from the beginning.
+        folds: remembers folds for other plans.
+
+    Yields:
+        Steps; ``stage`` begins with the number of their part of the figure.
+
+    Returns:
+        A configuration at the goal.
+
+    Raises:
+        SchemaStopped: naming the schema.
+    """
+    yield SchemaStep("start", start, "1 start")
+    here = yield from (folds or Folds()).to(world, start, subgoal)
+    here = yield from staged(scm_6(world, here), REACH)
+    return (yield from reach(world, here, goal, sliding=sliding))
+
+
+def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
+    """Change the type towards a subgoal (SCM-1, SCM-8) and proceed straight to it (SCM-7).
+
+    Where SCM-8 meets something, or SCM-7 gets stuck at once, SCM-7 begins earlier on the way of SCM-8.
+    """
+    selection = scm_1(world, start, subgoal)
+    turned, _ = run(scm_8(world.of_curve, start, selection.configuration(start.base), as_far_as_free=True))
+    for back in _TAKEN_BACK:
+        kept = turned[: len(turned) - int(back * len(turned))]
+        try:
+            ahead, here = run(scm_7(world.of_curve, kept[-1].configuration, subgoal))
+        except SchemaStopped as stopped:
+            failure = stopped
+            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > _MOST_OF_WAY:
+                break  # what stopped it is far from where it began
+        else:
+            for step in kept:
+                yield replace(step, stage="2 change the type")
+            for step in ahead:
+                yield replace(step, stage="3 proceed to the subgoal")
+            return here
+    raise failure
+
+
+def _share_of_way(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
+    """How much of the way of the tip to a subgoal is made."""
+    before = float(np.hypot(*(start.tip[0] - subgoal.position)))
+    after = float(np.hypot(*(end.tip[0] - subgoal.position)))
+    return 1.0 - after / before
+
+
+FoldOutcome: TypeAlias = tuple[tuple[SchemaStep, ...], Configuration] | SchemaStopped
+"""Steps and end of a fold, or how it stopped."""
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Folds of one arm from one start, each made once however many plans ask for it.
+
+    Attributes:
+        known: steps and end, or how the fold stopped, by subgoal.
+    """
+
+    known: dict[tuple[float, ...], FoldOutcome] = field(default_factory=dict)
+
+    def to(self, world: World, start: Configuration, subgoal: TipPose) -> Schema:
+        """``fold``, or what it came to when it was first asked for."""
+        key = (*subgoal.position, np.inf if subgoal.heading is None else subgoal.heading)
+        if key not in self.known:
+            try:
+                self.known[key] = run(fold(world, start, subgoal))
+            except SchemaStopped as stopped:
+                self.known[key] = stopped
+        outcome = self.known[key]
+        # An exception is raised once only: another one of the same words stands for it.
+        if isinstance(outcome, SchemaStopped):
+            raise SchemaStopped(outcome.schema, outcome.configuration, outcome.reason)
+        yield from outcome[0]
+        return outcome[1]
+
+
+def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
+    """A tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3).
+
+    When the base segment is short enough the segments are merged and the arm climbs to the goal (SCM-0). Where that
+    stops, the boundary moves ahead along the curve and the feed goes on; with ``sliding`` it does so all along.
+    """
+    curve = scm_4(world, start, goal, longest=start.length).segment
+    return (yield from trace(world, start, SegmentTrack((curve,)), goal, sliding=sliding))
+
+
+def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose, *, sliding: bool) -> Schema:
+    """Feed the arm along a track that begins at its tip, and climb to the goal when its end is near.
+
+    A climb that stops is tried again when half of what was left is fed, and where the feed ends.
+
+    Raises:
+        SchemaStopped: the feed does not come near enough, or the climb does not arrive.
+    """
+    total = start.length
+    step = FEED * total
+    least = _LEAST_BASE_SEGMENT * total
+    slide = _BOUNDARY_AHEAD * total
+    most = np.inf
+    if sliding:
+        most = slide
+        slide *= _BOUNDARY_SLIDE
+    near = _NEAR_GOAL * total
+
+    here = begin_feeding(world, start, track)
+    yield SchemaStep("SCM-3", here.configuration, REACH)
+    moving = True
+    while moving:
+        before = here.out
+        fed = yield from staged(pass_length(world, here, least, most), REACH)
+        if fed.left <= near:
+            arrived = _arrival_if_any(world, fed, goal)
+            if arrived is not None:
+                steps, end = arrived
+                yield from steps
+                return end
+            near = max(0.5 * fed.left, _NOTHING_LEFT * total)  # perhaps from nearer
+
+        here = yield from staged(slide_boundary(world, fed, min(slide, fed.out - step)), REACH)
+        # It goes on while feed and boundary together have moved by a step.
+        moving = fed.out - here.out + fed.out - before >= step
+    return (yield from _arrival(world, here, goal))
+
+
+def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
+    """Steps and end of the last part of Figure 5, or None where it does not arrive."""
+    try:
+        return run(_arrival(world, start, goal))
+    except SchemaStopped:
+        return None
+
+
+def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
+    """The last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
+    if start.left > _NEAR_GOAL * start.configuration.length:
+        reason = f"{long_length(start.left)} of the curve to the goal are left"
+        raise SchemaStopped("SCM-3 with SCM-5", start.configuration, reason)
+    steps, here = run(merge_and_climb(world, start.configuration, goal))
+    for step in steps:
+        yield replace(step, stage="5 merge and climb")
+    return here
+
+
+def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
+    """Merge the segments where one can follow them, and climb to the goal by SCM-0; else climb with both.
+
+    Raises:
+        SchemaStopped: neither the arm with merged segments nor that with all of them arrives.
+    """
+    try:
+        steps, here = run(_merged_climb(world, start, goal))
+    except (ProblemError, SchemaStopped):
+        return (yield from _last_climb(world, start, goal))
+    yield from steps
+    return here
+
+
+def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
+    """There by SCM-2, on by SCM-0."""
+    if len(start.segments) < 2:
+        raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
+    # The merged arm is another configuration: SCM-2 goes there, in steps that touch nothing.
+    merged = merge_segments(start, len(start.segments) - 2, _MERGE_TOLERANCE)
+    here = yield from scm_2(world, start, merged)
+    return (yield from _last_climb(world, here, goal))
+
+
+def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
+    """SCM-0 with the push and the patience of a plan."""
+    most = _LAST_CLIMB
+    return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
+
+
+def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
+    """The same steps, marked as a part of a plan."""
+    while True:
+        try:
+            step = next(schema)
+        except StopIteration as end:
+            value: _Result = end.value
+            return value
+        yield replace(step, stage=stage)
+
+
+_FIELD_CELLS = 160
+"""Cells of the grid of distances along the longer side of the room. Taste."""
+_JOINT_LIMIT_SHARE = 0.99
+"""Share of the joint limits that moves use; the smooth path near them bends a little more. Taste."""
+_MERGING_TOLERANCE = 0.02
+"""How far headings may move when segments of the start are merged [rad]; the follower's offset makes up for it exactly.
+Taste."""
+
+
+@dataclass(frozen=True)
+class ClearanceField:
+    """Distance of places from the nearest wall, less what the arm needs.
+
+    Attributes:
+        corner: of the grid, shape (2,) [m].
+        cell: size of a cell [m].
+        gaps: at the grid's nodes, shape (columns, rows) [m].
+    """
+
+    corner: FloatArray
+    cell: float
+    gaps: FloatArray
+
+    @classmethod
+    def from_workspace(cls, workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> "ClearanceField":
+        """The field of a room, ``cells`` along its longer side, for an arm that needs a distance ``need`` [m]."""
+        xmin, ymin, xmax, ymax = workspace.boundary.bounds
+        cell = max(xmax - xmin, ymax - ymin) / cells
+        x = np.arange(xmin, xmax + cell, cell)
+        y = np.arange(ymin, ymax + cell, cell)
+        nodes = np.asarray(shapely.points(*np.meshgrid(x, y, indexing="ij")))
+        gaps = np.full(nodes.shape, np.inf)
+        for wall in workspace.walls:
+            np.minimum(gaps, shapely.distance(nodes, wall.core) - wall.rounding, out=gaps)
+        return cls(np.array([xmin, ymin]), cell, gaps - need)
+
+    def gap(self, points: FloatArray) -> FloatArray:
+        """Interpolated gaps at points (..., 2) [m]; shape (...). Places outside the room take those at its edge."""
+        places = np.moveaxis((points - self.corner) / self.cell, -1, 0)
+        gaps: FloatArray = map_coordinates(self.gaps, places, order=1, mode="nearest")
+        return gaps
+
+
+@dataclass(frozen=True)
+class Follower:
+    """The jointed arm as it follows curves.
+
+    Attributes:
+        problem: with the arm and its workspace.
+        ends: start and goal on the links.
+        certificate: of moves.
+        deadline: when to stop.
+        settings: the planner's.
+    """
+
+    problem: Problem
+    ends: Ends
+    certificate: Certificate
+    deadline: Deadline
+    settings: BaselineSettings = DEFAULT_BASELINE
+
+    @classmethod
+    def from_problem(cls, problem: Problem, settings: BaselineSettings = DEFAULT_BASELINE) -> "Follower":
+        """The arm of a problem, with its share of the problem's time from now on.
+
+        Args:
+            problem: to plan for.
+            settings: the planner's.
+
+        Raises:
+            UnreachableGoal: start or goal cannot be.
+        """
+        ends = resolve_ends(problem)
+        deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
+        return cls(problem, ends, _certificate(problem, ends, settings), deadline, settings)
+
+    @cached_property
+    def start(self) -> Configuration:
+        """The curve at the start, with as few segments as follow it."""
+        pose = self.problem.start
+        curve = nearest_curve(self.problem.arm, self.ends.start) if pose.curve is None else pose.curve
+        return _with_few_segments(curve, _MERGING_TOLERANCE)
+
+    @cached_property
+    def offset(self) -> FloatArray:
+        """What the start's mapping adds to mean headings, shape (links,) [rad]."""
+        mean_headings = Shapes.from_configurations([self.start]).mean_headings(self.problem.arm.links)[0]
+        offset: FloatArray = self.ends.start - mean_headings
+        return offset
+
+    def headings(self, shapes: Shapes) -> FloatArray:
+        """Link headings, shape (m, links) [rad]."""
+        return shapes.mean_headings(self.problem.arm.links) + self.offset
+
+    def tips(self, shapes: Shapes) -> tuple[FloatArray, FloatArray]:
+        """Positions (m, 2) [m] and headings (m,) [rad] of the arm's tips."""
+        headings = self.headings(shapes)
+        return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
+
+    def passes(self, here: Shapes, there: Shapes) -> BoolArray:
+        """Which moves keep the joint limits and touch nothing on the way.
+
+        Args:
+            here: one curve, where the arm is.
+            there: m curves to move to.
+
+        Returns:
+            Shape (m,).
+
+        Raises:
+            TimeLimitReached: the deadline has passed.
+        """
+        look_at_clock(self.deadline)
+        arm = self.problem.arm
+        headings = self.headings(there)
+        limits = _JOINT_LIMIT_SHARE * arm.bend_limits
+        allowed: BoolArray = np.all(np.abs(arm.bends(headings)) <= limits, axis=1)
+        if allowed.any():
+            # One call of the certificate for all moves: here, there, here, there, ... The odd intervals are the ways
+            # back from a candidate to the start, which nobody asks about.
+            keyframes = np.repeat(headings[allowed], 2, axis=0)
+            keyframes[::2] = self.headings(here)[0]
+            failing = self.certificate.failures(keyframes, _BISECTIONS)
+            blocked = failing[failing % 2 == 0] // 2
+            allowed[np.flatnonzero(allowed)[blocked]] = False
+        return allowed
+
+    @cached_property
+    def field(self) -> ClearanceField:
+        """Gaps in the workspace."""
+        return ClearanceField.from_workspace(
+            self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance
+        )
+
+    @cached_property
+    def free_space(self) -> FreeSpace:
+        """Free space of the arm's axis."""
+        arm = self.problem.arm
+        need = arm.radius + self.problem.workspace.clearance
+        return FreeSpace(self.problem.workspace, need + _ROUTE_INFLATION * arm.length)
+
+    @property
+    def hurried_world(self) -> World:
+        """The world of the schemas for one plan, whose share of the time that is left begins now."""
+        # Of the time that is left now, so that late plans have less but every one has some.
+        until = Deadline.after(self.settings.plan_share * self.deadline.left)
+
+        def passes(here: Shapes, there: Shapes) -> BoolArray:
+            look_at_clock(until)
+            return self.passes(here, there)
+
+        return replace(self.world, passes=passes)
+
+    @property
+    def world(self) -> World:
+        """The world of the schemas."""
+        arm = self.problem.arm
+        if self.ends.clamped:  # the base stands flush on a wall
+            base_range = (self.start.base_heading, self.start.base_heading)
+        else:
+            base_range = (arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit)
+        return World(
+            passes=self.passes,
+            tips=self.tips,
+            gap=self.field.gap,
+            curvature_limit=arm.joint_limit / arm.link_length,
+            thickness=2.0 * arm.radius if arm.self_collision else 0.0,
+            base_range=base_range,
+        )
+
+
+def look_at_clock(deadline: Deadline) -> None:
+    """Do nothing before a deadline.
+
+    Raises:
+        TimeLimitReached: after it.
+    """
+    if deadline.passed():
+        raise TimeLimitReached(Diagnosis(deadline.what_passed(), "hill climbing", ("raise planner.time_limit",)))
+
+
+def _certificate(problem: Problem, ends: Ends, settings: BaselineSettings) -> Certificate:
+    """A little more than contact where the start has it; a start that touches something must be allowed to leave."""
+    with_gap = Certificate(problem.arm, problem.workspace, settings.certified_gap * problem.arm.length)
+    standing_still = np.stack((ends.start, ends.start))
+    if len(with_gap.failures(standing_still)) == 0:
+        return with_gap
+    return Certificate(problem.arm, problem.workspace)
+
+
+def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:
+    """The same curve, headings to within a tolerance [rad], with neighbours merged from the base on.
+
+    Every segment multiplies the moves that a climb has to try, so each one less is worth its error.
+    """
+    k = 0
+    while k < len(configuration.segments) - 1:
+        try:
+            configuration = merge_segments(configuration, k, tolerance)
+        except ProblemError:
+            k += 1
+    return configuration

@@ -1,0 +1,352 @@
+"""Schemas that climb or interpolate."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.length_words import long_length, short_length
+from ccm_opt.core.polyline import heading_of, whole_turns, wrap
+from ccm_opt.planning.baseline.distance import Distance, DistanceWeights, Precision, TipPose
+from ccm_opt.planning.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, climb, end_of, run
+from ccm_opt.planning.baseline.operators import Moves, Operator, Shapes
+from ccm_opt.planning.baseline.world import World
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.decomposition import interpolate
+from ccm_opt.robot.segment import EVEN_KNOTS, natural_segment, select_segment_type
+
+PUSH = 0.01
+"""Weight of the world's crowding beside the distance where a plan asks for it. Taste."""
+PATIENCE = 15
+"""Moves without headway after which a climb on the way of a plan ends: it arrives soon or hardly ever. Taste."""
+FEED = 0.02
+"""Length that SCM-3 and SCM-5 pass on in one step, as a share of the arm's. Taste."""
+_ON_THE_WAY = Precision(2e-3, 2e-2)
+"""Precision asked at the subgoals of SCM-7 but the last. Taste."""
+_STRIDE = 0.12
+"""Greatest change of heading anywhere on the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
+_HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
+"""How exactly SCM-3 and SCM-6 preserve a pose. Taste."""
+_SUBGOAL_SPACING = 0.03
+"""Distance of the subgoals of SCM-7, as a share of the arm's length. Taste."""
+_SUBGOAL_TURN = 0.12
+"""Most that the tip turns from subgoal to subgoal [rad]. Taste."""
+_STRIDE_SAMPLES = 65
+"""Places on the curve where that change is looked at. Taste."""
+_HELD_PUSH = 0.03
+"""Weight of the walls while a pose is held. Taste."""
+_HELD_PATIENCE = 20
+"""Moves without headway after which the end of a segment counts as not to be held. Taste."""
+_RELAXING = 6
+"""Moves by which a shape is relaxed before its end is brought back. Taste."""
+_END_TURN = 0.3
+"""Most that SCM-6 changes the end's curvature in one step, times the segment's length [rad]. Taste."""
+
+HELD = (
+    Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
+)  # fmt: skip
+"""Operators that leave the curvature at the end alone."""
+
+
+def scm_6(world: World, start: Configuration) -> Schema:
+    """SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+
+    Yields:
+        A configuration with the tip where it was for every part of the way to zero.
+
+    Returns:
+        A configuration with C_e = 0 and the tip where it was.
+
+    Raises:
+        SchemaStopped: the tip cannot be held.
+    """
+    position, heading = start.tip
+    held = TipPose(position, heading)
+    here = start
+    last = len(start.segments) - 1
+    end = float(start.segments[-1].curvature[-1])
+    count = int(np.ceil(abs(end) * start.segments[-1].length / _END_TURN))
+    for k in range(1, count + 1):
+        shapes = Shapes.from_configurations([here])
+        shapes.curvature[0, -1, -1] = end * (1.0 - k / count)
+        here = hold(world, here, shapes.configuration(0), last, held, "SCM-6")
+        yield SchemaStep("SCM-6", here)
+    return here
+
+
+def hold(
+    world: World, before: Configuration, changed: Configuration, segment: int, held: TipPose, schema: str
+) -> Configuration:
+    """Bring the end of a segment back to a pose after a change, by operators that leave its end curvature alone.
+
+    Args:
+        world: the world.
+        before: where the arm was; it must be able to move from there to the result.
+        changed: the arm after the change.
+        segment: whose end is held; the operators move it and those before it.
+        held: where its end has to be.
+        schema: in whose name.
+
+    Raises:
+        SchemaStopped: its end cannot be held, or something is in the way.
+    """
+
+    def objective(shapes: Shapes) -> FloatArray:
+        return distance(shapes.first_segments(segment + 1))
+
+    def reachable(here: Shapes, there: Shapes) -> BoolArray:
+        del here
+        return world.passes(origin, there)
+
+    origin = Shapes.from_configurations([before])
+    distance = Distance(held, before.length, precision=_HELD_PRECISION)
+    moves = Moves(tuple(range(segment + 1)), HELD)
+
+    # Climbs that ask about contact at their end only are quick, so they are tried first, from several beginnings; the
+    # last one asks at every move.
+    watched = replace(world, passes=reachable)
+    anywhere = replace(world, passes=World().passes)
+    relaxing = Climb(objective, -np.inf, moves, most_steps=_RELAXING, push=_HELD_PUSH)
+    relaxed, _ = end_of(anywhere, changed, relaxing)
+    tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
+    tries.append((watched, changed, _HELD_PUSH))
+    # A climb may stop in a local minimum a hair from its end. From the middle between two beginnings it takes
+    # another path, on which that minimum does not lie.
+    tries += [(anywhere, middle, 0.0) for middle in _middles([begin for _, begin, _ in tries])]
+    for guard, begin, push in tries:
+        task = Climb(objective, distance.threshold, moves, push=push, patience=_HELD_PATIENCE)
+        here, ending = end_of(guard, begin, task)
+        if ending is Ending.ARRIVED and world.move_allowed(before, here):
+            return here
+    reason = "contact" if ending is Ending.ARRIVED else str(ending)
+    raise SchemaStopped(schema, before, f"the segment of {long_length(changed.segments[segment].length)}: {reason}")
+
+
+def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
+    """Configurations half-way between each beginning and the next, coordinate by coordinate."""
+    middles = []
+    for one, other in pairwise(beginnings):
+        first = Shapes.from_configurations([one])
+        second = Shapes.from_configurations([other])
+        first.curvature[:] = 0.5 * (first.curvature + second.curvature)
+        first.knots[:] = 0.5 * (first.knots + second.knots)
+        first.heading[:] = 0.5 * (first.heading + second.heading)
+        middles.append(first.configuration(0))
+    return tuple(middles)
+
+
+def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
+    """The base segment as the natural curve of its type and length, as SCM-1 would select it; nothing for others."""
+    if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
+        return ()
+    shapes = Shapes.from_configurations([changed])
+    # As SCM-1 does, from the poses alone; the end curvature stays as it was changed.
+    kind = select_segment_type(changed.base, None, held.position, held.heading)
+    natural = natural_segment(kind, changed.base, held.position, changed.segments[0].length)
+    shapes.curvature[0, 0, :-1] = natural.curvature[:-1]
+    shapes.knots[0, 0] = EVEN_KNOTS
+    shapes.heading[0] += wrap(natural.heading - float(shapes.heading[0]))
+    return (shapes.configuration(0),)
+
+
+def scm_0(
+    world: World,
+    start: Configuration,
+    goal: TipPose,
+    *,
+    precision: Precision | None = None,
+    weights: DistanceWeights | None = None,
+    most_steps: int = 600,
+    push: float = 0.0,
+    patience: float = np.inf,
+) -> Schema:
+    """SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
+
+    Keeps the number and the lengths of the segments; changes interpolation points and base rotation.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        goal: for the tip.
+        precision: how near counts.
+        weights: of the distance function.
+        most_steps: moves at most.
+        push: weight of the world's crowding; none in the pure climb.
+        patience: moves without headway after which it ends; the pure climb has no end of it.
+
+    Yields:
+        Every move.
+
+    Returns:
+        A configuration within the precision.
+
+    Raises:
+        SchemaStopped: in a local minimum, or where all that improves is blocked.
+    """
+    here = start
+    distance = Distance(goal, start.length, weights or DistanceWeights(), precision=precision or Precision())
+
+    def objective(shapes: Shapes) -> np.ndarray:
+        positions, headings = world.tips(shapes)
+        return distance.of_tips(positions, headings, shapes.heading)
+
+    moves = Moves(tuple(range(len(start.segments))))
+    climbing = climb(world, start, Climb(objective, distance.threshold, moves, most_steps, push, patience))
+    while True:
+        try:
+            here = next(climbing).configuration(0)
+        except StopIteration as end:
+            if end.value is Ending.ARRIVED:
+                return here
+            raise SchemaStopped("SCM-0", here, f"{end.value}, {miss(world, here, goal)}") from None
+        yield SchemaStep("SCM-0", here)
+
+
+def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
+    """SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
+
+    The tip's heading turns evenly on the way. Where the arm may move straight from subgoal to subgoal, it does.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        goal: for the tip.
+        precision: how near the goal counts.
+
+    Yields:
+        The configuration at every subgoal, with the moves between where they are needed.
+
+    Returns:
+        A configuration at the goal.
+
+    Raises:
+        SchemaStopped: a subgoal is not reached.
+    """
+    here = start
+    (position,), (heading,) = world.tips(Shapes.from_configurations([start]))
+    line = goal.position - position
+    turn = 0.0 if goal.heading is None else wrap(goal.heading - float(heading))
+    spaces = np.hypot(*line) / (_SUBGOAL_SPACING * start.length)
+    count = max(1, int(np.ceil(max(spaces, abs(turn) / _SUBGOAL_TURN))))
+    for k in range(1, count + 1):
+        share = k / count
+        subgoal = TipPose(position + share * line, None if goal.heading is None else float(heading) + share * turn)
+        try:
+            here = yield from _hop(world, here, subgoal, precision if k == count else _ON_THE_WAY)
+        except SchemaStopped as stopped:
+            reason = f"at subgoal {k} of {count}: {stopped.diagnosis.reason}"
+            raise SchemaStopped("SCM-7", stopped.configuration, reason) from stopped
+    return here
+
+
+def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
+    """To the next subgoal by SCM-0, in one step if the world lets it."""
+    climb_there = scm_0(world, start, subgoal, precision=precision, push=PUSH, patience=PATIENCE)
+    steps, here = run(climb_there)
+    moves = [step.configuration for step in steps]
+    # The moves of a climb zigzag; the straight way is shorter where it is free.
+    if len(moves) > 1 and world.move_allowed(start, here):
+        moves = [here]
+    for configuration in moves:
+        yield SchemaStep("SCM-7", configuration)
+    return here
+
+
+def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
+    """How far the tip is from a goal, in words."""
+    (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
+    text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
+    if goal.heading is not None:
+        text += f" and {abs(np.rad2deg(wrap(float(heading) - goal.heading))):.1f}°"
+    return text + " off its goal"
+
+
+def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
+    """SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
+
+    Keeps base and length; base rotation and curvature go straight to those of the target.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        target: a configuration of the same base and length.
+
+    Yields:
+        Configurations evenly on the way.
+
+    Returns:
+        The target.
+
+    Raises:
+        SchemaStopped: something is in the way.
+    """
+    here = start
+    for share in _shares(start, target):
+        there = interpolate(start, target, share)
+        if not world.move_allowed(here, there):
+            raise SchemaStopped("SCM-2", here, f"contact after {share:.0%} of the way to the selected curvature")
+        here = there
+        yield SchemaStep("SCM-2", here)
+    return here
+
+
+def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_as_free: bool = False) -> Schema:
+    """SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
+
+    The base turns so that it is; the target's own base rotation is not kept.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        target: a configuration of the same base and length.
+        as_far_as_free: end before a contact instead of stopping there.
+
+    Yields:
+        Configurations on the way.
+
+    Returns:
+        The target, turned about the base, or the last configuration before a contact.
+
+    Raises:
+        SchemaStopped: something is in the way.
+    """
+    here = start
+    direction = direction_to_tip(world, start)
+    for share in _shares(start, target):
+        mixed = interpolate(start, target, share)
+        # First the direction is restored, then the winding that the base has.
+        there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
+        there = turned(there, whole_turns(here.base_heading - there.base_heading))
+        if not world.move_allowed(here, there):
+            if as_far_as_free and here is not start:
+                return here
+            raise SchemaStopped("SCM-8", here, f"contact after {share:.0%} of the way to the selected curvature")
+        here = there
+        yield SchemaStep("SCM-8", here)
+    return here
+
+
+def turned(configuration: Configuration, angle: float) -> Configuration:
+    """A configuration turned about its base [rad]."""
+    shapes = Shapes.from_configurations([configuration])
+    shapes.heading[0] += angle
+    return shapes.configuration(0)
+
+
+def direction_to_tip(world: World, configuration: Configuration) -> float:
+    """Direction of the vector from base to tip [rad]."""
+    (tip,), _ = world.tips(Shapes.from_configurations([configuration]))
+    return heading_of(tip - configuration.base)
+
+
+def _shares(start: Configuration, target: Configuration) -> list[float]:
+    """Shares of the way at which no heading has changed by more than the stride since the last."""
+    arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
+    most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
+    count = max(1, int(np.ceil(most / _STRIDE)))
+    return [k / count for k in range(1, count + 1)]

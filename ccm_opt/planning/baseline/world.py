@@ -1,0 +1,114 @@
+"""What a schema may know of the world: where the base is, how far it turns, and which moves touch nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.polyline import WHOLE_TURN
+from ccm_opt.planning.baseline.operators import Shapes
+from ccm_opt.robot.configuration import Configuration
+
+_KEPT_OFF = 0.03
+"""Points nearer to contact than this share of the arm's length are pushed away. Taste."""
+
+CROWDING_POINTS = 48
+"""Chords of the configuration at whose ends walls push. Taste."""
+_SELF_POINTS = CROWDING_POINTS // 2
+"""Chords at whose ends the arm pushes itself, every other end of the others."""
+_STRAINED = 0.3
+"""Share of the curvature's limit from which interpolation points are pushed back. Taste."""
+
+Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
+"""Whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
+Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
+"""Positions (m, 2) [m] and headings (m,) [rad] of the tips of whole configurations."""
+
+
+Gap: TypeAlias = Callable[[FloatArray], FloatArray]
+"""About how far points (..., 2) [m] are from contact with a wall, shape (...) [m]."""
+
+
+def _far(points: FloatArray) -> FloatArray:
+    return np.full(points.shape[:-1], np.inf)
+
+
+def _anything(here: Shapes, there: Shapes) -> BoolArray:
+    del here
+    return np.ones(len(there), dtype=np.bool_)
+
+
+def _curve_tips(shapes: Shapes) -> tuple[FloatArray, FloatArray]:
+    return shapes.tips
+
+
+@dataclass(frozen=True)
+class World:
+    """The world as the schemas see it; without anything given it is open space.
+
+    Attributes:
+        passes: which moves the arm can make: joint limits, walls, itself, and the sweep on the way.
+        tips: where the tip of the whole arm is: that of the curve, or that of the jointed arm that follows it.
+        gap: about how far points are from contact.
+        curvature_limit: |C| beyond a share of it counts as crowding [1/m].
+        thickness: distance that the arm must keep from itself [m]; 0 when it need not.
+        base_range: least and greatest heading of the base [rad].
+    """
+
+    passes: Passes = field(default=_anything)
+    tips: Tips = field(default=_curve_tips)
+    gap: Gap = field(default=_far)
+    curvature_limit: float = np.inf
+    thickness: float = 0.0
+    base_range: tuple[float, float] = (-np.inf, np.inf)
+
+    @property
+    def base_turns(self) -> bool:
+        """Whether the base can be pointed anywhere."""
+        return self.base_range[1] - self.base_range[0] >= WHOLE_TURN
+
+    @property
+    def of_curve(self) -> "World":
+        """The same world with tips read on the curve, as subgoals on the way are."""
+        return replace(self, tips=_curve_tips)
+
+    def crowding(self, shapes: Shapes) -> FloatArray:
+        """How much configurations crowd walls and joint limits: mean squares of what they lack, shape (m,).
+
+        A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
+        in front of obstacles.
+        """
+        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - _STRAINED)
+        crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
+        if self.gap is _far and self.thickness == 0.0:
+            return crowding
+        points = shapes.points(CROWDING_POINTS)
+        if self.gap is not _far:
+            lack = np.maximum(0.0, 1.0 - self.gap(points) / (_KEPT_OFF * shapes.length[:, None]))
+            crowding += np.square(lack).mean(axis=1)
+        if self.thickness > 0.0:
+            crowding += self._crowding_itself(shapes, points[:, :: CROWDING_POINTS // _SELF_POINTS])
+        return crowding
+
+    def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
+        """The same for points of the arm that are near each other, but far apart along it, shape (m,)."""
+        count = _SELF_POINTS + 1
+        one, other = np.triu_indices(count, 1)
+        # Points that are near along the arm are near in the plane whatever it does: they say nothing.
+        apart = (other - one) / _SELF_POINTS * float(shapes.length[0]) > 4.0 * self.thickness
+        one = one[apart]
+        other = other[apart]
+        x = points[..., 0]
+        y = points[..., 1]
+        squares = np.square(x[:, one] - x[:, other]) + np.square(y[:, one] - y[:, other])
+        kept = _KEPT_OFF * shapes.length
+        shape, pair = np.nonzero(squares < np.square(self.thickness + kept)[:, None])
+        lack = 1.0 - (np.sqrt(squares[shape, pair]) - self.thickness) / kept[shape]
+        crowding: FloatArray = np.bincount(shape, np.square(lack), minlength=len(shapes)) / count
+        return crowding
+
+    def move_allowed(self, here: Configuration, there: Configuration) -> bool:
+        """Whether the arm may move from one configuration straight to another."""
+        return bool(self.passes(Shapes.from_configurations([here]), Shapes.from_configurations([there]))[0])

@@ -1,0 +1,55 @@
+"""Frozen results of every stage, from the curve's keyframes to the simulated arm."""
+
+from ccm_opt.problem.solution.records import (
+    EndRecord,
+    GoalPoseRecord,
+    NearPlace,
+    PossibleGap,
+    RoomRecord,
+    ShortStretch,
+    SimulationOutcome,
+    SimulationVerdict,
+    SpaceGoalPoseRecord,
+    SurvivedError,
+    TryRecord,
+)
+from ccm_opt.problem.solution.solution import (
+    BindingSide,
+    GoalErrors,
+    ParetoPlan,
+    ParetoPlans,
+    PoseOutcome,
+    ReachMap,
+    Solution,
+    StaticPose,
+    goal_errors,
+)
+from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
+
+__all__ = [
+    "BindingSide",
+    "Check",
+    "EndRecord",
+    "GoalErrors",
+    "GoalPoseRecord",
+    "JointPath",
+    "JointStates",
+    "JointTrajectory",
+    "NearPlace",
+    "ParetoPlan",
+    "ParetoPlans",
+    "PoseOutcome",
+    "PossibleGap",
+    "ReachMap",
+    "RoomRecord",
+    "ShortStretch",
+    "SimulatedMotion",
+    "SimulationOutcome",
+    "SimulationVerdict",
+    "Solution",
+    "SpaceGoalPoseRecord",
+    "StaticPose",
+    "SurvivedError",
+    "TryRecord",
+    "goal_errors",
+]
