@@ -4,6 +4,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.bishop_curve import SpaceConfiguration
+from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.rigid_motions import turn_towards
 
 FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
 """A feed of half a metre whose guide tube ends where the feed does."""
@@ -60,3 +63,16 @@ def turned_arm(random: np.random.Generator, links: int = 6, **changes: object) -
     rotation = random_rotation(random)
     base = random.normal(0.0, 0.5, 3)
     return space_arm(links, base=base, direction=rotation[:, 0], up=rotation[:, 2], **changes)
+
+
+def laid_into_space(curve: Configuration, base: FloatArray, rotation: FloatArray) -> SpaceConfiguration:
+    """A curve of natural segments of the plane, its x along the first column of a rotation, its y along the second."""
+    heading = curve.base_heading
+    segments = curve.segments
+    return SpaceConfiguration.chain(
+        base,
+        rotation @ turn_towards(np.array([1.0, 0.0]), heading),
+        [segment.length for segment in segments],
+        [np.column_stack((segment.curvature, np.zeros(5))) for segment in segments],
+        [segment.knots for segment in segments],
+    )

@@ -10,11 +10,12 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.robot.biarc import biarc
 from ccm_opt.robot.bishop_curve import SpaceConfiguration, SpaceSegment
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import Knots
-from tests.space_arms import random_rotation
+from tests.space_arms import laid_into_space, random_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -71,7 +72,7 @@ def test_curves_of_the_plane_embed_exactly(seed: int) -> None:
         np.zeros(2), random.uniform(-3.0, 3.0), lengths.tolist(), list(random.normal(0.0, 4.0, (3, 5))), knots
     )
     base, plane = random.normal(size=3), random_rotation(random)
-    curve = SpaceConfiguration.from_plane(flat, base, plane)
+    curve = laid_into_space(flat, base, plane)
     arc = np.sort(random.uniform(0.0, flat.length, 20))
     frames, places = curve.frames_at(arc)
     np.testing.assert_allclose(places, base + flat.positions_at(arc) @ plane[:, :2].T, atol=1e-11)
@@ -144,3 +145,25 @@ def test_what_is_no_segment_is_refused() -> None:
         replace(good, length=0.0)
     with pytest.raises(ValueError, match="knots"):
         replace(good, knots=(0.5, 0.4, 0.6))
+
+
+@given(SEEDS)
+@settings(max_examples=60, deadline=None)
+def test_a_biarc_meets_both_poses(seed: int) -> None:
+    """Its curve, integrated, starts and ends as asked."""
+    random = np.random.default_rng(seed)
+    base, frame = random.normal(size=3), random_rotation(random)
+    tip, direction = base + random.normal(size=3), random_rotation(random)[:, 0]
+    arcs = biarc(base, frame, tip, direction)
+    assert arcs is not None
+    values = [np.tile(arc.turn / arc.length * arc.side, (5, 1)) for arc in arcs]
+    curve = SpaceConfiguration.chain(base, frame, [arc.length for arc in arcs], values)
+    position, along = curve.tip
+    np.testing.assert_allclose(position, tip, atol=1e-8 * (1.0 + curve.length))
+    np.testing.assert_allclose(along, direction, atol=1e-8)
+
+
+def test_no_two_arcs_lead_straight_back() -> None:
+    """A tip behind the base that points the same way is joined by none."""
+    behind = np.array([-1.0, 0.0, 0.0])
+    assert biarc(np.zeros(3), np.eye(3), behind, -behind) is None

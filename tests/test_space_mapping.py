@@ -16,7 +16,7 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.mapping import curve_points, map_curve, shape_error
-from tests.space_arms import FEED_OF_TESTS, planar_twin, space_arm, turned_arm
+from tests.space_arms import FEED_OF_TESTS, laid_into_space, planar_twin, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -66,7 +66,7 @@ def test_in_the_plane_the_mapping_is_the_planes(method: MappingName, seed: int) 
     lengths = [arm.length / 3.0] * 3
     values = [random.normal(0.0, 2.0 / arm.length, 5) for _ in range(3)]
     flat = Configuration.chain(np.zeros(2), 0.3, lengths, values)
-    curve = SpaceConfiguration.from_plane(flat, arm.base, arm.base_rotation)
+    curve = laid_into_space(flat, arm.base, arm.base_rotation)
     wanted = map_curve(flat_arm, flat, method)
     found = map_curve(arm, curve, method)
     np.testing.assert_allclose(found[0::2], wanted, atol=2e-6)

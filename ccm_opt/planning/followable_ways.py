@@ -15,6 +15,7 @@ itself it would swing there as the joints slide by, which the optimisation would
 is asked to lie still from one configuration to the next beside showing the joints.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -25,15 +26,15 @@ from scipy.sparse.linalg import spsolve
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.biarc import Biarc, free_shares_of_bends
+from ccm_opt.robot.biarc import SpaceArc, biarc, free_shares_of_bends
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
+from ccm_opt.robot.rigid_motions import turn_towards
 
 _AZIMUTHS = 8
 """Towards which arcs bend."""
@@ -196,43 +197,29 @@ class FollowSearch:
             # One arc ends so: the direction is mirrored at the chord.
             chord = (goal.place - place) / away
             direction = 2.0 * (chord @ frame[:, 0]) * chord - frame[:, 0]
-        try:
-            biarc = Biarc.between(place, frame, goal.place, direction)
-        except ProblemError:
+        arcs = biarc(place, frame, goal.place, direction)
+        if arcs is None or any(arc.turn * self.radius > 1.001 * arc.length for arc in arcs):
             return None
-        if any(arc.turn * self.radius > 1.001 * arc.length for arc in (biarc.first, biarc.second)):
+        if sum(arc.length for arc in arcs) > _LONGEST_LANDING * away:
             return None
-        if biarc.length > _LONGEST_LANDING * away:
-            return None
-        return _along(frame, place, biarc, 0.5 * self.cell)
+        return _along(frame, place, arcs, 0.5 * self.cell)
 
 
-def _along(frame: FloatArray, start: FloatArray, biarc: Biarc, spacing: float) -> FloatArray:
-    """Places along two arcs, the first not among them, shape (m, 3) [m]."""
+def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spacing: float) -> FloatArray:
+    """Places along arcs, the first not among them, shape (m, 3) [m]."""
     places = []
-    for arc in (biarc.first, biarc.second):
+    for arc in arcs:
         count = max(2, int(np.ceil(arc.length / spacing)))
         s = np.arange(1, count + 1) / count
-        side = np.array([np.cos(arc.azimuth), np.sin(arc.azimuth)])
         angle = arc.turn * s
         # sin(x) / x and (1 − cos(x)) / x, also where the arc is straight
         forward = arc.length * s * np.sinc(angle / np.pi)
         aside = arc.length * s * np.sinc(0.5 * angle / np.pi) * np.sin(0.5 * angle)
-        local = np.column_stack((forward, aside[:, None] * side))
+        local = np.column_stack((forward, aside[:, None] * arc.side))
         places.append(start + local @ frame.T)
         start = places[-1][-1]
-        frame = frame @ turn_towards(side, arc.turn)
+        frame = frame @ turn_towards(arc.side, arc.turn)
     return np.concatenate(places)
-
-
-def turn_towards(side: FloatArray, angle: float) -> FloatArray:
-    """The rotation that turns the first axis by an angle [rad] towards a side across it, shape (2,): shape (3, 3)."""
-    t = np.array([np.cos(angle), *(np.sin(angle) * side)])
-    c, s = side
-    cos = np.cos(angle)
-    n1 = np.array([-c * np.sin(angle), s * s + c * c * cos, c * s * (cos - 1.0)])
-    n2 = np.array([-s * np.sin(angle), c * s * (cos - 1.0), c * c + s * s * cos])
-    return np.column_stack((t, n1, n2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,93 +7,62 @@ Every joint that comes out of the tube is straight as it passes the end, so a be
 taken back, over a short way of the feed.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
-from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS, across, polar, turned_towards
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS, turn_towards
 
 
-@dataclass(frozen=True)
-class SpaceArc:
+class SpaceArc(NamedTuple):
     """A circular arc, or a straight line.
 
     Attributes:
-        azimuth: to which it bends, in the frame at its beginning [rad].
+        side: to which it bends, across the frame at its beginning, a unit vector of shape (2,).
         turn: by how much, in [0, 2π) [rad].
         length: [m].
     """
 
-    azimuth: float
+    side: FloatArray
     turn: float
     length: float
 
-    @property
-    def curvature(self) -> FloatArray:
-        """κ1 and κ2, shape (2,) [1/m]."""
-        return self.turn / self.length * across(self.azimuth)
 
+def biarc(
+    base: FloatArray, frame: FloatArray, tip: FloatArray, direction: FloatArray
+) -> tuple[SpaceArc, SpaceArc] | None:
+    """Two arcs from a frame to a place and a direction there; the frame is carried without turning about them.
 
-@dataclass(frozen=True)
-class Biarc:
-    """Two arcs end to end; the azimuths are those of one frame that is carried along without turning about them.
+    There are none where the tip lies behind the base and points the same way.
 
-    Attributes:
-        base: where it begins, shape (3,) [m].
+    Args:
+        base: where they begin, shape (3,) [m].
         frame: (t, n1, n2) there as columns, shape (3, 3).
-        first: arc.
-        second: arc.
+        tip: where they end, shape (3,) [m].
+        direction: there, a unit vector, shape (3,).
     """
-
-    base: FloatArray
-    frame: FloatArray
-    first: SpaceArc
-    second: SpaceArc
-
-    @classmethod
-    def between(cls, base: FloatArray, frame: FloatArray, tip: FloatArray, direction: FloatArray) -> "Biarc":
-        """The biarc from a frame to a place and a direction there.
-
-        Raises:
-            ProblemError: there is none, as where the tip lies behind the base and points the same way.
-        """
-        start = frame[:, 0]
-        chord = tip - base
-        square = float(chord @ chord)
-        along = float(chord @ (start + direction))
-        root = np.sqrt(along**2 + 2.0 * square * (1.0 - float(start @ direction)))
-        if not along + root > ROUNDING * np.sqrt(square):
-            raise ProblemError(
-                "no two arcs of equal tangents join the poses: the tip lies behind the base and points the same way; "
-                "turn one of the two, or move the tip aside"
-            )
-        tangent = square / (along + root)
-        middle = 0.5 * (base + tip + tangent * (start - direction))
-        first = _arc(frame, middle - base)
-        second = _arc(turned_towards(frame, first.azimuth, first.turn), tip - middle)
-        return cls(base, frame, first, second)
-
-    @property
-    def length(self) -> float:
-        """Of both arcs [m]."""
-        return self.first.length + self.second.length
-
-    def configuration(self) -> SpaceConfiguration:
-        """Both arcs as segments of constant curvature."""
-        arcs = (self.first, self.second)
-        values = [np.tile(arc.curvature, (5, 1)) for arc in arcs]
-        return SpaceConfiguration.chain(self.base, self.frame, [arc.length for arc in arcs], values)
+    start = frame[:, 0]
+    chord = tip - base
+    square = float(chord @ chord)
+    along = float(chord @ (start + direction))
+    root = np.sqrt(along**2 + 2.0 * square * (1.0 - float(start @ direction)))
+    if not along + root > ROUNDING * np.sqrt(square):
+        return None
+    tangent = square / (along + root)
+    middle = 0.5 * (base + tip + tangent * (start - direction))
+    first = _arc(frame, middle - base)
+    return first, _arc(frame @ turn_towards(first.side, first.turn), tip - middle)
 
 
 def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
     """The arc along t over a chord: it turns by twice the angle between the two."""
-    half, azimuth = polar(frame, chord)
-    length = float(np.linalg.norm(chord)) / float(np.sinc(half / np.pi))
-    return SpaceArc(azimuth, 2.0 * half, length)
+    along, *aside = frame.T @ chord
+    away = float(np.hypot(*aside))
+    half = float(np.arctan2(away, along))
+    side = np.array(aside) / away if away > 0.0 else np.array([1.0, 0.0])
+    return SpaceArc(side, 2.0 * half, float(np.linalg.norm(chord)) / float(np.sinc(half / np.pi)))
 
 
 STRAIGHT_BEFORE = 0.3

@@ -8,12 +8,11 @@ Frenet has one, and the plane of t and n1 is κ2 = 0: there the segment is the p
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Curve
 from ccm_opt.robot.rigid_motions import carried, chained
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots
 
@@ -26,10 +25,6 @@ LEAST_STEPS = 40
 """Steps to a segment at least, so that its curvature changes little within one."""
 _PROBES = 5
 """Places between two knots at which the curvature is looked at for the size of steps."""
-Moments: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-"""Second derivatives of κ1 and of κ2 at both ends of a segment."""
-NO_MOMENTS: Moments = ((0.0, 0.0), (0.0, 0.0))
-"""Second derivatives of both curvatures at the ends of a natural spline."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +36,12 @@ class SpaceSegment:
         frame: (t, n1, n2) at s = 0 as columns, a rotation, shape (3, 3).
         curvature: κ1 and κ2 at the five knots, shape (5, 2) [1/m].
         knots: S_b, S_c, S_d with 0 < S_b < S_c < S_d < 1.
-        moments: second derivatives of κ1 and of κ2 at both ends [1/m³]; the paper's segments have none.
     """
 
     length: float
     frame: FloatArray
     curvature: FloatArray
     knots: Knots = EVEN_KNOTS
-    moments: Moments = NO_MOMENTS
 
     def __post_init__(self) -> None:
         if np.shape(self.curvature) != (5, 2):
@@ -65,8 +58,8 @@ class SpaceSegment:
     @cached_property
     def planar(self) -> tuple[CurvatureSegment, CurvatureSegment]:
         """The segments of the plane with one of both curvatures each; their headings are its turns ∫κ ds."""
-        pairs = zip(np.asarray(self.curvature, dtype=np.float64).T, self.moments, strict=True)
-        first, second = (CurvatureSegment(self.length, 0.0, values, self.knots, ends) for values, ends in pairs)
+        columns = np.asarray(self.curvature, dtype=np.float64).T
+        first, second = (CurvatureSegment(self.length, 0.0, values, self.knots) for values in columns)
         return first, second
 
     @property
@@ -115,7 +108,7 @@ class SpaceSegment:
 
 
 @dataclass(frozen=True)
-class SpaceConfiguration:
+class SpaceConfiguration(Curve):
     """Curvature segments end to end; place and frame are continuous across them.
 
     Attributes:
@@ -123,7 +116,6 @@ class SpaceConfiguration:
         segments: at least one; each starts with the frame with which the one before ends.
     """
 
-    base: FloatArray
     segments: tuple[SpaceSegment, ...]
 
     @classmethod
@@ -134,7 +126,6 @@ class SpaceConfiguration:
         lengths: Sequence[float],
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
-        moments: Sequence[Moments] | None = None,
     ) -> "SpaceConfiguration":
         """Join segments end to end from a base frame; the frames of the others follow.
 
@@ -144,52 +135,14 @@ class SpaceConfiguration:
             lengths: of the segments [m].
             curvatures: five pairs a segment, each of shape (5, 2) [1/m].
             knots: three a segment; even knots when None.
-            moments: at the ends of each segment; none, those of natural splines, when None.
         """
         segments: list[SpaceSegment] = []
         for k, (length, curvature) in enumerate(zip(lengths, curvatures, strict=True)):
             inner = knots[k] if knots else EVEN_KNOTS
-            ends = moments[k] if moments else NO_MOMENTS
-            segment = SpaceSegment(float(length), frame, np.asarray(curvature, dtype=np.float64), inner, ends)
+            segment = SpaceSegment(float(length), frame, np.asarray(curvature, dtype=np.float64), inner)
             segments.append(segment)
             frame = segment.end[0]
         return cls(np.asarray(base, dtype=np.float64), tuple(segments))
-
-    @classmethod
-    def from_plane(cls, curve: Configuration, base: FloatArray, rotation: FloatArray) -> "SpaceConfiguration":
-        """A curve of the plane, laid into space: its x along the first column of a rotation, its y along the second.
-
-        Args:
-            curve: with natural segments or parts of divided ones.
-            base: where the plane's base comes to lie, shape (3,) [m].
-            rotation: shape (3, 3).
-        """
-        segments = []
-        for segment in curve.segments:
-            c = np.cos(segment.heading)
-            s = np.sin(segment.heading)
-            frame = rotation @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-            values = np.column_stack((segment.curvature, np.zeros(5)))
-            moments = (segment.moments, (0.0, 0.0))
-            segments.append(SpaceSegment(segment.length, frame, values, segment.knots, moments))
-        return cls(np.asarray(base, dtype=np.float64), tuple(segments))
-
-    @cached_property
-    def boundaries(self) -> FloatArray:
-        """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
-        return np.concatenate(([0.0], np.cumsum([segment.length for segment in self.segments])))
-
-    @cached_property
-    def breakpoints(self) -> FloatArray:
-        """Arc lengths of all knots and boundaries, increasing, 0 first and L last [m]."""
-        pairs = zip(self.boundaries[:-1], self.segments, strict=True)
-        inner = np.concatenate([start + segment.breakpoints[:-1] for start, segment in pairs])
-        return np.append(inner, self.boundaries[-1])
-
-    @property
-    def length(self) -> float:
-        """Total length L [m]."""
-        return float(self.boundaries[-1])
 
     @property
     def base_frame(self) -> FloatArray:

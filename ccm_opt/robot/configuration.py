@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -70,35 +70,45 @@ def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -
     return np.append(np.repeat(edges[:-1], pieces) + fraction * np.repeat(np.diff(edges), pieces), edges[-1])
 
 
-class Curve(Protocol):
-    """A curve of segments, in the plane or in space, as what draws and records it sees it."""
+@dataclass(frozen=True)
+class Curve:
+    """Segments end to end, in the plane or in space.
 
-    @property
-    def segments(self) -> tuple[Any, ...]:
-        """Its segments, with their lengths, knots and curvatures."""
-        ...
+    Attributes:
+        base: position of the base, shape (d,) [m].
+        segments: at least one, with their lengths, knots and curvatures.
+    """
+
+    base: FloatArray
+    segments: tuple[Any, ...]
+
+    @cached_property
+    def boundaries(self) -> FloatArray:
+        """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
+        return np.concatenate(([0.0], np.cumsum([segment.length for segment in self.segments])))
+
+    @cached_property
+    def breakpoints(self) -> FloatArray:
+        """Arc lengths of all spline knots and boundaries, increasing, 0 first and L last [m]."""
+        knots = [start + s.breakpoints[:-1] for start, s in zip(self.boundaries[:-1], self.segments, strict=True)]
+        return np.append(np.concatenate(knots), self.boundaries[-1])
 
     @property
     def length(self) -> float:
-        """Its length [m]."""
-        ...
-
-    @property
-    def boundaries(self) -> FloatArray:
-        """Arc lengths at which segments begin, and the last ends [m]."""
-        ...
+        """Total length L [m]."""
+        return float(self.boundaries[-1])
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Points at arc lengths, shape (m,) to (m, d) [m]."""
-        ...
+        """Positions at increasing arc lengths in [0, L], shape (m,) to (m, d) [m]."""
+        raise NotImplementedError
 
     def mean_directions(self, links: int) -> FloatArray:
         """Mean direction over each of ``links`` equal lengths, shape (links, d)."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Configuration:
+class Configuration(Curve):
     """Curvature segments end to end; position and heading are continuous across them.
 
     Attributes:
@@ -106,7 +116,6 @@ class Configuration:
         segments: at least one; each starts at the heading where the one before ends.
     """
 
-    base: FloatArray
     segments: tuple[CurvatureSegment, ...]
 
     @classmethod
@@ -135,23 +144,6 @@ class Configuration:
             segments.append(segment)
             heading = segment.end_heading
         return cls(np.asarray(base, dtype=np.float64), tuple(segments))
-
-    @cached_property
-    def boundaries(self) -> FloatArray:
-        """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
-        return np.concatenate(([0.0], np.cumsum([segment.length for segment in self.segments])))
-
-    @cached_property
-    def breakpoints(self) -> FloatArray:
-        """Arc lengths of all spline knots and boundaries, increasing, 0 first and L last [m]."""
-        knots = [start + s.breakpoints for start, s in zip(self.boundaries[:-1], self.segments, strict=True)]
-        inner = np.concatenate([k[:-1] for k in knots])
-        return np.append(inner, self.boundaries[-1])
-
-    @property
-    def length(self) -> float:
-        """Total length L [m]."""
-        return float(self.boundaries[-1])
 
     @property
     def base_heading(self) -> float:

@@ -84,32 +84,14 @@ def _hat(turn: FloatArray) -> FloatArray:
     return hat - np.swapaxes(hat, -1, -2)
 
 
-def polar(frame: FloatArray, direction: FloatArray) -> tuple[float, float]:
-    """Angle between t and a direction, in [0, π], and the azimuth to which it lies: 0 is n1, a quarter turn n2.
-
-    Args:
-        frame: (t, n1, n2) as columns, shape (3, 3).
-        direction: any length but 0, shape (3,).
-    """
-    along, left, up = frame.T @ direction
-    return float(np.arctan2(np.hypot(left, up), along)), float(np.arctan2(up, left))
-
-
-def turned_towards(frame: FloatArray, azimuth: float, angle: float) -> FloatArray:
-    """The frame after an arc towards an azimuth that turns by an angle [rad], shape (3, 3)."""
-    twist = np.array([0.0, -np.sin(azimuth), np.cos(azimuth), 0.0, 0.0, 0.0])
-    return np.asarray(frame @ exponential(angle * twist)[0])
-
-
-def transported(frame: FloatArray, direction: FloatArray) -> FloatArray:
-    """The frame turned the shortest way, so that it points in a direction, shape (3, 3)."""
-    angle, azimuth = polar(frame, direction)
-    return turned_towards(frame, azimuth, angle)
-
-
-def across(azimuth: float) -> FloatArray:
-    """(cos ψ, sin ψ): the shares of κ1 and κ2 in a curvature towards an azimuth, shape (2,)."""
-    return np.array([np.cos(azimuth), np.sin(azimuth)])
+def turn_towards(side: FloatArray, angle: float) -> FloatArray:
+    """The rotation that turns the first axis by an angle [rad] towards a side across it, shape (2,): shape (3, 3)."""
+    t = np.array([np.cos(angle), *(np.sin(angle) * side)])
+    c, s = side
+    cos = np.cos(angle)
+    n1 = np.array([-c * np.sin(angle), s * s + c * c * cos, c * s * (cos - 1.0)])
+    n2 = np.array([-s * np.sin(angle), c * s * (cos - 1.0), c * c + s * s * cos])
+    return np.column_stack((t, n1, n2))
 
 
 NOMINAL_LINKS = 24
