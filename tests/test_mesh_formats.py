@@ -2,7 +2,6 @@
 
 import json
 import struct
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +182,7 @@ BOOLEAN = (
     '<object id="2"><o:booleanshape objectid="1"><o:boolean objectid="1"/></o:booleanshape></object>',
     'xmlns:o="http://schemas.3mf.io/3dmanufacturing/booleanoperations/2023/07"',
 )
+SLICES = 'xmlns:s="http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"'
 ITEM = '<item objectid="1"/>'
 ELSEWHERE = model_3mf(object_3mf(), f'{ITEM}<item objectid="1" p:path="/3D/part.model"/>', f'xmlns:p="{PRODUCTION}"')
 PART = {"3D/part.model": model_3mf(object_3mf(size=3.0), "")}
@@ -195,6 +195,7 @@ LINKED = {"3D/_rels/3dmodel.model.rels": linked("/3D/part.model")}
         (three_mf(model_3mf(object_3mf(), ITEM)), 12, 1.0, 1e-3),
         (three_mf(model_3mf(object_3mf(), ITEM, 'unit="inch"')), 12, 1.0, 0.0254),
         (three_mf(model_3mf(object_3mf(), ITEM, "")), 12, 1.0, 1e-3),
+        (three_mf(model_3mf(object_3mf(), ITEM, "").encode("utf-16")), 12, 1.0, 1e-3),
         (three_mf(model_3mf(object_3mf(attributes='type="support"'), ITEM)), 12, 1.0, 1e-3),
         (three_mf(ELSEWHERE, **PART, **LINKED), 24, 3.0, 1e-3),
         (three_mf(model_3mf(object_3mf(size=2.0), ITEM), **{"a.model": PART["3D/part.model"]}), 12, 2.0, 1e-3),
@@ -207,7 +208,7 @@ LINKED = {"3D/_rels/3dmodel.model.rels": linked("/3D/part.model")}
             1e-3,
         ),
     ],
-    ids=["plain", "inch", "no unit", "support", "other part", "not linked", "root elsewhere"],
+    ids=["plain", "inch", "no unit", "wide letters", "support", "other part", "not linked", "root elsewhere"],
 )
 def test_3mf_is_read_as_the_format_says(
     tmp_path: Path, content: bytes, triangles: int, size: float, metres: float
@@ -221,7 +222,7 @@ def test_3mf_is_read_as_the_format_says(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (three_mf(model_3mf(object_3mf(more=LATTICE[0]), ITEM, LATTICE[1])), "a beam lattice of 1 beam, which is not"),
+        (three_mf(model_3mf(object_3mf(more=LATTICE[0]), ITEM, LATTICE[1])), "a beam lattice, which is not read"),
         (three_mf(model_3mf(object_3mf() + BOOLEAN[0], ITEM, BOOLEAN[1])), "a boolean of shapes, which is not read"),
         (three_mf(model_3mf(object_3mf(), ITEM, 'requiredextensions="q" xmlns:q="http://q"')), "extension 'http://q'"),
         (
@@ -235,23 +236,21 @@ def test_3mf_is_read_as_the_format_says(
             "different units, inch, milli",
         ),
         (three_mf(ELSEWHERE, **PART), "'/3D/part.model', which it names, counts only if the root model is linked"),
-        (three_mf(model_3mf(object_3mf(), ITEM).encode("utf-16")), "UTF-16"),
+        (three_mf(model_3mf(object_3mf() + object_3mf(), ITEM)), "the object '1' is there twice"),
+        (three_mf(model_3mf(object_3mf(more="</mesh><mesh>"), ITEM)), "an object has two shapes"),
+        (
+            three_mf(model_3mf(object_3mf(attributes='s:meshresolution="lowres"'), ITEM, SLICES)),
+            "slices that are finer",
+        ),
         (three_mf(model_3mf(object_3mf().replace('v1="0" v2="2"', 'v1="0" v2="0"'), ITEM)), "one vertex twice"),
     ],
-    ids=range(10),
+    ids=range(12),
 )
 def test_3mf_that_is_not_read_is_refused_by_name(tmp_path: Path, content: bytes, words: str) -> None:
     """A shape that would be missing, or an item that would be another, is refused with what it is."""
     with pytest.raises(ProblemError) as refused:
         read(tmp_path, "part.3mf", content)
     assert words in str(refused.value)
-
-
-def test_3mf_without_its_library_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where lib3mf has no wheel, a 3MF file is refused with a line that says what reads it and what helps."""
-    monkeypatch.setitem(sys.modules, "lib3mf", None)
-    with pytest.raises(ProblemError, match=r"read by lib3mf, which is not installed here .* export it as STL"):
-        read(tmp_path, "part.3mf", three_mf(model_3mf(object_3mf(), ITEM)))
 
 
 def test_a_mesh_that_is_used_often_is_counted_before_it_is_placed(tmp_path: Path) -> None:

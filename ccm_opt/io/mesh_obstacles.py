@@ -194,16 +194,12 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> MeshFile:
 
 
 def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
-    """Refuse a mesh without triangles, with too many, or with vertices that are not there or nowhere."""
+    """Refuse a mesh without triangles, with too many, or with vertices that are nowhere."""
     count = len(mesh.faces)
-    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
-        raise ProblemError("its vertices have not three coordinates each, or its faces are no triangles")
     if count == 0:
         raise ProblemError("it holds no triangles; expected a mesh")
     if count > settings.most_triangles:
         raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
-    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        raise ProblemError(f"a triangle has a vertex that is not there; there are {len(mesh.vertices)} vertices")
     finite = np.isfinite(mesh.vertices).all(axis=1)
     # Vertices that no triangle has do not matter.
     used = np.zeros(len(mesh.vertices), dtype=np.bool_)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.errors import ProblemError
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,9 @@ MESHES = MeshSettings()
 class RawMesh:
     """Vertices and triangles in the unit of the file.
 
+    Raises:
+        ProblemError: a triangle has a vertex that is not there.
+
     Attributes:
         vertices: shape (v, 3).
         faces: vertices of each triangle, shape (m, 3).
@@ -51,6 +55,12 @@ class RawMesh:
     faces: IntArray
     metres: float | None = None
     passed_over: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.vertices.shape[1:] != (3,) or self.faces.shape[1:] != (3,):
+            raise ProblemError("its vertices have not three coordinates each, or its faces are no triangles")
+        if self.faces.min(initial=0) < 0 or self.faces.max(initial=-1) >= len(self.vertices):
+            raise ProblemError(f"a triangle has a vertex that is not there; there are {len(self.vertices)} vertices")
 
     @classmethod
     def of_corners(cls, corners: FloatArray) -> "RawMesh":

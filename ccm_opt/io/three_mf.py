@@ -1,20 +1,18 @@
-"""3MF, read by the format's own library; what it would pass over in silence is refused by name.
+"""3MF: the core of the format and its production extension; what else gives an object its shape is refused by name.
 
-``lib3mf`` follows relationships, parts, components and transforms. Before that every model in the archive is looked
-through once by expat, which bounds what is unpacked, names what the library does not know (boolean and displaced
-shapes, extensions that a file requires), and counts the vertices and triangles that the library must give back.
+The parts of the archive that the relationships link are met element by element by expat, which bounds how entities
+multiply and loads no external ones. Objects are placed afterwards, as the build section says.
 """
 
-import ctypes
 import io
-import struct
+import posixpath
 import zipfile
 import zlib
-from collections import Counter
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any
-from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
 
 import numpy as np
 
@@ -25,35 +23,29 @@ from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted
 _MICROSOFT = "http://schemas.microsoft.com/3dmanufacturing"
 _CORE = f"{_MICROSOFT}/core/2015/02"
 _KNOWN = frozenset(
-    {
-        _CORE,
-        f"{_MICROSOFT}/beamlattice/2017/02",
-        f"{_MICROSOFT}/beamlattice/balls/2020/07",
-        f"{_MICROSOFT}/material/2015/02",
-        f"{_MICROSOFT}/production/2015/06",
-        f"{_MICROSOFT}/securecontent/2019/04",
-        f"{_MICROSOFT}/slice/2015/07",
-        f"{_MICROSOFT}/trianglesets/2021/07",
-        "http://schemas.3mf.io/3dmanufacturing/implicit/2023/12",
-        "http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01",
-    }
-)
-"""Namespaces that lib3mf reads (those in its library, version 2.5)."""
-_UNITS = MappingProxyType(
-    {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
-)
+    f"{_MICROSOFT}/{name}"
+    for name in (
+        "beamlattice/2017/02",
+        "beamlattice/balls/2020/07",
+        "core/2015/02",
+        "material/2015/02",
+        "production/2015/06",
+        "slice/2015/07",
+        "trianglesets/2021/07",
+    )
+) | {"http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01"}
+"""Namespaces whose shapes are read, or are refused by ``_OTHER_SHAPES``, and which say nothing else of a surface."""
+_OTHER_SHAPES = {
+    "ball": "a beam lattice",
+    "beam": "a beam lattice",
+    "booleanshape": "a boolean of shapes",
+    "displacementmesh": "a displaced mesh",
+    "levelset": "a shape that is a field, no mesh (a level set)",
+}
+"""What would be missing from an object, by the name of the element."""
+_UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 """Metres in the units of a model; without a word it is the millimetre."""
-_REASONS = MappingProxyType(
-    {
-        "Could not find Object": "an item or a component names an object that is not there, or not before it",
-        "Could not get XML Namespace": "a namespace is declared below the model element, which lib3mf does not read",
-        "Invalid Model Coordinate Indices": "a triangle has one vertex twice",
-        "Invalid Model Coordinates": "a coordinate is no number, or beyond all measure",
-        "Invalid model node index": "a triangle has a vertex that is not there",
-    }
-)
-"""What lib3mf means, by what it says."""
-_BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, OSError, EOFError, ValueError)
+_BROKEN = (zipfile.BadZipFile, zlib.error, expat.ExpatError, ET.ParseError, RuntimeError, OSError, EOFError, ValueError)
 
 
 def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
@@ -62,291 +54,199 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
     Raises:
         ProblemError: it is no 3MF file, is damaged, exceeds a bound, or holds a shape that is not read.
     """
-    announced = _announced(content, settings)
-    _refuse_nested(announced, settings)
-    library = _library()
     try:
-        model = _model(library, content)
-        _hold_counts(model, announced)
-        parts = _Parts(library, settings)
-        items = model.GetBuildItems()
-        with np.errstate(over="ignore", invalid="ignore"):  # places beyond all measure are refused later
-            while items.MoveNext():
-                item = items.GetCurrent()
-                parts.collect(item.GetObjectResource(), _matrix(item.GetObjectTransform()))
-        objects = model.GetObjects().Count()
-        root = model.RootModelPart().GetPath()
-    except library.ELib3MFException as error:
-        told = str(error).partition(": ")[2].strip() or str(error)
-        reason = next((words for start, words in _REASONS.items() if told.startswith(start)), f"{told[:100]} (lib3mf)")
-        elsewhere = sorted(set().union(*(each.elsewhere for each in announced.values())))
-        if elsewhere:
-            reason += f"; {elsewhere[0][:60]!r}, which it names, counts only if the root model is linked to it"
-        raise ProblemError(f"not readable as 3MF: {reason}") from None
-    if not parts.taken:
+        parts = _unpacked(content, settings)
+        root = next(_linked(parts, "/"), "/none")
+        models = {path: _Model(path, parts[path]) for path in (root, *_linked(parts, root))}
+        building = _Building(models, settings)
+        meshes = [mesh for use in models[root].items for mesh in building.placed(use, np.eye(4, 3), 0)]
+    except KeyError as error:
+        raise ProblemError(f"not readable as 3MF: {str(error)[:60]} is not there") from None
+    except (*_BROKEN, OverflowError) as error:
+        raise ProblemError(f"not readable as 3MF: {str(error)[:100]}") from None
+    if not models[root].items:
         raise ProblemError("it builds nothing: its build section has no item that would say what stands where")
-    units = {announced[path].unit for path in (root, *parts.paths) if path in announced}
+    units = {models[path].unit for path, _ in building.taken}
     if len(units) > 1:
         raise ProblemError(f"its parts are in different units, {', '.join(sorted(units))}; export it in one")
-    left = objects - len(parts.taken)
+    left = sum(len(model.objects) for model in models.values()) - len(building.taken)
     passed_over = (f"{counted(left, 'object')} that the file does not build",) if left else ()
-    return RawMesh.joined(parts.meshes, _UNITS[units.pop()], passed_over)
+    return RawMesh.joined(meshes, _UNITS[units.pop()], passed_over)
 
 
-@dataclass
-class _Announced:
-    """What a model in the archive holds, as expat meets it.
-
-    Attributes:
-        counts: of elements of the core, by name.
-        unit: of its lengths.
-        inside: number of the object that is open.
-        components: of each object by its number, by the part of the archive and the number there.
-        prefixes: namespaces by prefix.
-        elsewhere: other parts of the archive that it names.
-    """
-
-    most: int
-    counts: Counter[str] = field(default_factory=Counter)
-    unit: str = "millimeter"
-    inside: str | None = None
-    components: dict[str, list[tuple[str | None, str]]] = field(default_factory=dict)
-    prefixes: dict[str | None, str] = field(default_factory=dict)
-    elsewhere: set[str] = field(default_factory=set)
-
-    def parse(self, text: bytes) -> None:
-        """Look through a model.
-
-        Raises:
-            ProblemError: it holds what is not read.
-            expat.ExpatError: it is no XML.
-        """
-        if text.startswith((b"\xfe\xff", b"\xff\xfe")):
-            raise ProblemError("its model is written in UTF-16, and lib3mf reads UTF-8 alone")
-        parser = expat.ParserCreate(namespace_separator=" ")
-        parser.StartElementHandler = self.start
-        parser.EndElementHandler = self.end
-        parser.StartNamespaceDeclHandler = self._name_space
-        parser.StartDoctypeDeclHandler = self._refuse_doctype
-        parser.Parse(text, True)  # noqa: FBT003 - the parser takes no keyword
-
-    def _name_space(self, prefix: str | None, uri: str) -> None:
-        self.prefixes[prefix] = uri
-
-    @staticmethod
-    def _refuse_doctype(*_: object) -> None:
-        raise ProblemError("not readable as 3MF: its model has a document type, which the format forbids")
-
-    def start(self, name: str, given: dict[str, str]) -> None:
-        """Count an element, and refuse one that would be passed over."""
-        space, _, kind = name.rpartition(" ")
-        if kind in {"booleanshape", "displacementmesh"}:
-            what = "a boolean of shapes" if kind == "booleanshape" else "a displaced mesh"
-            raise ProblemError(f"it has {what}, which is not read; export it as plain triangles")
-        if space == _CORE:
-            self.counts[kind] += 1
-            if kind == "object":
-                self.inside = given.get("id", "")
-                self.components[self.inside] = []
-            elif kind == "model":
-                self._model(given)
-            elif kind in {"item", "component"}:
-                path = next((given[key] for key in given if key.endswith(" path")), None)
-                self.elsewhere.update(() if path is None else (path,))
-                if kind == "component" and self.inside is not None:
-                    self.components[self.inside].append((path, given.get("objectid", "")))
-            elif kind == "triangle" and self.counts[kind] > self.most:
-                raise ProblemError(f"it has more than {self.most} triangles, the most that can be used")
-        elif self.inside is not None and space not in _KNOWN:
-            raise ProblemError(f"an object has {kind[:40]!r} of an extension that is not known, {space[:80]!r}")
-
-    def end(self, name: str) -> None:
-        """Leave an element."""
-        if name == f"{_CORE} object":
-            self.inside = None
-
-    def _model(self, given: dict[str, str]) -> None:
-        self.unit = given.get("unit", self.unit)
-        if self.unit not in _UNITS:
-            raise ProblemError(f"its unit {self.unit[:30]!r} is not known; the format has {', '.join(_UNITS)}")
-        for prefix in given.get("requiredextensions", "").split():
-            space = self.prefixes.get(prefix, prefix)
-            if space not in _KNOWN:
-                raise ProblemError(f"it requires the extension {space[:80]!r}, which is not read")
-
-
-def _announced(content: bytes, settings: MeshSettings) -> dict[str, _Announced]:
-    """What every model in the archive holds, by its path; nothing is unpacked further than is allowed."""
-    found: dict[str, _Announced] = {}
+def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
+    """Models and relationships in the archive by path; nothing is unpacked further than is allowed."""
+    found: dict[str, bytes] = {}
     left = settings.most_unpacked
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            names = archive.namelist()
-            for needed in ("[Content_Types].xml", "_rels/.rels"):
-                if needed not in names:
-                    raise ProblemError(f"not readable as 3MF: the archive has no {needed}")
-            if len(set(names)) < len(names):
-                raise ProblemError("not readable as 3MF: two parts of the archive have one name")
-            for name in names:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = archive.namelist()
+        if len(set(names)) < len(names):
+            raise ValueError("two parts of the archive have one name")
+        for name in names:
+            if name.lower().endswith((".model", ".rels")):
                 with archive.open(name) as packed:
-                    part = packed.read(left + 1)
-                left -= len(part)
+                    found[f"/{name}"] = packed.read(left + 1)
+                left -= len(found[f"/{name}"])
                 if left < 0:
                     raise ProblemError(
                         f"it has more than {settings.most_unpacked} bytes unpacked, the most that is read"
                     )
-                if name.lower().endswith(".model"):
-                    announced = found[f"/{name}"] = _Announced(settings.most_triangles)
-                    announced.parse(part)
-    except expat.ExpatError as error:
-        raise ProblemError(f"not readable as 3MF: its model is no XML ({error})") from None
-    except _BROKEN as error:
-        raise ProblemError(f"not readable as 3MF: {error}") from None
     return found
 
 
-def _refuse_nested(announced: dict[str, _Announced], settings: MeshSettings) -> None:
-    """Refuse objects that are put together too deep or of too many: the library would never come to their end."""
-    sizes: dict[tuple[str, str], tuple[int, int]] = {}
-
-    def size(path: str, number: str, above: int) -> tuple[int, int]:
-        """How many objects one is put together from, each counted as often as it is used, and how deep."""
-        if (path, number) not in sizes:
-            if above > settings.deepest:
-                raise ProblemError(f"its components are nested more than {settings.deepest} deep")
-            inner = announced[path].components.get(number, []) if path in announced else []
-            found = [size(elsewhere or path, other, above + 1) for elsewhere, other in inner]
-            sizes[path, number] = (
-                1 + sum(parts for parts, _ in found),
-                1 + max((deep for _, deep in found), default=-1),
-            )
-        parts, depth = sizes[path, number]
-        if depth > settings.deepest:
-            raise ProblemError(f"its components are nested more than {settings.deepest} deep")
-        if parts > settings.most_parts:
-            raise ProblemError(f"it is put together from more than {settings.most_parts} parts")
-        return parts, depth
-
-    for path, each in announced.items():
-        for number in each.components:
-            size(path, number, 0)
+def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
+    """Paths of the models to which a part, or the archive itself, is linked."""
+    folder, name = posixpath.split(source)
+    links = ET.fromstring(parts.get(posixpath.join(folder, "_rels", f"{name}.rels"), b"<none/>"))  # noqa: S314 - expat
+    for link in links.iter("{http://schemas.openxmlformats.org/package/2006/relationships}Relationship"):
+        if link.get("Type") == f"{_MICROSOFT}/2013/01/3dmodel":
+            yield posixpath.normpath(posixpath.join(folder, link.attrib["Target"]))
 
 
-def _library() -> Any:
-    """The library, loaded when the first 3MF file is read."""
-    try:
-        import lib3mf  # noqa: PLC0415 - takes memory that few problems need
-    except (ImportError, OSError):
-        raise ProblemError(
-            "3MF is read by lib3mf, which is not installed here (it has no wheel for some machines); export it as STL"
-        ) from None
-    return lib3mf
+@dataclass(frozen=True)
+class _Use:
+    """An object that is built, or that another is put together from: its part, its number, and where it is moved."""
 
-
-def _model(library: Any, content: bytes) -> Any:
-    """The model of an archive; the library asks for its bytes, as lists of them would take eight times the memory."""
-    at = 0
-
-    def read(place: int, size: int, _: object) -> None:
-        nonlocal at
-        chunk = content[at : at + size]
-        ctypes.memmove(place, chunk, len(chunk))
-        at += len(chunk)
-
-    def seek(place: int, _: object) -> None:
-        nonlocal at
-        at = place
-
-    model = library.get_wrapper().CreateModel()
-    reader = model.QueryReader("3mf")
-    reader.ReadFromCallback(library.ReadCallback(read), len(content), library.SeekCallback(seek), None)
-    return model
-
-
-def _hold_counts(model: Any, announced: dict[str, _Announced]) -> None:
-    """Refuse a file of which the library has not read every vertex and triangle."""
-    read: dict[str, Counter[str]] = {}
-    shapes = model.GetMeshObjects()
-    while shapes.MoveNext():
-        shape = shapes.GetCurrent()
-        counts = read.setdefault(shape.PackagePart().GetPath(), Counter())
-        counts["vertex"] += shape.GetVertexCount()
-        counts["triangle"] += shape.GetTriangleCount()
-    for path, counts in read.items():
-        for kind, number in counts.items():
-            wanted = announced[path].counts[kind] if path in announced else 0
-            if number != wanted:
-                raise ProblemError(f"{path} has {wanted} elements '{kind}', but lib3mf reads {number} of them")
-
-
-def _matrix(transform: Any) -> FloatArray:
-    """Three rows turn, the last moves, shape (4, 3)."""
-    return np.array([list(row) for row in transform.Fields], dtype=np.float64)
+    path: str
+    number: str
+    transform: FloatArray
 
 
 @dataclass
-class _Parts:
-    """What a file is put together from, within the bounds.
+class _Object:
+    """The triangles of an object, or what it is put together from; ``shape`` is the element that says which."""
 
-    Attributes:
-        library: that reads it.
-        settings: the bounds.
-        meshes: where they come to lie.
-        taken: numbers of the objects that are built.
-        paths: parts of the archive in which these are.
+    shape: str = ""
+    coordinates: "array[float]" = field(default_factory=lambda: array("d"))
+    corners: "array[int]" = field(default_factory=lambda: array("q"))
+    components: list[_Use] = field(default_factory=list)
+
+
+class _Model:
+    """A model of the archive: its unit, its objects by number, and what it builds.
+
+    Raises:
+        ProblemError: an object has a shape that is not read.
+        KeyError, ValueError, OverflowError, expat.ExpatError: it is no model, or damaged.
     """
 
-    library: Any
-    settings: MeshSettings
-    meshes: list[RawMesh] = field(default_factory=list)
-    taken: set[int] = field(default_factory=set)
-    paths: set[str] = field(default_factory=set)
-    _own: dict[int, RawMesh] = field(default_factory=dict)
-    _triangles: int = 0
-    _visits: int = 0
+    def __init__(self, path: str, text: bytes) -> None:
+        self.unit = "millimeter"
+        self.objects: dict[str, _Object] = {}
+        self.items: list[_Use] = []
+        self._path = path
+        self._open: _Object | None = None
+        self._prefixes: dict[str | None, str] = {}
+        parser = expat.ParserCreate(namespace_separator=" ")
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.StartNamespaceDeclHandler = self._prefixes.__setitem__
+        parser.StartDoctypeDeclHandler = self._refuse_doctype
+        parser.Parse(text, True)  # noqa: FBT003 - the parser takes no keyword
 
-    def collect(self, shape: Any, transform: FloatArray) -> None:
-        """Add an object, and those that it is put together from, where they come to lie.
+    @staticmethod
+    def _refuse_doctype(*_: object) -> None:
+        raise ValueError("its model has a document type, which the format forbids")
+
+    def _start(self, name: str, given: dict[str, str]) -> None:
+        space, _, kind = name.rpartition(" ")
+        if kind in _OTHER_SHAPES:
+            raise ProblemError(f"it has {_OTHER_SHAPES[kind]}, which is not read; export it as plain triangles")
+        if space != _CORE:
+            if self._open is not None and space not in _KNOWN:
+                raise ProblemError(f"an object has {kind[:40]!r} of an extension that is not known, {space[:80]!r}")
+        elif kind == "model":
+            self._head(given)
+        elif kind == "object":
+            self._object(given)
+        elif kind == "item":
+            self.items.append(self._use(given))
+        elif self._open is not None:
+            self._inside(self._open, kind, given)
+
+    def _end(self, name: str) -> None:
+        if name == f"{_CORE} object":
+            self._open = None
+
+    def _head(self, given: dict[str, str]) -> None:
+        self.unit = given.get("unit", self.unit)
+        if self.unit not in _UNITS:
+            raise ProblemError(f"its unit {self.unit[:30]!r} is not known; the format has {', '.join(_UNITS)}")
+        for prefix in given.get("requiredextensions", "").split():
+            space = self._prefixes.get(prefix, prefix)
+            if space not in _KNOWN:
+                raise ProblemError(f"it requires the extension {space[:80]!r}, which is not read")
+
+    def _object(self, given: dict[str, str]) -> None:
+        if self._open is not None or given["id"] in self.objects:
+            raise ValueError(f"the object {given['id'][:20]!r} is there twice, or in another one")
+        if any(key.endswith(" meshresolution") and value == "lowres" for key, value in given.items()):
+            raise ProblemError(
+                "it has slices that are finer than its mesh, which is not read; export it as plain triangles"
+            )
+        self._open = self.objects[given["id"]] = _Object()
+
+    def _inside(self, shape: _Object, kind: str, given: dict[str, str]) -> None:
+        if kind == "vertex":
+            shape.coordinates.extend([float(given[axis]) for axis in "xyz"])
+        elif kind == "triangle":
+            corners = [int(given[corner]) for corner in ("v1", "v2", "v3")]
+            if len(set(corners)) < 3:
+                raise ValueError("a triangle has one vertex twice")
+            shape.corners.extend(corners)
+        elif kind == "component":
+            shape.components.append(self._use(given))
+        elif kind in {"mesh", "components"}:
+            if shape.shape:
+                raise ValueError("an object has two shapes")
+            shape.shape = kind
+
+    def _use(self, given: dict[str, str]) -> _Use:
+        """Three rows of a transform turn, the last moves."""
+        path = next((given[key] for key in given if key.endswith(" path")), self._path)
+        transform = np.array(given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
+        if transform.shape != (12,) or not np.isfinite(transform).all():
+            raise ValueError(f"it has the transform {given['transform'][:60]!r}, expected twelve numbers")
+        return _Use(path, given["objectid"], transform.reshape(4, 3))
+
+
+class _Building:
+    """Puts objects together within the bounds; ``taken`` are those that are built."""
+
+    def __init__(self, models: dict[str, _Model], settings: MeshSettings) -> None:
+        self.taken: set[tuple[str, str]] = set()
+        self._models = models
+        self._settings = settings
+        self._visits = 0
+        self._triangles = 0
+
+    def placed(self, use: _Use, outer: FloatArray, depth: int) -> Iterator[RawMesh]:
+        """The meshes of an object, where they come to lie in what uses it.
 
         Raises:
-            ProblemError: it is put together from too many, too large, or of a kind that is not read.
+            ProblemError: it is not there, or put together from too many, too large or too deep.
         """
+        settings = self._settings
+        if use.path not in self._models:
+            raise ProblemError(
+                f"{use.path[:60]!r}, which it names, counts only if the root model is linked to it; export it anew"
+            )
+        if use.number not in self._models[use.path].objects:
+            raise ProblemError(f"an item or a component names an object that is not there, {use.number[:20]!r}")
         self._visits += 1
-        if self._visits > self.settings.most_parts:
-            raise ProblemError(f"it is put together from more than {self.settings.most_parts} parts")
-        number = shape.GetUniqueResourceID()
-        self.taken.add(number)
-        if shape.IsComponentsObject():
-            for k in range(shape.GetComponentCount()):
-                inner = shape.GetComponent(k)
-                moved = _matrix(inner.GetTransform())
-                both = np.vstack((moved[:3] @ transform[:3], moved[3] @ transform[:3] + transform[3]))
-                self.collect(inner.GetObjectResource(), both)
-            return
-        if number not in self._own:
-            self._own[number] = self._mesh(shape)
-            self.paths.add(shape.PackagePart().GetPath())
-        mesh = self._own[number]
-        self._triangles += len(mesh.faces)
-        if self._triangles > self.settings.most_triangles:
-            raise ProblemError(f"it has more than {self.settings.most_triangles} triangles, the most that can be used")
-        self.meshes.append(RawMesh(mesh.vertices @ transform[:3] + transform[3], mesh.faces))
-
-    def _mesh(self, shape: Any) -> RawMesh:
-        """The triangles of an object that has no other kind of shape."""
-        refused = ""
-        if not shape.IsMeshObject():
-            refused = "a shape that is a field, no mesh (a level set)"
-        elif shape.BeamLattice().GetBeamCount() or shape.BeamLattice().GetBallCount():
-            refused = f"a beam lattice of {counted(shape.BeamLattice().GetBeamCount(), 'beam')}"
-        elif shape.HasSlices(False) and shape.GetSlicesMeshResolution() == self.library.SlicesMeshResolution.Lowres:  # noqa: FBT003
-            refused = "slices that are finer than its mesh"
-        if refused:
-            raise ProblemError(f"it has {refused}, which is not read; export it as plain triangles")
-        places = _array(self.library.Position, shape.GetVertices(), "<f4").astype(np.float64)
-        return RawMesh(places, _array(self.library.Triangle, shape.GetTriangleIndices(), "<u4").astype(np.intp))
-
-
-def _array(kind: Any, rows: list[Any], number: str) -> Any:
-    """Rows of three numbers as an array, shape (n, 3)."""
-    return np.frombuffer((kind * len(rows))(*rows), dtype=number).reshape(-1, 3)
+        if self._visits > settings.most_parts:
+            raise ProblemError(f"it is put together from more than {settings.most_parts} parts")
+        if depth > settings.deepest:
+            raise ProblemError(f"its components are nested more than {settings.deepest} deep")
+        self.taken.add((use.path, use.number))
+        shape = self._models[use.path].objects[use.number]
+        self._triangles += len(shape.corners) // 3
+        if self._triangles > settings.most_triangles:
+            raise ProblemError(f"it has more than {settings.most_triangles} triangles, the most that can be used")
+        with np.errstate(over="ignore", invalid="ignore"):  # places beyond all measure are refused later
+            place = np.vstack((use.transform[:3] @ outer[:3], use.transform[3] @ outer[:3] + outer[3]))
+            if shape.corners:
+                vertices = np.array(shape.coordinates).reshape(-1, 3) @ place[:3] + place[3]
+                yield RawMesh(vertices, np.array(shape.corners, dtype=np.intp).reshape(-1, 3))
+        for component in shape.components:
+            yield from self.placed(component, place, depth + 1)
