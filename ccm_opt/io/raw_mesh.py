@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.errors import ProblemError
+from ccm_opt.core.errors import ProblemError
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 from svgelements import Ellipse, Path, Polyline, Rect
@@ -30,7 +31,7 @@ from ccm_opt.io.shapes import (
     flatten_bezier,
     flatten_ellipse,
 )
-from ccm_opt.io.svg_document import Affine, Node, View, length_of, numbers_in, parsed_document
+from ccm_opt.io.svg_document import View, length_of, numbers_in, parsed_document
 from ccm_opt.io.svg_placing import Picture, Place
 
 _LONGEST_PATH = 2_000_000
@@ -200,14 +201,14 @@ class _Outlines:
         self._view = view
         self._known: dict[int, list[Subpath]] = {}
 
-    def of(self, node: Node) -> list[Subpath]:
+    def of(self, node: ET.Element) -> list[Subpath]:
         """The subpaths of an element; none where it has no extent."""
         if id(node) not in self._known:
             self._known[id(node)] = self._read(node)
         return self._known[id(node)]
 
-    def _read(self, node: Node) -> list[Subpath]:
-        text = node.attributes.get("d", "") if node.tag == "path" else node.attributes.get("points", "")
+    def _read(self, node: ET.Element) -> list[Subpath]:
+        text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
         if len(text) > _LONGEST_PATH:
             raise ProblemError(
                 f"it has path data of {len(text)} characters, at most {_LONGEST_PATH} can be read; simplify the outline"
@@ -224,7 +225,7 @@ class _Outlines:
                 return self._box(node)
         return self._round(node)
 
-    def _box(self, node: Node) -> list[Subpath]:
+    def _box(self, node: ET.Element) -> list[Subpath]:
         x, y, width, height = (self._length(node, key) for key in ("x", "y", "width", "height"))
         if width == 0.0 or height == 0.0:
             return []
@@ -233,7 +234,7 @@ class _Outlines:
         rx, ry = self._half_axes(node)
         return subpaths_of(Path(Rect(x, y, width, height, rx, ry)))
 
-    def _round(self, node: Node) -> list[Subpath]:
+    def _round(self, node: ET.Element) -> list[Subpath]:
         if node.tag == "circle":
             rx = ry = self._length(node, "r")
         else:
@@ -244,25 +245,25 @@ class _Outlines:
             raise ProblemError(f"it has the half axes {rx:g} and {ry:g}; expected positive lengths")
         return subpaths_of(Path(Ellipse(self._length(node, "cx"), self._length(node, "cy"), rx, ry)))
 
-    def _half_axes(self, node: Node) -> tuple[float, float]:
+    def _half_axes(self, node: ET.Element) -> tuple[float, float]:
         """Both half axes; one that is not given, or auto, is like the other."""
-        given = {key: node.attributes.get(key, "auto").strip() for key in ("rx", "ry")}
+        given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
         known = [key for key in given if given[key] != "auto"]
         if not known:
             return 0.0, 0.0
         lengths = [length_of(given[key], self._view, across=key == "rx") for key in known]
         return lengths[0], lengths[-1]
 
-    def _length(self, node: Node, key: str) -> float:
+    def _length(self, node: ET.Element, key: str) -> float:
         across = None if key == "r" else key in {"x", "x1", "x2", "cx", "width"}
-        return length_of(node.attributes.get(key, "0"), self._view, across=across)
+        return length_of(node.attrib.get(key, "0"), self._view, across=across)
 
 
 def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shape]:
     """The shapes of one element: a disc, or a region of its closed subpaths, and a line for each open one."""
     if not subpaths:
         return []
-    matrix = _downwards(place.matrix)
+    matrix = place.matrix[:2] * [[1.0], [-1.0]]  # SVG's y points down
     if not np.isfinite(matrix).all():
         raise ProblemError("it has a transform that is not finite")
     if (disc := _disc(place, subpaths[0], matrix)) is not None:
@@ -285,11 +286,6 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
     rule: FillRule = "evenodd" if place.fill_rule == "evenodd" else "nonzero"
     curved = any(subpath.curved for subpath in subpaths)
     return [Region(place.name, tuple(rings), rule, curved, layer=place.layer, drawn=_drawn(place)), *lines]
-
-
-def _downwards(map_: Affine) -> FloatArray:
-    """A transform with y negated, shape (2, 3): x ↦ M[:, :2] x + M[:, 2]."""
-    return np.array([[map_.a, map_.c, map_.e], [-map_.b, -map_.d, -map_.f]], dtype=np.float64)
 
 
 def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Disc | None:

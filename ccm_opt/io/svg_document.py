@@ -9,15 +9,17 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
+from xml.etree import ElementTree as ET
 from xml.parsers import expat  # bounds how entities multiply, and loads no external ones
 
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 
 _LONGEST_ATTRIBUTE = 20_000
 """Characters of a style, class or transform. Taste: a hundred times what programs write."""
-_LONGEST_TEXT = 1_000_000
-"""Characters of a style sheet or a title that are kept. Taste."""
 _MOST_STYLE_RULES = 300
 """Rules of style sheets that decide whether and how shapes are filled. Taste: each is compared with every element."""
 
@@ -28,25 +30,8 @@ _SEPARATOR = " "
 """Between namespace and name, as the parser reports them; a blank is in no namespace."""
 
 
-@dataclass
-class Node:
-    """An element of a document.
-
-    Attributes:
-        tag: name without namespace; ``FOREIGN`` for elements of other namespaces.
-        attributes: by name; those of other namespaces have it in front, with a blank between.
-        children: elements in it, in order.
-        text: characters directly in it, kept for titles and style sheets alone.
-    """
-
-    tag: str
-    attributes: dict[str, str]
-    children: list["Node"] = field(default_factory=list)
-    text: str = ""
-
-
-def parsed_document(content: bytes) -> Node:
-    """The outermost element of an SVG file.
+def parsed_document(content: bytes) -> ET.Element:
+    """The outermost element of an SVG file, of elements without a namespace in their tags.
 
     Args:
         content: of the file.
@@ -54,21 +39,20 @@ def parsed_document(content: bytes) -> Node:
     Raises:
         ProblemError: the content is no XML, no SVG, or exceeds a bound.
     """
-    builder = _Builder()
+    builder = _Builder(content.count(b"&"))
     parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
     parser.buffer_text = True
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.text
+    parser.CharacterDataHandler = builder.tree.data
     parser.EntityDeclHandler = builder.entity
-    builder.references = content.count(b"&")
     try:
         parser.Parse(content, True)  # noqa: FBT003 - the parser takes no keyword
+        root = builder.tree.close()
     except (expat.ExpatError, ValueError, LookupError) as error:  # encodings that nobody knows too
         raise ProblemError(f"not readable as XML: {error}") from None
-    root = builder.root
-    if root is None or root.tag != "svg":
-        raise ProblemError(f"expected the outermost element svg, got {'nothing' if root is None else root.tag}")
+    if root.tag != "svg":
+        raise ProblemError(f"expected the outermost element svg, got {root.tag}")
     if builder.namespace not in {NAMESPACE, ""}:
         raise ProblemError(
             f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', without "
@@ -78,49 +62,35 @@ def parsed_document(content: bytes) -> Node:
 
 
 class _Builder:
-    """Receives what the parser finds; ``root`` is the tree in the end."""
+    """Bounds what the parser finds and makes a tree of it; ``references`` may stand for entities."""
 
-    def __init__(self) -> None:
-        self.root: Node | None = None
+    def __init__(self, references: int) -> None:
+        self.tree = ET.TreeBuilder()
         self.namespace = ""
-        self.open: list[Node] = []
-        self.count = 0
-        self.references = 0
-        self.entity_length = 0
+        self.count = self.depth = self.entity_length = 0
+        self.references = references
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         """Add an element to the one that is open."""
+        namespace, _, tag = name.rpartition(_SEPARATOR)
+        self.namespace = self.namespace if self.count else namespace
         self.count += 1
+        self.depth += 1
         if self.count > IMPORT.most_nodes:
             raise ProblemError(f"it holds more than {IMPORT.most_nodes} elements; simplify the drawing")
-        if len(self.open) >= IMPORT.deepest:
+        if self.depth > IMPORT.deepest:
             raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
-        namespace, _, tag = name.rpartition(_SEPARATOR)
-        if self.root is None:
-            self.namespace = namespace
-        node = Node(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
-        if self.open:
-            self.open[-1].children.append(node)
-        else:
-            self.root = node
-        self.open.append(node)
+        self.tree.start(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
 
-    def end(self, _name: str) -> None:
+    def end(self, name: str) -> None:
         """Close the element that is open."""
-        self.open.pop()
-
-    def text(self, text: str) -> None:
-        """Keep the characters that count."""
-        node = self.open[-1]
-        if node.tag in {"title", "style"} and len(node.text) <= _LONGEST_TEXT:
-            node.text += text
+        self.depth -= 1
+        self.tree.end(name)
 
     def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
         """Refuse abbreviations that make a small file large: such as hold others, or are long and often used."""
-        if value is None:
-            return
-        self.entity_length += len(value)
-        if "&" in value or self.references * self.entity_length > IMPORT.most_bytes:
+        self.entity_length += len(value or "")
+        if "&" in (value or "") or self.references * self.entity_length > IMPORT.most_bytes:
             raise ProblemError("its entities would make it too large to read; save it as plain SVG")
 
 
@@ -157,54 +127,51 @@ class StyleSheet:
     rules: list[_Rule] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
 
-    def style_of(self, node: Node) -> dict[str, str]:
+    def style_of(self, node: ET.Element) -> dict[str, str]:
         """The properties of one element, those of its parents left out.
 
         Raises:
             ProblemError: an attribute is longer than anything that a program writes.
         """
         for key in ("style", "class", "transform"):
-            if len(node.attributes.get(key, "")) > _LONGEST_ATTRIBUTE:
+            if len(node.attrib.get(key, "")) > _LONGEST_ATTRIBUTE:
                 raise ProblemError(
-                    f"the attribute {key} of an element {node.tag} has {len(node.attributes[key])} characters, at most "
+                    f"the attribute {key} of an element {node.tag} has {len(node.attrib[key])} characters, at most "
                     f"{_LONGEST_ATTRIBUTE} can be read"
                 )
-        found = {key: node.attributes[key].strip() for key in PROPERTIES if key in node.attributes}
+        found = {key: node.attrib[key].strip() for key in PROPERTIES if key in node.attrib}
         if self.rules:
-            marks = {f".{name}" for name in node.attributes.get("class", "").split()}
-            marks.add(f"#{node.attributes.get('id', '')}")
+            marks = {f".{name}" for name in node.attrib.get("class", "").split()}
+            marks.add(f"#{node.attrib.get('id', '')}")
             for rule in self.rules:
                 if rule.tag in {"", node.tag} and rule.parts <= marks:
                     found |= rule.style
-        return found | _declarations(node.attributes.get("style", ""))
+        return found | _declarations(node.attrib.get("style", ""))
 
 
-def style_sheet(root: Node) -> StyleSheet:
+def style_sheet(root: ET.Element) -> StyleSheet:
     """The style sheet of a drawing.
 
     Raises:
         ProblemError: it has more rules that matter than can be applied to every element.
     """
     sheet = StyleSheet()
-    pending = [root]
-    while pending:
-        node = pending.pop()
-        pending.extend(reversed(node.children))
-        if node.tag == "style":
-            for rule in _rules(node.text, sheet.unread):
-                sheet.rules.append(rule)
-            if len(sheet.rules) > _MOST_STYLE_RULES:
-                raise ProblemError(
-                    f"more than {_MOST_STYLE_RULES} style rules hide shapes or say how they are filled; save "
-                    "it as plain SVG"
-                )
+    for node in root.iter("style"):
+        sheet.rules += _rules(node.text or "", sheet.unread)
+        if len(sheet.rules) > _MOST_STYLE_RULES:
+            raise ProblemError(
+                f"more than {_MOST_STYLE_RULES} style rules hide shapes or say how they are filled; save "
+                "it as plain SVG"
+            )
     sheet.rules.sort(key=lambda rule: rule.weight)  # stable: of equal weight the later counts
     return sheet
 
 
 def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
     """The rules of a sheet that matter; blocks that hold for some media only are skipped."""
-    for block in _without_comments(text).split("}"):
+    # Split at ends of comments: what stands in a piece before the next beginning is no comment.
+    plain = "".join(piece.partition("/*")[0] for piece in text.split("*/"))
+    for block in plain.split("}"):
         selectors, _, body = block.rpartition("{")
         style = _declarations(body)
         if style.get("fill") not in {None, "none"}:  # what most rules say, and what a shape has by itself
@@ -219,11 +186,6 @@ def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
                 continue
             tag = match["tag"] or ""
             yield _Rule("" if tag == "*" else tag, frozenset(_PART.findall(match["parts"])), style)
-
-
-def _without_comments(text: str) -> str:
-    # Split at ends of comments: what stands in a piece before the next beginning is no comment.
-    return "".join(piece.partition("/*")[0] for piece in text.split("*/"))
 
 
 def _declarations(text: str) -> dict[str, str]:
@@ -252,26 +214,11 @@ _PIXELS: Mapping[str, float] = {
 """Units of length in user units (CSS Values, section 6.2)."""
 
 
-class Affine(NamedTuple):
-    """The map (x, y) ↦ (a x + c y + e, b x + d y + f), its numbers in SVG's order."""
-
-    a: float = 1.0
-    b: float = 0.0
-    c: float = 0.0
-    d: float = 1.0
-    e: float = 0.0
-    f: float = 0.0
-
-    def after(self, first: "Affine") -> "Affine":
-        """The map that does ``first`` and then this."""
-        return Affine(
-            self.a * first.a + self.c * first.b,
-            self.b * first.a + self.d * first.b,
-            self.a * first.c + self.c * first.d,
-            self.b * first.c + self.d * first.d,
-            self.a * first.e + self.c * first.f + self.e,
-            self.b * first.e + self.d * first.f + self.f,
-        )
+def affine(
+    a: float = 1.0, b: float = 0.0, c: float = 0.0, d: float = 1.0, e: float = 0.0, f: float = 0.0
+) -> FloatArray:
+    """The map (x, y) ↦ (a x + c y + e, b x + d y + f), its numbers in SVG's order, shape (3, 3)."""
+    return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
 
 
 class View(NamedTuple):
@@ -323,58 +270,48 @@ def length_of(text: str, view: View, across: bool | None) -> float:
     raise ProblemError(f"it has the length '{text[:40]}', whose unit has no fixed size here; use plain numbers")
 
 
-def transform_of(text: str) -> Affine:
-    """The map of a transform attribute.
+def transform_of(text: str) -> FloatArray:
+    """The map of a transform attribute, shape (3, 3).
 
     Raises:
         ProblemError: it cannot be read.
     """
-    whole = Affine()
-    if text.strip() in {"", "none"}:
-        return whole
-    *calls, rest = text.split(")")
+    whole = affine()
+    *calls, rest = ("" if text.strip() == "none" else text).split(")")
     if rest.strip(" \t\r\n,"):
         raise ProblemError(f"it has the transform '{text[:40]}', which cannot be read")
     for call in calls:
         name, _, listed = call.partition("(")
         values = numbers_in(listed.lower().replace("deg", " ").replace("px", " "))
-        whole = whole.after(_single(name.strip(" \t\r\n,"), values, text))
+        function = _FUNCTIONS.get((name.strip(" \t\r\n,"), len(values)))
+        if function is None:
+            named = name.strip(" \t\r\n,")[:20]
+            raise ProblemError(f"it has the transform '{text[:40]}', which cannot be read at '{named}'")
+        whole = whole @ function(*values)
     return whole
 
 
-def _single(name: str, values: list[float], text: str) -> Affine:
-    """One function of a transform."""
-    make = _FUNCTIONS.get((name, len(values)))
-    if make is None:
-        raise ProblemError(f"it has the transform '{text[:40]}', which cannot be read at '{name[:20]}'")
-    return make(*values)
+def _turn(degrees: float, x: float = 0.0, y: float = 0.0) -> FloatArray:
+    """A turn about a place."""
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return affine(e=x, f=y) @ affine(cosine, sine, -sine, cosine) @ affine(e=-x, f=-y)
 
 
-def _turn(degrees: float) -> Affine:
-    cosine = math.cos(math.radians(degrees))
-    sine = math.sin(math.radians(degrees))
-    return Affine(cosine, sine, -sine, cosine)
-
-
-def _turn_about(degrees: float, x: float, y: float) -> Affine:
-    return Affine(e=x, f=y).after(_turn(degrees)).after(Affine(e=-x, f=-y))
-
-
-_FUNCTIONS: Mapping[tuple[str, int], Callable[..., Affine]] = {
-    ("matrix", 6): Affine,
-    ("translate", 1): lambda x: Affine(e=x),
-    ("translate", 2): lambda x, y: Affine(e=x, f=y),
-    ("scale", 1): lambda x: Affine(a=x, d=x),
-    ("scale", 2): lambda x, y: Affine(a=x, d=y),
+_FUNCTIONS: Mapping[tuple[str, int], Callable[..., FloatArray]] = {
+    ("matrix", 6): affine,
+    ("translate", 1): lambda x: affine(e=x),
+    ("translate", 2): lambda x, y: affine(e=x, f=y),
+    ("scale", 1): lambda x: affine(a=x, d=x),
+    ("scale", 2): lambda x, y: affine(a=x, d=y),
     ("rotate", 1): _turn,
-    ("rotate", 3): _turn_about,
-    ("skewX", 1): lambda angle: Affine(c=math.tan(math.radians(angle))),
-    ("skewY", 1): lambda angle: Affine(b=math.tan(math.radians(angle))),
+    ("rotate", 3): _turn,
+    ("skewX", 1): lambda angle: affine(c=math.tan(math.radians(angle))),
+    ("skewY", 1): lambda angle: affine(b=math.tan(math.radians(angle))),
 }
 """The functions of transforms by name and number of arguments."""
 
 
-def fitted_view(box: str, width: float | None, height: float | None, aspect: str) -> Affine:
+def fitted_view(box: str, width: float | None, height: float | None, aspect: str) -> FloatArray:
     """The map from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
 
     Args:
@@ -395,7 +332,7 @@ def fitted_view(box: str, width: float | None, height: float | None, aspect: str
     across = width / inner_width
     up = height / inner_height
     if aspect.strip().startswith("none"):
-        return Affine(across, 0.0, 0.0, up, -x * across, -y * up)
+        return affine(across, 0.0, 0.0, up, -x * across, -y * up)
     scale = max(across, up) if "slice" in aspect else min(across, up)
     # Room that is left goes to one side or is shared: xMin, xMid or xMax, and the same for y.
     shares = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
@@ -403,4 +340,4 @@ def fitted_view(box: str, width: float | None, height: float | None, aspect: str
     share_y = shares.get(aspect.strip()[5:8], 0.5)
     left = share_x * (width - scale * inner_width) - x * scale
     top = share_y * (height - scale * inner_height) - y * scale
-    return Affine(scale, 0.0, 0.0, scale, left, top)
+    return affine(scale, 0.0, 0.0, scale, left, top)

@@ -6,15 +6,16 @@ its own list of what is still to be drawn, so that no nesting is too deep for it
 
 import re
 from dataclasses import dataclass, field, replace
+from xml.etree import ElementTree as ET
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 from ccm_opt.io.svg_document import (
     FOREIGN,
-    Affine,
-    Node,
     StyleSheet,
     View,
+    affine,
     fitted_view,
     length_of,
     numbers_in,
@@ -80,8 +81,8 @@ class Place:
         chain: elements that are being used, for finding those that use themselves.
     """
 
-    node: Node
-    matrix: Affine = field(default_factory=Affine)
+    node: ET.Element
+    matrix: FloatArray = field(default_factory=affine)
     name: str = ""
     layer: str = ""
     fill_rule: str = "nonzero"
@@ -104,7 +105,7 @@ class Picture:
         view: the picture's size.
     """
 
-    def __init__(self, root: Node) -> None:
+    def __init__(self, root: ET.Element) -> None:
         self.places: list[Place] = []
         self.left_out: list[LeftOut] = []
         self.refusals: list[str] = []
@@ -146,7 +147,7 @@ class Picture:
         name = f"'{_shape_name(place)}'" if place.node.tag in SHAPES else _titled(place.node)
         self.refusals.append(f"{name}: {why}")
 
-    def leave_out(self, node: Node, reason: str) -> None:
+    def leave_out(self, node: ET.Element, reason: str) -> None:
         """Note that an element becomes no obstacle."""
         self.left_out.append(LeftOut(_titled(node), reason))
 
@@ -176,7 +177,7 @@ class Picture:
         if node.tag in SHAPES:
             self._take(place)
             return []
-        children = node.children
+        children = list(node)
         if node.tag == "switch":  # the first alternative that needs nothing special
             plain = [child for child in children if not _conditional(child)]
             children = plain[:1]
@@ -192,9 +193,9 @@ class Picture:
     def _entered(self, place: Place, style: dict[str, str], *, outermost: bool) -> Place:
         """The place with what the element itself says: transform, name, style."""
         node = place.node
-        matrix = place.matrix.after(transform_of(style.get("transform", "")))
+        matrix = place.matrix @ transform_of(style.get("transform", ""))
         if node.tag in {"svg", "symbol"} and not outermost:
-            matrix = matrix.after(self._inner_view(place))
+            matrix = matrix @ self._inner_view(place)
         name = place.name
         layer = place.layer
         if node.tag in SHAPES:
@@ -214,18 +215,18 @@ class Picture:
             painted=place.painted if fill == "inherit" else fill != "none",
         )
 
-    def _inner_view(self, place: Place) -> Affine:
+    def _inner_view(self, place: Place) -> FloatArray:
         """The map from the coordinates in a nested picture or symbol to those around it."""
-        given = place.node.attributes | dict(place.size)
+        given = place.node.attrib | dict(place.size)
         x = length_of(given.get("x", "0"), self.view, across=True)
         y = length_of(given.get("y", "0"), self.view, across=False)
-        corner = Affine(e=x, f=y)
+        corner = affine(e=x, f=y)
         if "viewBox" not in given:
             return corner
         # Without a size a nested picture is as large as the whole one.
         width = length_of(given.get("width", "100%"), self.view, across=True)
         height = length_of(given.get("height", "100%"), self.view, across=False)
-        return corner.after(fitted_view(given["viewBox"], width, height, given.get("preserveAspectRatio", "xMidYMid")))
+        return corner @ fitted_view(given["viewBox"], width, height, given.get("preserveAspectRatio", "xMidYMid"))
 
     def _used(self, place: Place) -> list[Place]:
         """What a use draws, moved to where it is used.
@@ -234,7 +235,7 @@ class Picture:
             ProblemError: what it refers to is not there: a missing obstacle would be worse than a refused drawing.
         """
         node = place.node
-        reference = (node.attributes.get("href") or node.attributes.get(_XLINK) or "").strip()
+        reference = (node.attrib.get("href") or node.attrib.get(_XLINK) or "").strip()
         if not reference:
             raise ProblemError("it refers to nothing; give it an href")
         if not reference.startswith("#"):
@@ -247,27 +248,27 @@ class Picture:
             return []
         if id(target) in place.chain:
             raise ProblemError(f"it refers to '{reference[:60]}', which is drawn with itself in it")
-        x = length_of(node.attributes.get("x", "0"), self.view, across=True)
-        y = length_of(node.attributes.get("y", "0"), self.view, across=False)
+        x = length_of(node.attrib.get("x", "0"), self.view, across=True)
+        y = length_of(node.attrib.get("y", "0"), self.view, across=False)
         inner = replace(
             place,
             node=target,
-            matrix=place.matrix.after(Affine(e=x, f=y)),
+            matrix=place.matrix @ affine(e=x, f=y),
             used=place.used or own_name(node),
             single=True,
             depth=place.depth + 1,
-            size=tuple((key, node.attributes[key]) for key in ("width", "height") if key in node.attributes),
+            size=tuple((key, node.attrib[key]) for key in ("width", "height") if key in node.attrib),
             chain=(*place.chain, id(target)),
         )
         return [inner]
 
-    def _style(self, node: Node) -> dict[str, str]:
+    def _style(self, node: ET.Element) -> dict[str, str]:
         """The properties of an element, looked up once however often it is drawn."""
         if id(node) not in self._styles:
             self._styles[id(node)] = self._sheet.style_of(node)
         return self._styles[id(node)]
 
-    def _note_unused(self, root: Node) -> None:
+    def _note_unused(self, root: ET.Element) -> None:
         """Note definitions with shapes that are drawn nowhere."""
         pending = [(root, False)]
         while pending:
@@ -279,16 +280,16 @@ class Picture:
                     self.leave_out(node, _REASONS.get(node.tag, "a definition that nothing uses"))
                 continue
             inside = defined or node.tag == "defs"
-            pending.extend((child, inside or child.tag == "symbol") for child in reversed(node.children))
+            pending.extend((child, inside or child.tag == "symbol") for child in reversed(node))
 
-    def _shapes_in(self, node: Node) -> int:
+    def _shapes_in(self, node: ET.Element) -> int:
         """How many shapes an element holds, itself included, counted once however often it is met."""
         if id(node) not in self._counts:
-            self._counts[id(node)] = sum(inner.tag in SHAPES or inner.tag == "use" for inner in _all_in(node))
+            self._counts[id(node)] = sum(inner.tag in SHAPES or inner.tag == "use" for inner in node.iter())
         return self._counts[id(node)]
 
-    def _any_met(self, node: Node) -> bool:
-        return any(id(inner) in self._met for inner in _all_in(node))
+    def _any_met(self, node: ET.Element) -> bool:
+        return any(id(inner) in self._met for inner in node.iter())
 
 
 def _shape_name(place: Place) -> str:
@@ -297,54 +298,46 @@ def _shape_name(place: Place) -> str:
     own = own_name(node)
     if place.used:
         return f"{place.used} {own}" if own and not place.single else place.used
-    return own or place.name or node.attributes.get("id") or node.tag
+    return own or place.name or node.attrib.get("id") or node.tag
 
 
-def own_name(node: Node) -> str:
+def own_name(node: ET.Element) -> str:
     """The name that somebody gave an element: its label, title or id, but for ids that programs give; may be empty."""
-    if label := node.attributes.get(_LABEL, "").strip():
+    if label := node.attrib.get(_LABEL, "").strip():
         return label[:_LONGEST_NAME]
-    title = next((child.text.strip() for child in node.children if child.tag == "title"), "")
-    given = node.attributes.get("id", "")
+    title = next(((child.text or "").strip() for child in node if child.tag == "title"), "")
+    given = node.attrib.get("id", "")
     return (title or ("" if _AUTOMATIC.fullmatch(given) else given))[:_LONGEST_NAME]
 
 
-def _titled(node: Node) -> str:
+def _titled(node: ET.Element) -> str:
     """An element in messages: its kind and its name or id."""
-    name = own_name(node) or node.attributes.get("id", "")[:_LONGEST_NAME]
+    name = own_name(node) or node.attrib.get("id", "")[:_LONGEST_NAME]
     return f"{node.tag} '{name}'" if name else node.tag
 
 
-def _conditional(node: Node) -> bool:
+def _conditional(node: ET.Element) -> bool:
     """Whether an alternative of a switch is drawn by some programs or in some languages alone, or is no element."""
     asks = ("requiredExtensions", "requiredFeatures", "systemLanguage")
-    return node.tag not in _USABLE or any(key in node.attributes for key in asks)
+    return node.tag not in _USABLE or any(key in node.attrib for key in asks)
 
 
-def _all_in(node: Node) -> list[Node]:
-    """An element and all that are in it."""
-    found = [node]
-    for inner in found:  # grows while it is read
-        found.extend(inner.children)
-    return found
-
-
-def _nodes_by_id(root: Node) -> dict[str, Node]:
+def _nodes_by_id(root: ET.Element) -> dict[str, ET.Element]:
     """Elements by id; of several with the same the first."""
-    found: dict[str, Node] = {}
-    for node in _all_in(root):
-        if "id" in node.attributes:
-            found.setdefault(node.attributes["id"], node)
+    found: dict[str, ET.Element] = {}
+    for node in root.iter():
+        if "id" in node.attrib:
+            found.setdefault(node.attrib["id"], node)
     return found
 
 
-def _view_of(root: Node) -> View:
+def _view_of(root: ET.Element) -> View:
     """The size of the picture in user units: that of its viewBox, or its width and height."""
     try:
-        box = numbers_in(root.attributes.get("viewBox", ""))
+        box = numbers_in(root.attrib.get("viewBox", ""))
         if len(box) == 4:
             return View(box[2], box[3])
-        sizes = [length_of(root.attributes.get(key, ""), View(None, None), across=None) for key in ("width", "height")]
+        sizes = [length_of(root.attrib.get(key, ""), View(None, None), across=None) for key in ("width", "height")]
     except ProblemError:
         return View(None, None)
     return View(*sizes)
