@@ -29,7 +29,7 @@ from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.hairpin import Hairpin, pulled_over
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -114,7 +114,7 @@ def hairpin_scene() -> HairpinScene:
     tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room), room)
     deadline = Deadline.after(60.0)
     task = MotionTask(problem.arm, problem.workspace, ends.start, ends.goal, None, (), tip_paths, deadline)
-    run = SearchRun.from_task(task, task.settings.search.margins[0])
+    run = PlanarRun.from_task(task, task.settings.search.margins[0])
     guide = next(pulled_over(run.stepper, run.start, None, tip_paths[0], (FOLD_LENGTH,))).make_guide()
     recorder = Recorder(guide)
     poses = follow(run.stepper, recorder, run.start, deadline)

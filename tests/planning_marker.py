@@ -17,7 +17,7 @@ PLANNERS = frozenset(
     CurvePlanner FeedPlanner SpacePlanner plan plan_legs find_motion optimise search_by_trees CurveDraws
     GoalPoseSearch goal_poses PosesAmongSurfaces solve_files
     compare compare_methods run_apart RunProcess completed execute with_constraint_first
-    TipWalkStrategy TreeStrategy PortfolioStrategy ConnectStrategy DirectStrategy FollowSearch runpy
+    by_walks by_trees by_candidates connected straight FollowSearch runpy
     subprocess dask_cluster Process
     """.split()  # noqa: SIM905 - legible
 )

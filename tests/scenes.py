@@ -127,13 +127,13 @@ def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = Fal
     """What the planner asks of the search for a problem, with or without guesses of goal poses."""
     ends = resolve_ends(problem)
     room = route_room(problem, ends)
-    routes = () if ends.goal_headings is not None else find_routes(problem, ends, room)
+    routes = () if ends.goal_pose is not None else find_routes(problem, ends, room)
     return MotionTask(
         arm=problem.arm,
         workspace=problem.workspace,
         start=ends.start,
         goal=ends.goal,
-        goal_headings=ends.goal_headings,
+        goal_pose=ends.goal_pose,
         guesses=tuple(find_guesses(problem, ends, room, routes)) if guessing else (),
         tip_paths=tip_paths_along(problem, ends, routes, room),
         deadline=later(seconds),

@@ -72,7 +72,7 @@ def task_of(
         arm=arm,
         tree=SurfaceTree.of(soup),
         start=np.zeros(width) if start is None else start,
-        goal=goal,
+        goal=goal or GoalPose(np.zeros(3)),
         goal_pose=goal_pose,
         via=via,
         via_reach=arm.link_length,

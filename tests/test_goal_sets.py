@@ -202,7 +202,7 @@ def test_a_whole_arm_goal_a_little_beyond_its_limits_is_taken_at_them() -> None:
     bends = np.zeros(scene.arm.links)
     bends[5] = scene.arm.joint_limit + 0.01
     problem = replace(scene.problem(JointPose(bends)), start=JointPose(np.zeros(scene.arm.links)))
-    goal = resolve_ends(problem).goal_headings
+    goal = resolve_ends(problem).goal_pose
     assert goal is not None
     assert scene.arm.bends(goal)[5] == pytest.approx(scene.arm.joint_limit)
     with pytest.raises(NoPlanFound, match="bends joint 6"):

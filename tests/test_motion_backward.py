@@ -11,7 +11,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_exit import backward_tasks, reversed_motion
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import JointPose
 from tests.scenes import clutter, motion_task
@@ -30,7 +30,7 @@ def whole_arm_task(links: int) -> MotionTask:
 def turned(links: int) -> MotionTask:
     """The same with its ends exchanged."""
     task = whole_arm_task(links)
-    (other,) = backward_tasks(task, SearchRun.from_task(task, 0.06).stepper)
+    (other,) = backward_tasks(task, PlanarRun.from_task(task, 0.06).stepper)
     assert other is not None
     return other
 
@@ -45,10 +45,10 @@ def test_ends_of_a_whole_arm_goal_are_exchanged() -> None:
     """The goal becomes the start, and the start a goal for the whole arm."""
     task = whole_arm_task(24)
     other = turned(24)
-    assert task.goal_headings is not None
-    assert other.goal_headings is not None
-    np.testing.assert_allclose(other.start, task.goal_headings)
-    np.testing.assert_allclose(other.goal_headings, task.start)
+    assert task.goal_pose is not None
+    assert other.goal_pose is not None
+    np.testing.assert_allclose(other.start, task.goal_pose)
+    np.testing.assert_allclose(other.goal_pose, task.start)
 
 
 def test_reversed_motion_runs_from_start_to_goal() -> None:
@@ -56,7 +56,7 @@ def test_reversed_motion_runs_from_start_to_goal() -> None:
     task = whole_arm_task(24)
     motion = backwards()
     np.testing.assert_allclose(motion.configurations[0], task.start, atol=EXACT)
-    np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)
+    np.testing.assert_allclose(motion.configurations[-1], task.goal_pose, atol=EXACT)
     assert len(task.certificate.failures(motion.configurations)) == 0
 
 
@@ -65,11 +65,11 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     """Lifted to more links, a motion found backwards meets both ends of the finer arm exactly."""
     task = whole_arm_task(links)
     coarse = coarsened(task, 24)
-    (other,) = backward_tasks(coarse, SearchRun.from_task(coarse, 0.06).stepper)
+    (other,) = backward_tasks(coarse, PlanarRun.from_task(coarse, 0.06).stepper)
     assert other is not None
     found = reversed_motion(find_motion(other))
     lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), LIFT_MARGIN), task)
     assert lifted is not None
     np.testing.assert_allclose(lifted.configurations[0], task.start, atol=EXACT)
-    np.testing.assert_allclose(lifted.configurations[-1], task.goal_headings, atol=EXACT)
+    np.testing.assert_allclose(lifted.configurations[-1], task.goal_pose, atol=EXACT)
     assert len(task.certificate.failures(lifted.configurations)) == 0

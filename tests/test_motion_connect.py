@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,7 +14,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT, PointTree
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
-from ccm_opt.planning.strategies import ConnectStrategy, DirectStrategy, find_motion
+from ccm_opt.planning.search import Failure, Strategy
+from ccm_opt.planning.strategies import connected, connects, find_motion, straight
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.certificate import Certificate
 from tests.oracles.free_shares import free_shares_by_numpy
@@ -23,10 +23,7 @@ from tests.oracles.free_shares import free_shares_by_numpy
 from .few_link_scenes import few_link_problem, few_link_scene
 from .scenes import Scene, clutter, mixed_walls, motion_task, open_scene, self_gap, wall_gaps
 
-if TYPE_CHECKING:
-    from ccm_opt.planning.search import Failure
-
-CONNECT_ALONE = (ConnectStrategy(CONNECT),)
+CONNECT_ALONE = (Strategy(CONNECT, connected, connects),)
 SEEDS = st.integers(0, 10_000)
 EASY = (4, 5, 6, 9, 13, 20)
 """Scenes of few links whose trees meet after some extensions, with goals of every kind."""
@@ -35,7 +32,7 @@ EASY = (4, 5, 6, 9, 13, 20)
 def found(problem: Problem, **changes: object) -> Motion | None:
     """What RRT-Connect alone finds, before it is optimised."""
     task = replace(motion_task(problem), **changes)  # type: ignore[arg-type]  # fields of the task
-    return ConnectStrategy(CONNECT).find(task, [])
+    return connected(task, [])
 
 
 def poses(scene: Scene, seed: int, count: int) -> FloatArray:
@@ -180,7 +177,7 @@ def test_what_is_found_is_optimised() -> None:
     """The search with RRT-Connect alone ends with a motion that is shorter than the one found, and certified."""
     problem = few_link_problem(6)
     task = motion_task(problem)
-    first = ConnectStrategy(CONNECT).find(task, [])
+    first = connected(task, [])
     last = find_motion(task, CONNECT_ALONE)
     assert first is not None
     assert np.abs(np.diff(last.configurations, axis=0)).sum() < np.abs(np.diff(first.configurations, axis=0)).sum()
@@ -206,8 +203,8 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
     """Interpolation by the step comes first, forwards and backwards; RRT-Connect then finds the same ends."""
     scene = clutter(1, 5)
     problem = scene.problem(JointPose(scene.arm.bends(scene.goal)))
-    for strategy in (DirectStrategy("straight"), ConnectStrategy(CONNECT)):
-        motion = strategy.find(motion_task(problem), [])
+    for find in (straight, connected):
+        motion = find(motion_task(problem), [])
         assert motion is not None
         np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-9)
         np.testing.assert_allclose(motion.configurations[-1], scene.goal, atol=1e-9)
@@ -220,7 +217,7 @@ def test_a_search_ends_with_its_budget() -> None:
     few = replace(task.settings.connect, few_budgets=(8, 8))
     failures: list[Failure] = []
     limited = replace(task, settings=replace(task.settings, connect=few))
-    assert ConnectStrategy(CONNECT).find(limited, failures) is None
+    assert connected(limited, failures) is None
     assert failures[0].candidate == CONNECT
     assert "8 extensions" in failures[0].message
 

@@ -27,7 +27,7 @@ FAILURES = [failure("far", 0.4, "'post'"), failure("near", 0.1, "'door'"), failu
 def test_the_best_candidate_speaks_for_all() -> None:
     """The reason names the candidate that came nearest, how near, and what was tightest there."""
     task = motion_task(clutter(1, 5).problem())
-    error = nothing_found(task.sought, FAILURES, EXHAUSTED)
+    error = nothing_found(task, FAILURES, EXHAUSTED)
     assert "3 candidates; the best (near) ended with the tip 100.0 mm" in error.diagnosis.reason
     assert "'door'" in error.diagnosis.reason
 
@@ -41,7 +41,7 @@ def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
     bends[[2, 4]] = task.arm.bend_limits[[2, 4]] * [1.0, -1.0]
     best = replace(failure("near", 0.1, "'door'"), pose=task.arm.headings(bends), bends=bends)
     cut = StrategyInVain("trees", 0, exhausted=left > 0.0)
-    diagnosis = nothing_found(task.sought, [best], (cut,)).diagnosis
+    diagnosis = nothing_found(task, [best], (cut,)).diagnosis
     assert "joints 3, 5 bent to the limit of" in diagnosis.reason
     assert any(line.startswith("raise arm.joint_limit_deg: ") for line in diagnosis.advice)
     assert any("'door'" in line and "link 3" in line for line in diagnosis.advice)
@@ -62,7 +62,7 @@ def test_evidence_is_ranked_and_plain() -> None:
 
 def test_what_was_exhausted_is_said() -> None:
     """When every strategy is exhausted the failure is none of time, and words and record say how much was tried."""
-    error = nothing_found(motion_task(clutter(1, 5).problem()).sought, FAILURES, EXHAUSTED)
+    error = nothing_found(motion_task(clutter(1, 5).problem()), FAILURES, EXHAUSTED)
     assert isinstance(error, MotionNotFound)
     assert error.diagnosis.reason.endswith("; exhausted: candidates (3 attempts), trees (1 attempt)")
     strategies = json.loads(json.dumps(error.diagnosis.evidence["strategies"]))
@@ -72,7 +72,7 @@ def test_what_was_exhausted_is_said() -> None:
 def test_time_limit_is_said() -> None:
     """A strategy that the time cut short makes the failure one of time, with the same evidence and what was cut."""
     task = replace(motion_task(clutter(1, 5).problem()), deadline=Deadline.after(0.0))
-    error = nothing_found(task.sought, FAILURES, (EXHAUSTED[0], StrategyInVain("trees", 0, exhausted=False)))
+    error = nothing_found(task, FAILURES, (EXHAUSTED[0], StrategyInVain("trees", 0, exhausted=False)))
     assert isinstance(error, TimeLimitReached)
     assert error.diagnosis.evidence["in_the_way"] == {"'post'": 2, "'door'": 1}
     assert "exhausted: candidates (3 attempts); cut short: trees (nothing tried)" in error.diagnosis.reason

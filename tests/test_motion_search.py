@@ -1,7 +1,7 @@
 """The search for a motion: safe, exact at both ends, smoothed and lifted; its failures say why."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -23,9 +23,9 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
-from ccm_opt.planning.search import Failure
+from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.settings import GoalSettings
-from ccm_opt.planning.strategies import PortfolioStrategy, find_motion
+from ccm_opt.planning.strategies import by_candidates, find_motion, is_divided
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
@@ -51,7 +51,10 @@ EXACT = 100.0 * GoalSettings().polish_tolerance
 SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clutter(6, 40), "corridor": corridor(1)}
 
 
-CANDIDATES = (PortfolioStrategy("wide"), PortfolioStrategy("narrow", narrow=True))
+CANDIDATES = (
+    Strategy("wide", by_candidates),
+    Strategy("narrow", partial(by_candidates, narrow=True), is_divided),
+)
 """Strategies that follow guides, and nothing else."""
 
 
@@ -190,8 +193,8 @@ def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool, share
     scene = Scene(many, Workspace(ROOM), start, goal)
     task = motion_task(scene.problem(JointPose(many.bends(goal))))
     coarse = coarsened(task, 24)
-    assert coarse.goal_headings is not None
-    ends = [coarse.goal_headings, coarse.start] if backwards else [coarse.start, coarse.goal_headings]
+    assert coarse.goal_pose is not None
+    ends = [coarse.goal_pose, coarse.start] if backwards else [coarse.start, coarse.goal_pose]
     space, first = LinkSpace.through(coarse.arm, ends[0])
     once, end = space.blended_to(ends[1])
     # Of the first blend as much as is left, or nothing but for rounding; the second one makes up for the rest.
@@ -345,21 +348,18 @@ def test_guides_lead_chains_out_of_a_horn(links: int) -> None:
     task = replace(motion_task(ompl_scenes.horn(links)), optimiser="none")
     motion = find_motion(task, CANDIDATES)
     assert len(task.certificate.failures(motion.configurations)) == 0
-    np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)
+    np.testing.assert_allclose(motion.configurations[-1], task.goal_pose, atol=EXACT)
 
 
-class OnlyWithFewLinks(PortfolioStrategy):
-    """Candidates that nobody tries on the task's own links."""
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """What candidates find for fewer than forty links."""
-        return super().find(task, failures) if task.arm.links < 40 else None
+def only_with_few_links(task: MotionTask, failures: list[Failure]) -> Motion | None:
+    """What candidates find for fewer than forty links."""
+    return by_candidates(task, failures) if task.arm.links < 40 else None
 
 
 def test_what_cannot_be_lifted_is_found_again() -> None:
     """Where a fold is so narrow that the finer arm lies across a wall, the same candidate leads it."""
     task = replace(motion_task(ompl_scenes.horn(48)), optimiser="none")
-    motion = find_motion(task, (OnlyWithFewLinks("few"),))
+    motion = find_motion(task, (Strategy("few", only_with_few_links),))
     assert "lifted" not in motion.candidate
     assert len(task.certificate.failures(motion.configurations)) == 0
-    np.testing.assert_allclose(motion.configurations[-1], task.goal_headings, atol=EXACT)
+    np.testing.assert_allclose(motion.configurations[-1], task.goal_pose, atol=EXACT)

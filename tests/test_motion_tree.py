@@ -14,10 +14,10 @@ from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.pose_tree import PoseTree
-from ccm_opt.planning.search import TREES
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search import TREES, Strategy
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import DEFAULT_TREES, GoalSettings
-from ccm_opt.planning.strategies import TreeStrategy, find_motion
+from ccm_opt.planning.strategies import by_trees, find_motion
 from ccm_opt.planning.tree_search import TreeSearch, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
@@ -46,13 +46,13 @@ class CountedDeadline(Deadline):
         return len(self.asked) > self.most
 
 
-NO_CANDIDATES = (TreeStrategy(TREES),)
+NO_CANDIDATES = (Strategy(TREES, by_trees),)
 """The search without its candidates."""
 
 
-def runs_of(task: MotionTask) -> list[SearchRun]:
+def runs_of(task: MotionTask) -> list[PlanarRun]:
     """What the search grows its trees in."""
-    return [SearchRun.from_task(task, margin) for margin in task.settings.search.tree_margins]
+    return [PlanarRun.from_task(task, margin) for margin in task.settings.search.tree_margins]
 
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:

@@ -10,9 +10,9 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import SearchSettings, TipWalkSettings
-from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy, TipWays
+from ccm_opt.planning.tip_walks import WALKS, TipWays, by_walks, is_walked
 from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
 
 LINKS = 24.0
@@ -40,7 +40,7 @@ def assert_right(motion: Motion, scene: Scene) -> None:
 def walked(seed: int, *, late: bool) -> tuple[Motion | None, list[Failure]]:
     """What is found, and what failed, in a scene of many walls."""
     failures: list[Failure] = []
-    return TipWalkStrategy(WALKS, late=late).find(crowded(clutter(seed, 30)), failures), failures
+    return by_walks(crowded(clutter(seed, 30)), failures, late=late), failures
 
 
 @pytest.mark.parametrize("late", [False, True])
@@ -69,7 +69,7 @@ def test_walks_are_left_out_where_the_tip_has_far_to_go() -> None:
     """Beyond the longest way the tip is led straight on, and that is all; the late turn walks however far it is."""
     task = crowded(clutter(3, 30), replace(FEW, longest_way=0.0))
     failures: list[Failure] = []
-    if TipWalkStrategy(WALKS).find(task, failures) is None:
+    if by_walks(task, failures) is None:
         assert WALKS not in [failure.candidate for failure in failures]
 
 
@@ -81,7 +81,7 @@ def test_ways_end_on_the_goal_along_its_heading(seed: int) -> None:
     """
     scene = clutter(seed, 30)
     task = crowded(scene)
-    run = SearchRun.from_task(task, 0.012)
+    run = PlanarRun.from_task(task, 0.012)
     room = task.tip_paths[0].free_space
     ways = TipWays(task.arm, room, run.goal, 0.0, task.settings.tip_walks)
     back = run.start.points[::-1]
@@ -105,7 +105,7 @@ def test_it_is_tried_among_many_walls_alone_and_for_the_tip_alone() -> None:
     """Few walls leave poses at the goal cheap, and a goal for the whole arm is seldom met by a tip that is led."""
     scene = clutter(3, 30)
     task = crowded(scene)
-    assert not TipWalkStrategy(WALKS).applies(motion_task(scene.problem()))
-    assert TipWalkStrategy(WALKS).applies(task)
-    assert not TipWalkStrategy(WALKS).applies(replace(task, goal_headings=task.start))
-    assert not TipWalkStrategy(WALKS).applies(replace(task, tip_paths=()))
+    assert not is_walked(motion_task(scene.problem()))
+    assert is_walked(task)
+    assert not is_walked(replace(task, goal_pose=task.start))
+    assert not is_walked(replace(task, tip_paths=()))

@@ -68,8 +68,7 @@ def test_an_optimised_motion_still_passes_a_place(links: int) -> None:
 
 def test_where_no_way_leads_past_a_place_it_is_a_goal_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sampler and poses by inverse kinematics lead from place to place too."""
-    for tactic in ("_by_first_ways", "_by_withdrawing", "_by_other_ways", "_by_finest_ways"):
-        monkeypatch.setattr(space_search._Search, tactic, lambda self: None)  # noqa: ARG005
+    monkeypatch.setattr(space_search.SpaceRun, "by_ways", lambda *_, **__: None)
     arm = snake(12)
     soup = boxes([([0.4, -0.6, 0.5], [0.8, 0.6, 0.6])])
     task = task_of(arm, soup, GOAL, via=(ASIDE,))

@@ -50,7 +50,7 @@ def _curve(problem: Problem) -> Iterator[Finding]:
     try:
         ends = resolve_ends(problem)
         room = route_room(problem, ends)
-        routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
+        routes = find_routes(problem, ends, room) if ends.goal_pose is None else ()
         for route in routes[:1]:
             find_configuration(configuration_task(problem, ends, room, route), 1)
     except ConfigurationNotFound as error:

@@ -250,7 +250,7 @@ def _found_in_space(problem: Problem, terms: UserTerms | None, stages: Stages, n
     with stages("necessary checks"):
         tree = SurfaceTree.of(problem.workspace.soup)
         task = space_task(problem, tree, deadline, numbers.space)
-        if task.goal is not None:
+        if task.goal_pose is None:
             refuse_goal(problem, task, task.goal)
     # Of all poses that which is nearest to the start is the best, all else being equal.
     asked = PosesAmongSurfaces(problem, tree, near=task.start, terms=terms)

@@ -64,7 +64,7 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
     )
     if not same_start:
         return None
-    if task.goal_headings is not None or any(limit.moves_keyframes for limit in task.user_limits):
+    if task.goal_pose is not None or any(limit.moves_keyframes for limit in task.user_limits):
         return None
     stepper = _stepper(known, task)
     moved = _bent(known, stepper, task) or _tracked(known, stepper, task)
@@ -174,7 +174,7 @@ class CurvePlanner:
         with self.stages("mapping"):
             ends = resolve_ends(problem)
             for limit in self.user_limits:
-                limit.refuse_ends(ends.start, ends.goal_headings)
+                limit.refuse_ends(ends.start, ends.goal_pose)
             near = neighbourhood(problem, ends)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
@@ -207,12 +207,12 @@ class CurvePlanner:
         settings = self.settings
         with self.stages("free space"):
             room = route_room(problem, ends)
-            routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
+            routes = find_routes(problem, ends, room, settings) if ends.goal_pose is None else ()
             tip_paths = tip_paths_along(problem, ends, routes, room, settings)
             if not tip_paths:
                 self.refuse(problem if asked is None else asked)
         # Without a goal for the whole arm all that there is to prove has been tried by now.
-        refuse = partial(self.refuse, asked or problem) if ends.goal_headings is not None else _nothing_proved
+        refuse = partial(self.refuse, asked or problem) if ends.goal_pose is not None else _nothing_proved
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes)))
         return replace(
@@ -227,14 +227,12 @@ class CurvePlanner:
         """The same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
         settings = self.settings
         return MotionTask(
-            clamped_arm(problem.arm) if ends.clamped else problem.arm,
-            problem.workspace,
-            ends.start,
-            ends.goal,
-            ends.goal_headings,
-            (),
-            (),
-            deadline,
+            arm=clamped_arm(problem.arm) if ends.clamped else problem.arm,
+            workspace=problem.workspace,
+            start=ends.start,
+            goal=ends.goal,
+            goal_pose=ends.goal_pose,
+            deadline=deadline,
             clamped=ends.clamped,
             optimiser=problem.planner.optimiser,
             seed=problem.planner.seed,

@@ -192,8 +192,8 @@ def tip_paths_along(
     """
     arm = problem.arm
     points = arm.joint_positions(ends.start)
-    if ends.goal_headings is not None:
-        ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
+    if ends.goal_pose is not None:
+        ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_pose),)
     else:
         ways = tuple(route.taut for route in routes)
     link = max(arm.link_length, arm.length / NOMINAL_LINKS)
@@ -203,9 +203,9 @@ def tip_paths_along(
         paths = find_tip_paths(drawn, points, ways, settings.corner_distance * arm.length)
     except UnreachableGoal:
         return ()
-    if ends.goal_headings is None:
+    if ends.goal_pose is None:
         return turning_least(paths, float(arm.bends(ends.start)[0]), arm.base_limit)
-    return turning_by(paths, float(ends.goal_headings[0] - ends.start[0]))
+    return turning_by(paths, float(ends.goal_pose[0] - ends.start[0]))
 
 
 def find_guesses(
@@ -215,8 +215,8 @@ def find_guesses(
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
     """Link headings of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
-    if ends.goal_headings is not None:
-        yield ends.goal_headings
+    if ends.goal_pose is not None:
+        yield ends.goal_pose
         return
     tries = [(route, _ATTEMPTS, CURVATURE_SHARE) for route in routes[:_CONFIGURATIONS]]
     tries += [(route, 1, FULL_CURVATURE_SHARE) for route in routes[:1]]

@@ -127,7 +127,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
         return optimise(motion, task, margin)
     free = optimise(motion, task, margin, settings.free_rounds)
     # The best first: the first that can be reached wins.
-    offered = task.end_poses(task.arm, free.configurations[-1]) if task.goal_headings is None else ()
+    offered = task.end_poses(task.arm, free.configurations[-1]) if task.goal_pose is None else ()
     for wanted in offered:
         bent = bent_to(free, wanted, task)
         if bent is not None:
@@ -231,8 +231,6 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
     pose = stepper.pose(motion.unknowns[-1])
     poses = [pose]
     goal = task.limited_goal
-    if goal is None:
-        return poses
     for _ in range(_OPENING_STEPS):
         before = pose
         pose = stepper.step(pose, goal.terms(stepper.space, pose, _OPENING_WEIGHT))
@@ -278,7 +276,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     """
     settings = replace(SPACE_POSES, iterations=_ITERATIONS)
     goal = task.limited_goal
-    if goal is None or task.deadline.passed():
+    if task.goal_pose is not None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
     asked = PosesAmongSurfaces(problem, task.tree, terms=terms, settings=settings, room_share=_ROOM_SHARE)
@@ -351,7 +349,7 @@ def _opened_motion(asked: PosesAmongSurfaces, task: SpaceTask, motion: SpaceMoti
 
 def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
     """The task with a pose of the whole arm as its goal."""
-    return replace(task, goal=None, goal_pose=end)
+    return replace(task, goal_pose=end)
 
 
 def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:

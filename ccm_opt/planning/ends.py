@@ -54,13 +54,13 @@ class Ends:
     Attributes:
         start: link headings, shape (links,) [rad].
         goal: where the tip has to be.
-        goal_headings: link headings of a whole-arm goal, shape (links,) [rad], or None.
+        goal_pose: link headings of a whole-arm goal, shape (links,) [rad], or None.
         clamped: whether the base stands flush on a wall, so that its joint cannot turn.
     """
 
     start: FloatArray
     goal: GoalPose
-    goal_headings: FloatArray | None
+    goal_pose: FloatArray | None
     clamped: bool = False
 
 
@@ -214,7 +214,7 @@ def refuse_ends(problem: Problem, task: SpaceTask) -> None:
         bad = _what_is_bad(problem, task, task.goal_pose, "to it")
         if bad:
             raise UnreachableGoal(Diagnosis(f"the goal pose {bad}", "necessary checks"))
-    if task.goal is not None:
+    else:
         refuse_goal(problem, task, task.goal)
 
 

@@ -227,7 +227,7 @@ class EndPoses:
             arm: the arm, or one as long with fewer links.
             headings: of its links at the end of the motion, shape (links,) [rad].
         """
-        if self.problem.wanted_gap == 0.0 or self.ends.goal_headings is not None:
+        if self.problem.wanted_gap == 0.0 or self.ends.goal_pose is not None:
             return
         with self.stages("configuration"):
             search = GoalPoseSearch(for_arm(self.problem, arm), self.ends, headings, self.terms, self.settings)

@@ -23,7 +23,7 @@ from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.pose import Term
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
@@ -83,7 +83,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     space = _lifted_space(motion, task)
     coordinates = motion.unknowns.copy()
     # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
-    if task.goal_headings is None:
+    if task.goal_pose is None:
         goal = task.limited_goal
         end = moved_onto(space, goal, space.pose(coordinates[-1]))
         if not goal.on_goal(end):
@@ -126,7 +126,7 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     p = matrix.shape[1]
     first = motion.unknowns[0]
     last = motion.unknowns[-1]
-    if task.goal_headings is not None:
+    if task.goal_pose is not None:
         # The column that leads from one end to the other is laid anew, so that both are met exactly. A motion that was
         # bent to its own end for more room has still more coordinates: their columns are taken over.
         columns = np.column_stack((matrix, _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)))
@@ -134,7 +134,7 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
         k = p + int(np.argmax(np.abs(change[p:])))
         columns[:, k] = 0.0
         before = task.start - columns @ first
-        behind = task.goal_headings - columns @ last
+        behind = task.goal_pose - columns @ last
         columns[:, k] = (behind - before) / change[k]
         return LinkSpace(task.arm, columns, before - first[k] * columns[:, k])
 
@@ -229,7 +229,7 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
     In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
     back through a wall; but what leads the one mostly leads the other.
     """
-    run = SearchRun.from_task(task, fitting_margins(task)[0])
+    run = PlanarRun.from_task(task, fitting_margins(task)[0])
     return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)
 
 
@@ -242,7 +242,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
     """
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
-    if task.goal is None or task.user is not None or arm.links <= _MOST_LINKS:
+    if task.goal_pose is not None or task.user is not None or arm.links <= _MOST_LINKS:
         return None
     curve, start = CurveMap.through(arm, task.start)
     if float(np.max(np.abs(curve.offset), initial=0.0)) > _OFFSET:
@@ -277,8 +277,6 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     curve, start = CurveMap.through(task.arm, task.start, found.curve.knots)
     stepper = task.stepper(curve, 0.0)
     unknowns = _fitted(stepper, found, start)
-    if task.goal is None:
-        return None
     end = moved_onto(curve, task.goal, stepper.pose(unknowns[-1]))
     if not task.goal.on_goal(end):
         return None

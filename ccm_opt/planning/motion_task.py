@@ -10,9 +10,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.fed_space import FedSpace
-from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
@@ -20,10 +18,9 @@ from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
-from ccm_opt.planning.search import Sought
+from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.tip_paths import TipPath
-from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.contact_finder import ContactFinder
@@ -47,31 +44,21 @@ _SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length. Taste."""
 
 
-@dataclass(frozen=True)
-class MotionTask:
-    """What the search needs to know.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotionTask(SearchTask):
+    """What the search in the plane needs to know; poses are link headings [rad], and then the base's way.
 
     Attributes:
-        arm: the arm.
         workspace: the room.
-        start: link headings at the start, shape (links,) [rad].
-        goal: where the tip has to be.
-        goal_headings: of a whole-arm goal, shape (links,) [rad], or None.
         guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad]; made when first
             asked for.
         tip_paths: classes of tip motions, most promising first.
-        deadline: when to stop.
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
-        optimiser: how the motion that is found is optimised.
-        seed: of the random numbers.
-        weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
         user_limits: what the user asks of the motion; usually nothing.
         end_poses: link headings of better poses at the goal than one in which a motion of an arm ends, the best first,
             all of shape (links,) [rad].
-        wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
-        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
         guide_tubes: limits of what carries the base; none where it is fixed.
         fed_space: in which an arm on a feed axis moves; None where the base is fixed, and the arm moves in the curves
             through its start.
@@ -79,28 +66,28 @@ class MotionTask:
         settings: numbers of every stage of the search.
     """
 
-    arm: Arm
     workspace: Workspace
-    start: FloatArray
-    goal: GoalPose
-    goal_headings: FloatArray | None
-    guesses: Iterable[FloatArray]
-    tip_paths: tuple[TipPath, ...]
-    deadline: Deadline
+    guesses: Iterable[FloatArray] = ()
+    tip_paths: tuple[TipPath, ...] = ()
     clamped: bool = False
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
-    optimiser: OptimiserName = "sequential-convex"
-    seed: int = 0
-    weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
     user_limits: tuple[Limit, ...] = ()
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
-    wanted_gap: float = 0.0
-    refuse: Callable[[], None] = field(default=lambda: None)
     guide_tubes: tuple[Limit, ...] = ()
     fed_space: FedSpace | None = None
     nominal_links: float = NOMINAL_LINKS
     settings: MotionSettings = field(default_factory=MotionSettings)
+
+    @property
+    def kept(self) -> float:
+        """Distance from the arm's axis that walls have to keep [m]."""
+        return self.arm.radius + self.workspace.clearance
+
+    @property
+    def advice(self) -> str:
+        """What may help where nothing better is known."""
+        return "raise planner.routes"
 
     @cached_property
     def contact_certificate(self) -> Certificate:
@@ -108,7 +95,7 @@ class MotionTask:
 
         Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
         """
-        ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
+        ends = [self.start] if self.goal_pose is None else [self.start, self.goal_pose]
         gaps = [self._end_finder.find(self.arm.points(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = _SPARE * self.arm.length
@@ -231,32 +218,12 @@ class MotionTask:
 
     def ending_at(self, coordinates: FloatArray, headings: FloatArray) -> "MotionTask":
         """The same task for motions that end in one pose: its coordinates, shape (p,), and link headings [rad]."""
-        return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_headings=headings)
+        return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=headings)
 
     @property
     def among_many_walls(self) -> bool:
         """Whether so many walls are near that poses at the goal are dear to find, and room is small."""
         return len(self.workspace.walls) > self.settings.search.many_walls
-
-    @property
-    def parametric(self) -> bool:
-        """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
-        return any(limit.parametric for limit in self.user_limits)
-
-    @property
-    def sought(self) -> Sought:
-        """What is looked for, as a search in vain says it."""
-        names = tuple(name for limit in self.user_limits for name in limit.names)
-        what = "the tip" if self.goal_headings is None else "a joint"
-        arm = self.arm
-        routes = ("raise planner.routes",)
-        return Sought(arm.radius, self.workspace.clearance, arm.bend_limits, self.deadline, names, what, routes)
-
-    @property
-    def limited_goal(self) -> GoalPose:
-        """The goal with the limits that hold there."""
-        limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
-        return replace(self.goal, limits=limits, settings=self.settings.goal)
 
 
 class CachedItems:
@@ -300,7 +267,7 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         task,
         arm=task.arm.with_links(links),
         start=resampled(task.start),
-        goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
+        goal_pose=None if task.goal_pose is None else resampled(task.goal_pose),
         guesses=CachedItems(resampled(guess) for guess in task.guesses),
         further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
         slowness=None if task.slowness is None else task.slowness.resampled(links),

@@ -106,10 +106,10 @@ def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
     """How far outlines may grow [m]: a small share of the arm's length, and of the gaps that the ends have."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions(ends.start))]
-    if ends.goal_headings is None:
+    if ends.goal_pose is None:
         shapes.append(shapely.Point(ends.goal.position))
     else:
-        shapes.append(shapely.LineString(arm.joint_positions(ends.goal_headings)))
+        shapes.append(shapely.LineString(arm.joint_positions(ends.goal_pose)))
     apart = [
         float(np.min(shapely.distance(_cores(near), shape) - _roundings(near), initial=np.inf)) for shape in shapes
     ]
@@ -123,7 +123,7 @@ def route_workspace(problem: Problem, ends: Ends) -> Workspace:
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:
         return workspace
-    goal = ends.goal.position if ends.goal_headings is None else arm.joint_positions(ends.goal_headings)[-1]
+    goal = ends.goal.position if ends.goal_pose is None else arm.joint_positions(ends.goal_pose)[-1]
     # A disc about each obstacle: the sum of the distances of its points is that of its middle, less at most twice the
     # disc's radius.
     boxes = shapely.bounds(_cores(workspace))

@@ -38,11 +38,11 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
     """
     if not task.tip_paths:
         return
-    if task.goal_headings is not None:
-        points = task.arm.joint_positions(task.goal_headings)
+    if task.goal_pose is not None:
+        points = task.arm.joint_positions(task.goal_pose)
         # Headings count full turns, paths do not: the way back has to undo what the base has turned.
-        turn = float(task.start[0] - task.goal_headings[0])
-        turned = _exchanged(task, task.goal_headings, points)
+        turn = float(task.start[0] - task.goal_pose[0])
+        turned = _exchanged(task, task.goal_pose, points)
         # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
         useful = not any(limit.moves_keyframes for limit in task.user_limits)
         yield replace(turned, tip_paths=turning_by(turned.tip_paths, turn)) if useful else None
@@ -54,7 +54,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
     """The same from poses that are laid through narrow gates; none where the goal is the whole arm's."""
-    if task.goal_headings is None:
+    if task.goal_pose is None:
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
             if goal is not None:
@@ -86,7 +86,7 @@ def _exchanged(task: MotionTask, headings: FloatArray, points: FloatArray) -> Mo
         task,
         start=headings,
         goal=GoalPose(start_points[-1], unit_vector(task.start[-1])),
-        goal_headings=task.start,
+        goal_pose=task.start,
         guesses=(),
         tip_paths=tip_paths_in(first.free_space, points, (start_points,), first.shrink),
     )
@@ -99,7 +99,7 @@ def ending_in(task: MotionTask, headings: FloatArray) -> MotionTask:
     return replace(
         task,
         goal=GoalPose(points[-1], unit_vector(headings[-1])),
-        goal_headings=headings,
+        goal_pose=headings,
         guesses=(headings,),
         further_guesses=lambda: iter(()),
         tip_paths=tip_paths_in(first.free_space, task.arm.joint_positions(task.start), (points,), first.shrink),

@@ -3,10 +3,11 @@
 What every candidate ended at is kept, and said in words with what stood in the way of the best.
 """
 
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -15,9 +16,12 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import tell_candidate
+from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.limits.limit import LimitOf
+from ccm_opt.planning.settings import EngineSettings
+from ccm_opt.problem import OptimiserName, Weights
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
-
-AttemptT = TypeVar("AttemptT", bound="Attempt")
 
 TREES = "trees"
 """Name of what trees find, among the names of candidates."""
@@ -33,7 +37,7 @@ class Failure:
         remaining: distance of the tip, or with a goal for the whole arm of the farthest joint, from the goal [m].
         tightest: link, counted from 1, name of what it nearly touches, and the gap [m]; None when nothing is near.
         pose: where it ended, shape (c,) [rad, and what carries the base].
-        bends: of the joints there, shape (links,) or (links, 2) [rad].
+        bends: of the joints there, k a joint, shape (links, k) [rad].
         limit: what of the user's constraints is in the way, in words, or empty.
     """
 
@@ -74,79 +78,141 @@ class StrategyInVain:
     exhausted: bool
 
 
-@dataclass(frozen=True)
-class Sought:
-    """What a search in vain looked for, as far as the reason says it.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SearchTask(ABC):
+    """What every search for a motion needs to know.
 
     Attributes:
-        radius: of the arm [m].
-        clearance: that walls are kept beyond it [m].
-        bend_limits: of the joints, as many as there are bends [rad].
-        deadline: when it had to stop.
-        constraints: names of the user's hard constraints.
-        ends_with: what has to come to the goal, in words.
-        advice: what may help where nothing better is known.
+        arm: the arm.
+        start: where the motion begins, shape (c,).
+        goal: where the tip has to be.
+        goal_pose: where the whole arm has to be, shape (c,); None where the tip alone counts.
+        deadline: when to stop.
+        optimiser: how the motion that is found is optimised.
+        weights: what counts how much then.
+        wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
+        seed: of the random numbers.
+        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        settings: numbers of every stage of the search.
     """
 
-    radius: float
-    clearance: float
-    bend_limits: FloatArray
+    arm: Arm
+    start: FloatArray
+    goal: GoalPose
+    goal_pose: FloatArray | None = None
     deadline: Deadline
-    constraints: Sequence[str]
-    ends_with: str
-    advice: tuple[str, ...]
+    optimiser: OptimiserName = "sequential-convex"
+    weights: Weights = field(default_factory=Weights)
+    wanted_gap: float = 0.0
+    seed: int = 0
+    refuse: Callable[[], None] = field(default=lambda: None)
+    settings: EngineSettings = field(default_factory=EngineSettings)
+
+    @property
+    @abstractmethod
+    def user_limits(self) -> tuple[LimitOf[Any], ...]:
+        """What the user asks of the motion; usually nothing."""
+
+    @property
+    @abstractmethod
+    def kept(self) -> float:
+        """Distance from the arm's axis that walls have to keep [m]."""
+
+    @property
+    @abstractmethod
+    def advice(self) -> str:
+        """What may help where nothing better is known."""
+
+    @property
+    def constraints(self) -> tuple[str, ...]:
+        """Names of the user's hard constraints."""
+        return tuple(name for limit in self.user_limits for name in limit.names)
+
+    @property
+    def parametric(self) -> bool:
+        """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
+        return any(limit.parametric for limit in self.user_limits)
+
+    @property
+    def limited_goal(self) -> GoalPose:
+        """The goal with the limits that hold there."""
+        return self.limited(self.goal)
+
+    def limited(self, goal: GoalPose) -> GoalPose:
+        """A goal with the limits that hold at the end of the motion."""
+        limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
+        return replace(goal, limits=limits, settings=self.settings.goal)
 
 
-class Attempt(Protocol):
+AskedType = TypeVar("AskedType")
+"""What a strategy is given: a task, or a run of the search for one."""
+FoundType = TypeVar("FoundType")
+"""What it finds."""
+
+
+@dataclass(frozen=True)
+class Strategy(Generic[AskedType, FoundType]):
     """One way to look for a motion.
 
     Attributes:
         name: for the record of a search in vain.
+        find: a certified motion, or None and what was tried added to the failures.
+        applies: whether it can find motions.
         costly: whether it may take so long that a proof that there is no motion is worth some tenths of a second first.
+        leads_others: whether later strategies begin with what it tries, so that few links in vain are enough of it.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def costly(self) -> bool: ...  # noqa: D102
+    name: str
+    find: Callable[[AskedType, list[Failure]], FoundType | None]
+    applies: Callable[[AskedType], bool] = lambda _: True
+    costly: bool = False
+    leads_others: bool = False
 
 
-def in_turn(
-    attempts: Iterable[AttemptT],
-    sought: Sought,
-    failures: list[Failure],
-    refuse: Callable[[], None],
-    in_vain: list[StrategyInVain],
-) -> Iterator[AttemptT]:
-    """Attempts in turn, for whoever stops at the first that finds a motion.
+StrategyType = TypeVar("StrategyType", bound=Strategy[Any, Any])
+"""The kind of strategy."""
+
+
+def first_found(
+    strategies: Iterable[StrategyType],
+    task: SearchTask,
+    find: Callable[[StrategyType, list[Failure]], FoundType | None],
+) -> FoundType:
+    """What the first strategy finds that finds anything; what comes after the deadline is only listed.
 
     Args:
-        attempts: the cheap ones first; each is asked for when those before have failed.
-        sought: what is looked for.
-        failures: to which attempts add what they tried.
-        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
-        in_vain: is added to.
+        strategies: that apply, the cheap ones first.
+        task: what is looked for.
+        find: what a strategy finds; adds what it tried in vain to the failures.
 
     Raises:
+        MotionNotFound: every strategy failed; the diagnosis lists why.
+        TimeLimitReached: the deadline passed first.
         UnreachableGoal: it is proved that there is none.
     """
+    failures: list[Failure] = []
+    in_vain: list[StrategyInVain] = []
     asked = False
-    for attempt in attempts:
-        if attempt.costly and not asked:
-            refuse()
-            asked = True
+    for strategy in strategies:
         before = len(failures)
-        yield attempt
-        in_vain.append(StrategyInVain(attempt.name, len(failures) - before, not sought.deadline.passed()))
+        if not failures or not task.deadline.passed():
+            if strategy.costly and not asked:
+                task.refuse()
+                asked = True
+            found = find(strategy, failures)
+            if found is not None:
+                return found
+        in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
+    raise nothing_found(task, failures, in_vain)
 
 
 def nothing_found(
-    sought: Sought, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
+    task: SearchTask, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
 ) -> MotionNotFound | TimeLimitReached:
     """The error that says why no motion was found.
 
     Args:
-        sought: what was looked for.
+        task: what was looked for.
         failures: of every attempt.
         strategies: that were tried, in turn.
     """
@@ -155,25 +221,26 @@ def nothing_found(
     held: tuple[str, ...] = ()
     if tried:
         best = tried[0]
+        what = "the tip" if task.goal_pose is None else "a joint"
         reason = (
             f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with "
-            f"{sought.ends_with} {short_length(best.remaining)} from the goal: {best.message}; tightest there: "
+            f"{what} {short_length(best.remaining)} from the goal: {best.message}; tightest there: "
             f"{best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
-        joints, held = joints_at_limits(best.bends, sought.bend_limits)
+        joints, held = joints_at_limits(best.bends, task.arm.bend_limits)
         reason += f"; {joints}" if joints else ""
     else:
         reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"
-    reason += _limits_in_the_way(sought.constraints, tried)
+    reason += _limits_in_the_way(task.constraints, tried)
     reason += _how_far(strategies)
     figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}
-    relaxed = ("relax the constraints, or make them soft",) if sought.constraints else ()
-    what_held = (*relaxed, *held, *_way_made(tried), *room_advice(sought.radius, sought.clearance))
+    relaxed = ("relax the constraints, or make them soft",) if task.constraints else ()
+    what_held = (*relaxed, *held, *_way_made(tried), *room_advice(task.arm.radius, task.kept - task.arm.radius))
     if any(not each.exhausted for each in strategies):
-        reason = f"{sought.deadline.what_passed()}: {reason}"
+        reason = f"{task.deadline.what_passed()}: {reason}"
         advice = (*what_held, "raise planner.time_limit")
         return TimeLimitReached(Diagnosis(reason, "motion", advice, figures))
-    advice = (*what_held, *sought.advice, *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
+    advice = (*what_held, task.advice, *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
     return MotionNotFound(Diagnosis(reason, "motion", advice, figures))
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
+from typing import Generic, TypeVar
 
 import numpy as np
 import shapely
@@ -21,14 +22,14 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pulled_over
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion import Curve, CurveMotion, Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, pose_at_goal, slid_out, ways_on
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
-from ccm_opt.planning.search import Failure, tell_tried
-from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.search import Failure, SearchTask, tell_tried
+from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 
@@ -217,26 +218,94 @@ def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float)
     yield from later
 
 
-@dataclass(frozen=True)
-class SearchRun:
-    """One pass through the portfolio with one margin.
+TaskType = TypeVar("TaskType", bound=SearchTask)
+"""The kind of task."""
+CurveType = TypeVar("CurveType", bound=Curve)
+"""The kind of map of its motions."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchRun(ABC, Generic[TaskType, CurveType]):
+    """One run through candidates, with one stepper: each is led along, what stalls is recorded.
 
     Attributes:
         task: what is looked for.
-        stepper: of the link space through the start, with all limits.
+        stepper: of the space through the start, with all limits.
         start: pose at the start.
-        goal: with the limits that hold there; for a whole-arm goal in the coordinates of the space.
+        goal: with the limits that hold there; for a whole-arm goal in the unknowns of the space.
+    """
+
+    task: TaskType
+    stepper: StepperOf[CurveType]
+    start: Pose
+    goal: GoalPose
+
+    def attempt(
+        self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
+    ) -> CurveMotion[CurveType] | None:
+        """The motion through the poses of a candidate; None and why where it stalls."""
+        tell_tried(name, failures)
+        try:
+            return self.motion(name, lead())
+        except Stalled as stalled:
+            failures.append(self.failure(name, stalled))
+            return None
+
+    def motion(self, name: str, poses: list[Pose]) -> CurveMotion[CurveType]:
+        """The poses as a motion found by a candidate."""
+        return CurveMotion.of(self.stepper.space, poses, name)
+
+    def failure(self, name: str, stalled: Stalled) -> Failure:
+        """Why a candidate stalled, and what was near."""
+        pose = stalled.poses[-1]
+        limit = self.goal.describe_limits(pose)
+        bends = self.stepper.space.bends(pose.q).reshape(self.task.arm.links, -1)
+        return Failure(name, str(stalled), self._remaining(pose), self.tightest(pose), pose.q, bends, limit)
+
+    def _remaining(self, pose: Pose) -> float:
+        """How far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
+        if self.goal.coordinates is None:
+            return self.goal.errors(pose)[0]
+        apart = self.stepper.pose(self.goal.coordinates).points - pose.points
+        return float(np.linalg.norm(apart, axis=1).max())
+
+    def arrived(self, poses: list[Pose]) -> list[Pose]:
+        """Poses that have come near the goal, and others onto it: settled, or led to the pose of the whole arm.
+
+        Raises:
+            Stalled: the goal is not reached.
+        """
+        if self.goal.coordinates is None:
+            return [*poses, *settle(self.stepper, self.goal, poses[-1], self.task.deadline)[1:]]
+        return [*poses, *self.led_to(self.goal.coordinates, poses[-1])[1:]]
+
+    @abstractmethod
+    def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
+        """Poses from one to other unknowns, shape (p,), on the straight way.
+
+        Raises:
+            Stalled: when there is no such way.
+        """
+
+    @abstractmethod
+    def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
+        """What a pose nearly touches: link from 1, name, gap [m]; None when nothing is near."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarRun(SearchRun[MotionTask, LinkSpace]):
+    """One pass through the portfolio with one margin.
+
+    Attributes:
+        stepper: of the link space through the start, with all limits.
         guesses: coordinates of poses at or near the goal, each of shape (p,).
     """
 
-    task: MotionTask
     stepper: Stepper
-    start: Pose
-    goal: GoalPose
     guesses: Iterable[FloatArray]
 
     @classmethod
-    def from_task(cls, task: MotionTask, margin_links: float) -> "SearchRun":
+    def from_task(cls, task: MotionTask, margin_links: float) -> "PlanarRun":
         """A pass in the link space through the task's start.
 
         Args:
@@ -251,10 +320,10 @@ class SearchRun:
         space, start = task.space_through(task.start)
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
-        if task.goal_headings is not None:
+        if task.goal_pose is not None:
             # The first coordinates of the goal are fitted; the last, w, goes from 0 at the start to 1 there. A fed
             # arm needs none: its space holds any pose.
-            space, end = space.blended_to(task.goal_headings)
+            space, end = space.blended_to(task.goal_pose)
             start = np.append(start, np.zeros(len(end) - len(start)))
             goal = replace(goal, coordinates=end)
             guesses = (end,)
@@ -298,16 +367,13 @@ class SearchRun:
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
-            tell_tried(candidate.name, failures)
-            try:
-                poses = self._led(candidate)
-                arriving = self._arrive(poses[-1])[1:]
-                return self.motion(candidate.name, self.certified_without_pauses(poses + arriving))
-            except Stalled as stalled:
-                failures.append(self.failure(candidate.name, stalled))
-            if self.task.deadline.passed():
-                return None
+            motion = self.attempt(candidate.name, partial(self._finished, candidate), failures)
+            if motion is not None or self.task.deadline.passed():
+                return motion
         return None
+
+    def _finished(self, candidate: GuideCandidate) -> list[Pose]:
+        return self.certified_without_pauses(self.arrived(self._led(candidate)))
 
     def certified_without_pauses(self, poses: list[Pose]) -> list[Pose]:
         """The motion without pauses, certified.
@@ -362,13 +428,15 @@ class SearchRun:
                 poses = poses + stalled.poses[1:]
         return poses
 
-    def _arrive(self, pose: Pose) -> list[Pose]:
-        """Poses from near the goal onto it: settled, or for a whole-arm goal led straight into its coordinates."""
-        if self.goal.coordinates is None:
-            return settle(self.stepper, self.goal, pose, self.task.deadline)
-        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates)
-        poses = follow(self.stepper, guide, pose, self.task.deadline)
-        return [*poses, self.stepper.pose(self.goal.coordinates)]
+    def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
+        """Poses from one straight to other coordinates, shape (p,)."""
+        guide = Interpolation(self.stepper.space, pose.v, end)
+        return [*follow(self.stepper, guide, pose, self.task.deadline), self.stepper.pose(end)]
+
+    def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
+        """The contact that is furthest inside its margin."""
+        finder = self.stepper.finder
+        return finder.tightest(finder.find(pose.points))
 
     def _certified(self, poses: list[Pose]) -> bool:
         return len(self.task.certificate.failures(pose_headings(poses))) == 0
@@ -383,10 +451,6 @@ class SearchRun:
             if pose is not None:
                 yield pose
 
-    def motion(self, name: str, poses: list[Pose]) -> Motion:
-        """The poses as a motion found by a candidate."""
-        return Motion.of(self.stepper.space, poses, name)
-
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
         """A motion bent to the limits; None when that fails."""
         name = f"{found.candidate}, tracked"
@@ -400,28 +464,6 @@ class SearchRun:
             failures.append(self.failure(name, Stalled("the motion arrived but could not be certified", way.poses)))
             return None
         return replace(self.motion(name, way.poses), u=np.array(way.u))
-
-    def failure(self, name: str, stalled: Stalled) -> Failure:
-        """Why a candidate stalled, and what was near."""
-        pose = stalled.poses[-1]
-        finder = self.stepper.finder
-        contacts = finder.find(pose.points)
-        return Failure(
-            candidate=name,
-            message=str(stalled),
-            remaining=self._remaining(pose),
-            limit=self.goal.describe_limits(pose),
-            tightest=finder.tightest(contacts),
-            pose=pose.q,
-            bends=self.task.arm.bends(pose.q[: self.task.arm.links]),
-        )
-
-    def _remaining(self, pose: Pose) -> float:
-        """How far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
-        if self.goal.coordinates is None:
-            return self.goal.errors(pose)[0]
-        apart = self.stepper.space.pose(self.goal.coordinates).points - pose.points
-        return float(np.linalg.norm(apart, axis=1).max())
 
 
 def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
@@ -446,31 +488,3 @@ def _nearest_coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
     """Coordinates in the space nearest to given link headings."""
     # Only the curve's share: without the coordinate that would add what the curve cannot show.
     return space.blended_to(headings)[1][:-1]
-
-
-@dataclass(frozen=True)
-class SearchStrategy(ABC):
-    """One way to look for a motion in the plane.
-
-    Attributes:
-        name: for the record of a search in vain.
-        costly: whether it may take so long that a proof that there is no motion is worth some tenths of a second first.
-        leads_others: whether later strategies begin with what it tries, so that few links in vain are enough of it.
-    """
-
-    name: str
-    costly: bool = False
-    leads_others: bool = False
-
-    @abstractmethod
-    def applies(self, task: MotionTask) -> bool:
-        """Whether the strategy can find motions for a task."""
-
-    @abstractmethod
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """A certified motion, or None and what was tried added to the failures.
-
-        Args:
-            task: arm, room, ends and limits.
-            failures: is added to.
-        """

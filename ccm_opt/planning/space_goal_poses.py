@@ -41,8 +41,6 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
         rng: for the draws.
     """
     goal = task.limited_goal
-    if goal is None:
-        return
     for _ in range(_DRAWS):
         if task.deadline.passed():
             return

@@ -224,7 +224,7 @@ def _few_keyframes(
 def _is_end_fixed(task: SpaceTask, stepper: SpaceStepper, end: FloatArray) -> bool:
     """Whether a motion has to end in a given pose: where no tip counts, or limits keep it a little off its goal."""
     goal = task.limited_goal
-    if goal is None:
+    if task.goal_pose is not None:
         return True
     exact = moved_onto(stepper.space, goal, stepper.pose(end))
     return not (goal.on_goal(exact) and goal.limits_met(exact) and stepper.within_limits(exact.q))

@@ -1,6 +1,5 @@
 """The task of a motion in space."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,11 +14,11 @@ from ccm_opt.planning.limits.limit_stack import AtRest, CoordinateLimit, Surface
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.search import Sought
+from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.step import SpaceStepper
-from ccm_opt.problem import JointPose, OptimiserName, Problem, TipGoal, Weights
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -31,77 +30,50 @@ _LEAST_SPARE = 1.2e-5
 metre is lifted off a table 1.5 µm below it, and hardly off one at 1 µm."""
 
 
-@dataclass(frozen=True, eq=False)
-class SpaceTask:
-    """One motion to be found.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpaceTask(SearchTask):
+    """One motion to be found in space; configurations are bends [rad], and then the base's way [m].
 
     Attributes:
-        arm: the arm.
         tree: of the surfaces of the scene.
-        start: configuration at which it begins, shape (c,) [rad, m].
-        goal: where the tip shall end; None where a whole pose is asked.
-        goal_pose: configuration at which it shall end, shape (c,); None where the tip alone counts.
         via: places that the tip passes in this order, each of shape (3,) [m].
         via_reach: how near the tip has to come to pass them [m].
         clearance: gap that the user asks for beyond the arm's radius [m].
-        wanted_gap: room beyond that which motions keep where there is so much [m].
         box: where the tip may go, lower and upper corner, shape (2, 3) [m].
         scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
         names: of the owners of surfaces.
         slowness: how dear a unit of each coordinate is, by the speed that it allows, shape (c,); of bends about 1.
-        deadline: when to stop.
-        seed: of draws.
-        refuse: raises where it is proved that there is no motion; it is asked when no way of the tip led to the goal.
         settings: numbers of the search.
         user: the user's constraints and costs; None where there are none.
-        optimiser: how the motion that is found is optimised.
-        weights: what counts how much then.
+        stage: curve and unknowns, shape (p,), that a longer motion has come to; None where it begins at the start.
     """
 
-    arm: Arm
     tree: SurfaceTree
-    start: FloatArray
-    goal: GoalPose | None
-    goal_pose: FloatArray | None
-    via: tuple[FloatArray, ...]
+    via: tuple[FloatArray, ...] = ()
     via_reach: float
     clearance: float
-    wanted_gap: float
     box: FloatArray
     scene: FloatArray
     names: tuple[str, ...]
     slowness: FloatArray
-    deadline: Deadline
-    seed: int = 0
-    refuse: Callable[[], None] = field(default=lambda: None)
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     user: UserLimit | None = None
-    optimiser: OptimiserName = "sequential-convex"
-    weights: Weights = field(default_factory=Weights)
+    stage: tuple[CurveMap, FloatArray] | None = None
 
     @property
-    def limited_goal(self) -> GoalPose | None:
-        """The goal for the tip with the limits that hold there."""
-        return None if self.goal is None else self.limited(self.goal)
+    def kept(self) -> float:
+        """Distance from the arm's axis that walls have to keep [m]."""
+        return self.arm.radius + self.clearance
 
-    def limited(self, goal: GoalPose) -> GoalPose:
-        """A goal for the tip with the limits that hold at the end of the motion."""
-        limits = () if self.user is None else (self.user.placed_at_goal(),)
-        return replace(goal, limits=limits, settings=self.settings.goal)
+    @property
+    def advice(self) -> str:
+        """What may help where nothing better is known."""
+        return "add goal.via places on the way"
 
     @property
     def unit(self) -> float:
         """u, length of a nominal link [m]."""
         return self.arm.length / NOMINAL_LINKS
-
-    @property
-    def sought(self) -> Sought:
-        """What is looked for, as a search in vain says it."""
-        names = () if self.user is None else self.user.names
-        places = ("add goal.via places on the way",)
-        what = "the tip" if self.goal_pose is None else "a joint"
-        arm = self.arm
-        return Sought(arm.radius, self.clearance, arm.bend_limits, self.deadline, names, what, places)
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
         """The same task with a deadline after so much CPU time from now on, or its own if that is earlier."""
@@ -131,8 +103,8 @@ class SpaceTask:
         arm = self.arm
         points = arm.joint_positions_at(q)
         _, axes = arm.exposed_links(points)
-        kept = arm.radius + self.clearance
-        room = float(np.min(self.tree.distances(axes, kept + most), initial=kept + most)) - kept
+        reach = self.kept + most
+        room = float(np.min(self.tree.distances(axes, reach), initial=reach)) - self.kept
         if arm.self_collision:
             nearest = LinkMotion(arm).nearest_pairs(points[None], 2.0 * arm.radius + most)
             room = min(room, float(nearest.distance[0]) - 2.0 * arm.radius)
@@ -150,8 +122,7 @@ class SpaceTask:
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
-        kept = self.arm.radius + self.clearance + self.wanted_gap
-        return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), kept)
+        return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
 
     @property
     def knot_joints(self) -> KnotJoints:
@@ -216,13 +187,23 @@ def space_task(
     """
     arm = problem.arm
     goal = problem.goal
+    via: tuple[FloatArray, ...] = ()
+    goal_pose = None
+    if isinstance(goal, JointPose):
+        goal_pose = goal.configuration(arm)
+        tip = GoalPose(arm.joint_positions_at(goal_pose)[-1], arm.link_rotations(goal_pose)[-1][:, 0])
+    else:
+        via = goal.via
+        # Half of the tolerances is left to what comes after planning.
+        near_enough = (0.5 * problem.tolerances.position, 0.5 * problem.tolerances.heading)
+        tip = GoalPose(goal.position, goal.direction, near_enough=near_enough)
     return SpaceTask(
         arm=arm,
         tree=tree,
         start=problem.start.configuration(arm),
-        goal=None if isinstance(goal, JointPose) else tip_pose(problem, goal),
-        goal_pose=goal.configuration(arm) if isinstance(goal, JointPose) else None,
-        via=() if isinstance(goal, JointPose) else goal.via,
+        goal=tip,
+        goal_pose=goal_pose,
+        via=via,
         via_reach=problem.via_reach,
         clearance=problem.workspace.clearance,
         wanted_gap=problem.wanted_gap,
@@ -257,13 +238,6 @@ def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
             jerk=None,
         ),
     )
-
-
-def tip_pose(problem: Problem, goal: TipGoal) -> GoalPose:
-    """The goal of the tip; half of the tolerances is left to what comes after planning."""
-    tolerances = problem.tolerances
-    near_enough = (0.5 * tolerances.position, 0.5 * tolerances.heading)
-    return GoalPose(goal.position, goal.direction, near_enough=near_enough)
 
 
 def slowness(problem: Problem) -> FloatArray:

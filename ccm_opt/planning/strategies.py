@@ -8,6 +8,7 @@ so the arm's are looked for among arcs of at most three parts.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 
@@ -25,10 +26,10 @@ from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backwa
 from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
 from ccm_opt.planning.rrt_connect import CONNECT
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
-from ccm_opt.planning.search import TREES, Failure, StrategyInVain, in_turn, nothing_found
-from ccm_opt.planning.search_run import SearchRun, SearchStrategy
+from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
-from ccm_opt.planning.tip_walks import WALKS, TipWalkStrategy
+from ccm_opt.planning.tip_walks import WALKS, by_walks, is_walked
 from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.robot.arm import Arm
 
@@ -194,184 +195,155 @@ class Turn(IntEnum):
     LAST = 3
 
 
-@dataclass(frozen=True)
-class DirectStrategy(SearchStrategy):
+def goes_straight_to_pose(task: MotionTask) -> bool:
+    """Whether a straight motion may be one: poses of the whole arm alone say where straight is."""
+    return task.goal_pose is not None and not task.parametric
+
+
+def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
     """Straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
-
-    def applies(self, task: MotionTask) -> bool:
-        """Poses of the whole arm alone say where straight is."""
-        return task.goal_headings is not None and not task.parametric
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The motion of the direction that arrives."""
-        margins = fitting_margins(task)
-        forward = SearchRun.from_task(task, margins[0])
-        motion = forward.run(forward.direct(), failures)
-        if motion is not None:
-            return motion
-        for turned in backward_tasks(task, forward.stepper):
-            if turned is not None and not task.deadline.passed():
-                backward = SearchRun.from_task(turned, margins[0])
-                motion = backward.run(backward.direct(), failures)
-                return reversed_motion(motion) if motion is not None else None
-        return None
+    margins = fitting_margins(task)
+    forward = PlanarRun.from_task(task, margins[0])
+    motion = forward.run(forward.direct(), failures)
+    if motion is not None:
+        return motion
+    for turned in backward_tasks(task, forward.stepper):
+        if turned is not None and not task.deadline.passed():
+            backward = PlanarRun.from_task(turned, margins[0])
+            motion = backward.run(backward.direct(), failures)
+            return reversed_motion(motion) if motion is not None else None
+    return None
 
 
-@dataclass(frozen=True)
-class ConnectStrategy(SearchStrategy):
-    """RRT-Connect in the coordinates of the curve, with so many extensions that it costs little.
+def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
+    """Whether RRT-Connect has a turn: limits that move keyframes, or depend on u, refuse all straight motions."""
+    refused = task.parametric or any(limit.moves_keyframes for limit in task.user_limits)
+    return not refused and len(_budgets(task, turn)) > 0
 
-    Attributes:
+
+def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY) -> Motion | None:
+    """The motion that joins trees in the coordinates of the curve, with so many extensions that it costs little.
+
+    Args:
+        task: arm, room, ends and limits.
+        failures: is added to.
         turn: which of its turns this is; the last is for goals of every kind.
     """
-
-    turn: Turn = Turn.EARLY
-
-    def applies(self, task: MotionTask) -> bool:
-        """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
-        refused = task.parametric or any(limit.moves_keyframes for limit in task.user_limits)
-        return not refused and len(self._budgets(task)) > 0
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The motion that joins the trees."""
-        budgets = self._budgets(task)
-        if task.arm.links > _MOST_LINKS or task.deadline.passed():
-            return None
-        run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1])
-        search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
-        motion = search.find(budgets, (task.seed, self.turn))
-        if motion is None:
-            ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
-            failures.append(run.failure(CONNECT, ended))
-        return motion
-
-    def _budgets(self, task: MotionTask) -> tuple[int, ...]:
-        settings = task.settings.connect
-        links = task.arm.links
-        few = links <= settings.few_links
-        # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
-        if not task.tip_paths and not few:
-            return ()
-        # Thin arms of many links have their late turn after the trees, for to look at them takes long.
-        slow = not few and looked_at_slowly(task)
-        if self.turn in {Turn.LATE, Turn.LAST}:
-            return _LATE_BUDGETS if slow == (self.turn is Turn.LAST) else ()
-        if few:
-            return settings.few_budgets if self.turn is Turn.EARLY else ()
-        if task.goal_headings is None or slow:
-            return ()
-        return _WHOLE_ARM_BUDGETS if self.turn is Turn.EARLY else _MIDDLE_BUDGETS
+    budgets = _budgets(task, turn)
+    if task.arm.links > _MOST_LINKS:
+        return None
+    run = PlanarRun.from_task(task.at_full_limits(), task.settings.search.margins[-1])
+    search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
+    motion = search.find(budgets, (task.seed, turn))
+    if motion is None:
+        ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
+        failures.append(run.failure(CONNECT, ended))
+    return motion
 
 
-@dataclass(frozen=True)
-class LimitArcStrategy(SearchStrategy):
+def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
+    settings = task.settings.connect
+    few = task.arm.links <= settings.few_links
+    # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
+    if not task.tip_paths and not few:
+        return ()
+    # Thin arms of many links have their late turn after the trees, for to look at them takes long.
+    slow = not few and looked_at_slowly(task)
+    if turn in {Turn.LATE, Turn.LAST}:
+        return _LATE_BUDGETS if slow == (turn is Turn.LAST) else ()
+    if few:
+        return settings.few_budgets if turn is Turn.EARLY else ()
+    if task.goal_pose is None or slow:
+        return ()
+    return _WHOLE_ARM_BUDGETS if turn is Turn.EARLY else _MIDDLE_BUDGETS
+
+
+def bends_freely(task: MotionTask) -> bool:
+    """Whether arcs may lead to the goal: they know of no base that is carried or held, and of nothing else there."""
+    free = not task.clamped and not task.arm.base_axes and not task.user_limits
+    return free and task.goal_pose is None and len(task.tip_paths) > 0
+
+
+def by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
     """Straight to poses with the joints bent all they may be, where a goal for the tip asks for that; then RRT-Connect.
 
     Guides that draw the tip to such a goal end near it with some joint at its limit and others short of theirs.
     """
-
-    def applies(self, task: MotionTask) -> bool:
-        """Arcs know of no base that is carried or held, and of nothing else that holds at the goal."""
-        free = not task.clamped and not task.arm.base_axes and not task.user_limits
-        return free and task.goal_headings is None and len(task.tip_paths) > 0
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The first motion to one of the poses that touch nothing."""
-        arcs = ArcsAtLimits(task.arm, task.goal)
-        poses = arcs.where_needed(task.settings.step.full_limit_share)
-        ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
-        for strategy in (DirectStrategy(self.name), ConnectStrategy(self.name)):
-            for whole_arm in filter(strategy.applies, ending):
-                motion = strategy.find(whole_arm, failures)
-                if motion is not None or task.deadline.passed():
-                    return motion
-        return None
-
-
-@dataclass(frozen=True)
-class PortfolioStrategy(SearchStrategy):
-    """The candidates of the portfolio with one planning margin after another.
-
-    Attributes:
-        narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
-    """
-
-    narrow: bool = False
-
-    def applies(self, task: MotionTask) -> bool:
-        """Candidates do not know how far along the motion they are."""
-        return not task.parametric and (not self.narrow or self._divided(task))
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The first candidate's motion that arrives and is certified."""
-        margins = fitting_margins(task)
-        if self._divided(task):
-            margins = margins[1:] if self.narrow else margins[:1]
-        for margin in margins:
-            for motion in candidate_motions(task, margin, failures):
-                if motion is not None:
-                    return motion
-                if task.deadline.passed():
-                    return None
-        return None
-
-    def _divided(self, task: MotionTask) -> bool:
-        return task.arm.links <= _MOST_LINKS and ConnectStrategy(self.name, turn=Turn.MIDDLE).applies(task)
-
-
-@dataclass(frozen=True)
-class TrackingStrategy(SearchStrategy):
-    """A motion that is found without the user's limits, then tracked under them; for limits over the path parameter.
-
-    Where candidates fail under limits that do not depend on it, tracking is another way to keep them.
-    """
-
-    def applies(self, task: MotionTask) -> bool:
-        """There must be something to track under."""
-        return bool(task.user_limits)
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The first motion without the limits that can be bent to them; one for each planning margin is tried."""
-        if task.deadline.passed():
-            return None
-        free = replace(task, user_limits=())
-        for margin in fitting_margins(task):
-            found = next((each for each in candidate_motions(free, margin, []) if each is not None), None)
-            if found is None:
-                continue
-            motion = SearchRun.from_task(task, margin).tracked(found, failures)
+    poses = ArcsAtLimits(task.arm, task.goal).where_needed(task.settings.step.full_limit_share)
+    ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
+    for applies, find in ((goes_straight_to_pose, straight), (connects, connected)):
+        for whole_arm in filter(applies, ending):
+            motion = find(whole_arm, failures)
             if motion is not None or task.deadline.passed():
                 return motion
+    return None
+
+
+def by_candidates(task: MotionTask, failures: list[Failure], *, narrow: bool = False) -> Motion | None:
+    """The first candidate's motion that arrives and is certified, with one planning margin after another.
+
+    Args:
+        task: arm, room, ends and limits.
+        failures: is added to.
+        narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
+    """
+    margins = fitting_margins(task)
+    if is_divided(task):
+        margins = margins[1:] if narrow else margins[:1]
+    for margin in margins:
+        for motion in candidate_motions(task, margin, failures):
+            if motion is not None:
+                return motion
+            if task.deadline.passed():
+                return None
+    return None
+
+
+def is_divided(task: MotionTask) -> bool:
+    """Whether RRT-Connect has its turn between the widest margin of the candidates and the others."""
+    return not task.parametric and task.arm.links <= _MOST_LINKS and connects(task, Turn.MIDDLE)
+
+
+def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
+    """A motion that is found without the user's limits, then tracked under them; one for each margin is tried.
+
+    For limits over the path parameter. Where candidates fail under limits that do not depend on it, tracking is another
+    way to keep them.
+    """
+    free = replace(task, user_limits=())
+    for margin in fitting_margins(task):
+        found = next((each for each in candidate_motions(free, margin, []) if each is not None), None)
+        if found is None:
+            continue
+        motion = PlanarRun.from_task(task, margin).tracked(found, failures)
+        if motion is not None or task.deadline.passed():
+            return motion
+    return None
+
+
+def by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
+    """The motion that joins trees of poses from both ends, until the deadline or until they reach nothing new."""
+    if not task.tip_paths:
         return None
+    full = task.at_full_limits()
+    runs = [PlanarRun.from_task(full, margin) for margin in task.settings.search.tree_margins]
+    narrowest = runs[-1]
+    try:
+        poses = search_by_trees(runs)
+        return narrowest.motion(TREES, narrowest.certified_without_pauses(poses))
+    except Stalled as stalled:
+        failures.append(narrowest.failure(TREES, stalled))
+    return None
 
 
-@dataclass(frozen=True)
-class TreeStrategy(SearchStrategy):
-    """Trees of poses from both ends, until the deadline or until they reach nothing new."""
-
-    def applies(self, task: MotionTask) -> bool:
-        """Poses of a tree do not know how far along the motion they are."""
-        return not task.parametric
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The motion that joins the trees."""
-        if not task.tip_paths or task.deadline.passed():
-            return None
-        full = task.at_full_limits()
-        runs = [SearchRun.from_task(full, margin) for margin in task.settings.search.tree_margins]
-        narrowest = runs[-1]
-        try:
-            poses = search_by_trees(runs)
-            return narrowest.motion(TREES, narrowest.certified_without_pauses(poses))
-        except Stalled as stalled:
-            failures.append(narrowest.failure(TREES, stalled))
-        return None
+def _free_of_u(task: MotionTask) -> bool:
+    """Whether no limit depends on u: candidates, and poses of trees, do not know how far along the motion they are."""
+    return not task.parametric
 
 
 def looked_at_slowly(task: MotionTask) -> bool:
     """Whether poses have to be looked at nearer to each other than the arm is wide, which takes RRT-Connect long."""
-    gap = task.arm.radius + task.workspace.clearance
-    return POSE_SPACING * gap < LEAST_SPACING * task.arm.length
+    return POSE_SPACING * task.kept < LEAST_SPACING * task.arm.length
 
 
 def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) -> Iterator[Motion | None]:
@@ -379,24 +351,24 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
 
     Backwards first where the way leads into narrow gates: an arm can be slid out of them.
     """
-    forward = SearchRun.from_task(task, margin)
+    forward = PlanarRun.from_task(task, margin)
     into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
     if not into_gates:
         before = len(failures)
         yield forward.run(forward.first(), failures)
         if any(_kept_off_by_limits(task, failure) for failure in failures[before:]):
             task = task.at_full_limits()
-            forward = SearchRun.from_task(task, margin)
+            forward = PlanarRun.from_task(task, margin)
             yield forward.run(forward.first(), failures)
     for turned in backward_tasks(task, forward.stepper):
         if turned is not None:
-            backward = SearchRun.from_task(turned, margin)
+            backward = PlanarRun.from_task(turned, margin)
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
     if into_gates:
         yield forward.run(forward.first(), failures)
         for turned in laid_backward_tasks(task, forward.stepper):
-            backward = SearchRun.from_task(turned, margin)
+            backward = PlanarRun.from_task(turned, margin)
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
     yield forward.run(forward.further(), failures)
@@ -414,24 +386,28 @@ def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
     return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.pose)
 
 
-STRATEGIES: tuple[SearchStrategy, ...] = (
-    DirectStrategy("interpolation", leads_others=True),
-    LimitArcStrategy("arcs at the limits"),
-    TipWalkStrategy(WALKS, leads_others=True),
-    ConnectStrategy(CONNECT),
-    PortfolioStrategy("candidates", costly=True),
-    ConnectStrategy(f"{CONNECT}, longer", turn=Turn.MIDDLE),
-    PortfolioStrategy("candidates nearer to walls", costly=True, narrow=True),
-    TrackingStrategy("tracking", costly=True),
-    ConnectStrategy(f"{CONNECT} again", turn=Turn.LATE),
-    TipWalkStrategy(f"{WALKS} again", costly=True, late=True),
-    TreeStrategy(TREES, costly=True),
-    ConnectStrategy(f"{CONNECT} again", turn=Turn.LAST),
+def _connecting(name: str, turn: Turn) -> Strategy[MotionTask, Motion]:
+    return Strategy(name, partial(connected, turn=turn), partial(connects, turn=turn))
+
+
+STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
+    Strategy("interpolation", straight, goes_straight_to_pose, leads_others=True),
+    Strategy("arcs at the limits", by_limit_arcs, bends_freely),
+    Strategy(WALKS, by_walks, is_walked, leads_others=True),
+    _connecting(CONNECT, Turn.EARLY),
+    Strategy("candidates", by_candidates, _free_of_u, costly=True),
+    _connecting(f"{CONNECT}, longer", Turn.MIDDLE),
+    Strategy("candidates nearer to walls", partial(by_candidates, narrow=True), is_divided, costly=True),
+    Strategy("tracking", tracked, lambda task: bool(task.user_limits), costly=True),
+    _connecting(f"{CONNECT} again", Turn.LATE),
+    Strategy(f"{WALKS} again", partial(by_walks, late=True), is_walked, costly=True),
+    Strategy(TREES, by_trees, _free_of_u, costly=True),
+    _connecting(f"{CONNECT} again", Turn.LAST),
 )
 """What is tried in turn."""
 
 
-def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRATEGIES) -> Motion:
+def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion], ...] = STRATEGIES) -> Motion:
     """Find a certified motion from the start to the goal.
 
     Arms of many links are planned with few links and lifted; when that fails, or the arm has few links, they are
@@ -446,21 +422,19 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         TimeLimitReached: the deadline passed first.
         UnreachableGoal: it is proved that there is none.
     """
-    ends = [task.start] if task.goal_headings is None else [task.start, task.goal_headings]
+    ends = [task.start] if task.goal_pose is None else [task.start, task.goal_pose]
     if any(task.bends_all_it_may(end) for end in ends):
         task = task.at_full_limits()
     task = replace(task, nominal_links=nominal_links_asked(task))
     coarse = coarse_task(task)
-    failures: list[Failure] = []
-    in_vain: list[StrategyInVain] = []
-    applicable = (strategy for strategy in strategies if strategy.applies(task))
-    for strategy in in_turn(applicable, task.sought, failures, task.refuse, in_vain):
+
+    def find(strategy: Strategy[MotionTask, Motion], failures: list[Failure]) -> Motion | None:
         # The cost of a step grows with the number of links, while a curve of 22 coordinates does not.
         found = None if coarse is None else strategy.find(coarse, failures)
         motion = None if found is None or coarse is None else taken_over(found, coarse, task, failures)
         if motion is None and (coarse is None or not strategy.leads_others):
             found = strategy.find(task, failures)
             motion = None if found is None else optimised_to_end_pose(straightened(found, task), task)
-        if motion is not None:
-            return motion
-    raise nothing_found(task.sought, failures, in_vain)
+        return motion
+
+    return first_found((strategy for strategy in strategies if strategy.applies(task)), task, find)

@@ -28,7 +28,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.search_run import SearchRun, SearchStrategy, pose_headings
+from ccm_opt.planning.search_run import PlanarRun, pose_headings
 from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
@@ -134,45 +134,38 @@ WALKS = "walks of the tip"
 """Name of what is found, among the names of candidates."""
 
 
-@dataclass(frozen=True)
-class TipWalkStrategy(SearchStrategy):
-    """The tip led among many walls.
+def is_walked(task: MotionTask) -> bool:
+    """Whether the tip is led among many walls; a goal of the whole arm is seldom met by a tip that is led."""
+    fits = not task.parametric and task.goal_pose is None
+    return fits and task.among_many_walls and len(task.tip_paths) > 0
 
-    Attributes:
+
+def by_walks(task: MotionTask, failures: list[Failure], *, late: bool = False) -> Motion | None:
+    """The first motion of a tip that is led among many walls that arrives and is certified.
+
+    Args:
+        task: arm, room, ends and limits.
+        failures: is added to.
         late: whether this is the turn before the trees, with more walks and others than in the first turn.
     """
-
-    late: bool = False
-
-    def applies(self, task: MotionTask) -> bool:
-        """A goal of the whole arm is seldom met by a tip that is led."""
-        fits = not task.parametric and task.goal_headings is None
-        return fits and task.among_many_walls and len(task.tip_paths) > 0
-
-    def find(self, task: MotionTask, failures: list[Failure]) -> Motion | None:
-        """The first motion that arrives and is certified."""
-        settings = task.settings.tip_walks
-        runs = [SearchRun.from_task(task, margin) for margin in settings.margins]
-        first = task.tip_paths[0]
-        ways = TipWays(task.arm, first.free_space, runs[0].goal, first.shrink, settings)
-        if not self.late:
-            for run in runs:
-                motion = run.run(_straight_on(run, ways), failures)
-                if motion is not None or task.deadline.passed():
-                    return motion
-            if not self._near(runs[0], ways):
-                return None
-        walks = TipWalks(tuple(runs), ways, np.random.default_rng((task.seed, self.late)), settings)
-        return walks.search(settings.late_walks if self.late else settings.early_walks, failures)
-
-    def _near(self, run: SearchRun, ways: TipWays) -> bool:
-        """Whether the tip's way to the goal, along the arm as it lies, is so short that walks mostly arrive."""
-        along_arm = ways.straight_on(run.start)
-        longest = ways.settings.longest_way * run.task.arm.length
-        return along_arm is not None and path_length(along_arm) <= longest
+    settings = task.settings.tip_walks
+    runs = [PlanarRun.from_task(task, margin) for margin in settings.margins]
+    first = task.tip_paths[0]
+    ways = TipWays(task.arm, first.free_space, runs[0].goal, first.shrink, settings)
+    if not late:
+        for run in runs:
+            motion = run.run(_straight_on(run, ways), failures)
+            if motion is not None or task.deadline.passed():
+                return motion
+        # Walks mostly arrive where the tip's way to the goal, along the arm as it lies, is short.
+        along_arm = ways.straight_on(runs[0].start)
+        if along_arm is None or path_length(along_arm) > settings.longest_way * task.arm.length:
+            return None
+    walks = TipWalks(tuple(runs), ways, np.random.default_rng((task.seed, late)), settings)
+    return walks.search(settings.late_walks if late else settings.early_walks, failures)
 
 
-def _straight_on(run: SearchRun, ways: TipWays) -> Iterator[GuideCandidate]:
+def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
     """The tip led along the arm as it lies and over to the goal, and along its shortest path; then a fold there."""
     shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
@@ -185,7 +178,7 @@ def _straight_on(run: SearchRun, ways: TipWays) -> Iterator[GuideCandidate]:
     yield from pulled_over(run.stepper, run.start, None, shortest, lengths)
 
 
-def _led(run: SearchRun, which: str, taut: FloatArray) -> GuideCandidate:
+def _led(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
     name = f"tip-led, {which}, path of {long_length(path_length(taut))}"
     return GuideCandidate(name, partial(led_along, run.stepper, run.start, taut))
 
@@ -202,7 +195,7 @@ class TipWalks:
         reached: the start, and the last certified pose of every walk.
     """
 
-    runs: tuple[SearchRun, ...]
+    runs: tuple[PlanarRun, ...]
     ways: TipWays
     rng: np.random.Generator
     settings: TipWalkSettings
@@ -249,7 +242,7 @@ class TipWalks:
             self.reached.add(node, certified[1:])
         return None
 
-    def _led_to_end(self, run: SearchRun, begin: Pose, taut: FloatArray) -> tuple[list[Pose], bool]:
+    def _led_to_end(self, run: PlanarRun, begin: Pose, taut: FloatArray) -> tuple[list[Pose], bool]:
         """Poses with the tip led along a path, of a goal that is a set no farther than into it; whether to its end."""
         guide = led_along(run.stepper, begin, taut)
         try:
@@ -257,7 +250,7 @@ class TipWalks:
         except Stalled as stalled:
             return stalled.poses, False
 
-    def _settled(self, run: SearchRun, poses: list[Pose]) -> tuple[list[Pose], bool]:
+    def _settled(self, run: PlanarRun, poses: list[Pose]) -> tuple[list[Pose], bool]:
         """The poses, led on from the last onto the goal; and whether it is met."""
         try:
             return poses + settle(run.stepper, run.goal, poses[-1], run.task.deadline)[1:], True

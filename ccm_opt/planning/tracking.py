@@ -325,7 +325,6 @@ def _ended(task: SpaceTask, stepper: SpaceStepper, pose: Pose, end: FloatArray) 
         poses = stalled.poses
     if edge_is_safe(stepper, poses[-1].v, end):
         return [*poses[1:], *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end)[1:])]
-    goal = task.limited_goal
-    if goal is None:
+    if task.goal_pose is not None:
         raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)
-    return [*poses[1:], *settle(stepper, goal, poses[-1], task.deadline)[1:]]
+    return [*poses[1:], *settle(stepper, task.limited_goal, poses[-1], task.deadline)[1:]]

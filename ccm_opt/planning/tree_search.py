@@ -17,7 +17,7 @@ from ccm_opt.planning.guides import Interpolation
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 
 _STEPS = 250
 """Of the longest extension. Taste."""
@@ -46,7 +46,7 @@ class _Root(IntEnum):
     GOAL = 1
 
 
-def search_by_trees(runs: list[SearchRun]) -> list[Pose]:
+def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
     """Grow both trees until they meet; the poses from start to goal.
 
     Args:
@@ -77,7 +77,7 @@ class TreeSearch:
         found: poses from start to goal, empty as long as there are none.
     """
 
-    runs: list[SearchRun]
+    runs: list[PlanarRun]
     goal_poses: Iterator[Pose]
     rng: np.random.Generator
     trees: tuple[PoseTree, PoseTree]
@@ -87,7 +87,7 @@ class TreeSearch:
     found: list[Pose] = field(default_factory=list)
 
     @classmethod
-    def from_runs(cls, runs: list[SearchRun]) -> "TreeSearch":
+    def from_runs(cls, runs: list[PlanarRun]) -> "TreeSearch":
         """The start alone, before any extension."""
         run = runs[-1]
         task = run.task

@@ -16,7 +16,7 @@ from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.problem import JointPose, Problem
 from tests.benchmarks.plain_connect import plain_connect
 from tests.few_link_scenes import few_link_problem, few_link_scene
@@ -54,7 +54,7 @@ def goal_poses(problem: Problem, seed: int) -> FloatArray:
     if isinstance(problem.goal, JointPose):
         return known
     task = motion_task(problem)
-    run = SearchRun.from_task(task, task.settings.search.margins[-1])
+    run = PlanarRun.from_task(task, task.settings.search.margins[-1])
     connecting = Connecting(task, run.stepper.space, run.start, run.goal, lambda: iter(()))
     check = SampledCheck.of(arm, problem.workspace)
     goals = connecting._search(check, np.random.default_rng(seed)).goals

@@ -14,7 +14,7 @@ from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import path_length
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.search_run import SearchRun, pose_headings, tip_led
+from ccm_opt.planning.search_run import PlanarRun, pose_headings, tip_led
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.problem import TipGoal
 from tests.scenes import Scene, motion_task
@@ -62,7 +62,7 @@ def _after_leg(scene: Scene, rng: np.random.Generator, walk: Walk) -> FloatArray
     """The pose that the arm comes to on the way to a place drawn at random; the start where it cannot move."""
     try:
         task = motion_task(scene.problem(_drawn_goal(scene, rng)))
-        run = SearchRun.from_task(task, walk.margin)
+        run = PlanarRun.from_task(task, walk.margin)
     except NoPlanFound:
         return scene.start  # no way of the tip leads there
     ways = [_certified_part(run, path) for path in task.tip_paths[: walk.paths]]
@@ -76,7 +76,7 @@ def _drawn_goal(scene: Scene, rng: np.random.Generator) -> TipGoal:
     return TipGoal(scene.arm.base + distance * np.array([np.cos(angle), np.sin(angle)]), heading=angle)
 
 
-def _certified_part(run: SearchRun, path: TipPath) -> list[Pose]:
+def _certified_part(run: PlanarRun, path: TipPath) -> list[Pose]:
     """Poses that follow the tip along a path as far as it goes, and as far as the motion is certified."""
     guide = tip_led(run.stepper, run.start, path).make_guide()
     try:

@@ -279,8 +279,8 @@ class _InPlane:
 
     def goals(self) -> Iterator[FloatArray]:
         arm, settings = self.problem.arm, self._settings
-        if self._ends.goal_headings is not None:
-            yield arm.bends(self._ends.goal_headings)
+        if self._ends.goal_pose is not None:
+            yield arm.bends(self._ends.goal_pose)
             return
         rng = np.random.default_rng(self.problem.planner.seed)
         check = SampledCheck.of(arm, self.problem.workspace)
@@ -330,7 +330,7 @@ def _any_shape(problem: Problem, ends: Ends, settings: OmplSettings) -> TargetDr
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
     """With a gap, as a share of the arm's length, where both ends have it; ends that touch something must be let go."""
     with_gap = Certificate(problem.arm, problem.workspace, gap * problem.arm.length)
-    known = [pose for pose in (ends.start, ends.goal_headings) if pose is not None]
+    known = [pose for pose in (ends.start, ends.goal_pose) if pose is not None]
     free = all(_stands_free(with_gap, pose) for pose in known)
     return with_gap if free else Certificate(problem.arm, problem.workspace)
 

@@ -262,14 +262,12 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
     elif isinstance(problem.goal, TipGoal):
         goal = tip_goal(problem, problem.goal)
     return MotionTask(
-        arm,
-        problem.workspace,
-        start,
-        goal,
-        goal_pose,
-        (),
-        (),
-        deadline,
+        arm=arm,
+        workspace=problem.workspace,
+        start=start,
+        goal=goal,
+        goal_pose=goal_pose,
+        deadline=deadline,
         optimiser=problem.planner.optimiser,
         seed=problem.planner.seed,
         weights=problem.planner.weights,

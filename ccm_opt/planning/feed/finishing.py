@@ -18,7 +18,7 @@ from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits, lacks_room, optimise
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline
 from ccm_opt.problem import Limits, Weights
@@ -199,7 +199,7 @@ class Finishing:
         keeping_up = replace(task, settings=_keeping_up(task.settings, found))
         for links in task.settings.search.margins:
             failures: list[Failure] = []
-            motion = SearchRun.from_task(keeping_up, links).tracked(found, failures)
+            motion = PlanarRun.from_task(keeping_up, links).tracked(found, failures)
             if motion is not None:
                 yield motion if task.parametric else replace(motion, u=None)
             self.refused.extend(f"{failure.candidate}: {failure.message}" for failure in failures)

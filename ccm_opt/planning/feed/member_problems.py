@@ -21,7 +21,7 @@ from ccm_opt.planning.feed.query import FeedQuery
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.search_run import SearchRun
+from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
@@ -362,9 +362,9 @@ def led_between(start: FloatArray, end: FloatArray, task: MotionTask) -> FloatAr
     arm = task.arm
     pose = arm.poses(end)
     goal = GoalPose(arm.points(pose)[-1], unit_vector(pose[arm.links - 1]))
-    asked = replace(task, start=arm.poses(start), goal=goal, goal_headings=pose)
+    asked = replace(task, start=arm.poses(start), goal=goal, goal_pose=pose)
     for links in task.settings.search.margins:
-        run = SearchRun.from_task(asked, links)
+        run = PlanarRun.from_task(asked, links)
         motion = run.run(run.direct(), [])
         if motion is not None:
             return np.vstack((start, arm.configurations(motion.configurations[1:-1]), end))

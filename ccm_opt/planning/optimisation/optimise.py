@@ -268,7 +268,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
         failures=lambda sweep: failed_intervals(limits, sweep.headings),
         # Of a goal that is a set the motion keeps the member to which it was found.
         goal=task.limited_goal.nearest_member(end.tip, end.tip_direction),
-        end_fixed=task.goal_headings is not None,
+        end_fixed=task.goal_pose is not None,
         u=np.zeros(0),
         deadline=task.deadline,
         weights=normalised(task.weights),
