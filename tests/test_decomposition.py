@@ -10,8 +10,10 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import (
     add_segment,
     delete_segment,
+    divide_segment,
     interpolate,
     merge_segments,
+    move_boundary,
     rest_of,
     start_of,
 )
@@ -36,12 +38,6 @@ def alone(segment: CurvatureSegment) -> Configuration:
     return Configuration(np.array([0.1, -0.2]), (segment,))
 
 
-def divided(segment: CurvatureSegment, at: float) -> Configuration:
-    """A configuration of a segment in two parts, the first a share of its length."""
-    length = at * segment.length
-    return add_segment(alone(start_of(segment, length)), rest_of(segment, length))
-
-
 def assert_same_curve(one: Configuration, other: Configuration, tolerance: float = 1e-9) -> None:
     """Curvature, heading and position agree everywhere along the arm."""
     assert one.length == pytest.approx(other.length, abs=1e-12)
@@ -53,12 +49,32 @@ def assert_same_curve(one: Configuration, other: Configuration, tolerance: float
 
 @given(segments(), shares)
 @settings(max_examples=60, deadline=None)
+def test_dividing_moves_nothing(segment: CurvatureSegment, at: float) -> None:
+    """Division keeps the curve and puts the boundary where it was asked for."""
+    whole = alone(segment)
+    divided = divide_segment(whole, 0, at)
+    assert len(divided.segments) == 2
+    assert divided.segments[0].length == pytest.approx(at * segment.length)
+    assert_same_curve(divided, whole)
+
+
+@given(segments(), shares)
+@settings(max_examples=60, deadline=None)
 def test_divide_then_merge_is_the_identity(segment: CurvatureSegment, at: float) -> None:
     """What was divided is merged to the very segment it was."""
-    merged = merge_segments(divided(segment, at), 0)
+    merged = merge_segments(divide_segment(alone(segment), 0, at), 0)
     assert len(merged.segments) == 1
     assert_same_curve(merged, alone(segment))
     np.testing.assert_allclose(merged.segments[0].moments, 0.0, atol=1e-5)
+
+
+@given(segments(), shares, shares)
+@settings(max_examples=60, deadline=None)
+def test_moving_a_boundary_moves_nothing_else(segment: CurvatureSegment, at: float, to: float) -> None:
+    """The boundary goes where it was asked to, the curve stays."""
+    moved = move_boundary(divide_segment(alone(segment), 0, at), 0, to * segment.length)
+    assert moved.segments[0].length == pytest.approx(to * segment.length)
+    assert_same_curve(moved, alone(segment))
 
 
 @given(segments(), segments())
@@ -77,7 +93,9 @@ def test_add_then_delete_is_the_identity(base: CurvatureSegment, tip: CurvatureS
 @settings(max_examples=40, deadline=None)
 def test_start_and_rest_make_the_whole(segment: CurvatureSegment, at: float) -> None:
     """The first part of a segment with the rest added is the segment."""
-    assert_same_curve(divided(segment, at), alone(segment))
+    length = at * segment.length
+    parts = add_segment(alone(start_of(segment, length)), rest_of(segment, length))
+    assert_same_curve(parts, alone(segment))
 
 
 @given(segments(), st.lists(st.floats(-5.0, 5.0), min_size=5, max_size=5), shares, shares)
@@ -86,7 +104,7 @@ def test_interpolation_is_linear_in_heading(
     segment: CurvatureSegment, curvature: list[float], at: float, share: float
 ) -> None:
     """Half-way between two curves every heading is half-way, however they are decomposed; at 1 the last is returned."""
-    first = divided(segment, at)
+    first = divide_segment(alone(segment), 0, at)
     last = Configuration.chain(first.base, 0.4, [segment.length], [np.array(curvature)])
     arc = np.linspace(0.0, segment.length, 30)
     wanted = (1.0 - share) * first.heading_at(arc) + share * last.heading_at(arc)
@@ -106,10 +124,19 @@ def test_segments_that_one_cannot_follow_are_not_merged_quietly() -> None:
     assert np.abs(merged.heading_at(np.linspace(0, 1, 65)) - rough.heading_at(np.linspace(0, 1, 65))).max() < 1.0
 
 
+@pytest.mark.parametrize("at", [0.0, 1.0, -0.5])
+def test_division_outside_the_segment_is_refused(at: float) -> None:
+    """A segment is divided between its ends only."""
+    with pytest.raises(ProblemError, match="between its ends"):
+        divide_segment(Configuration.chain(np.zeros(2), 0.0, [1.0], [np.ones(5)]), 0, at)
+
+
 def test_the_only_segment_and_a_missing_neighbour_are_refused() -> None:
-    """Deleting the only segment and merging without a neighbour are errors."""
+    """Deleting the only segment, merging without a neighbour and a boundary beyond both segments are errors."""
     single = Configuration.chain(np.zeros(2), 0.0, [1.0], [np.ones(5)])
     with pytest.raises(ProblemError, match="at least one segment"):
         delete_segment(single)
     with pytest.raises(ProblemError, match="no neighbour"):
         merge_segments(single, 0)
+    with pytest.raises(ProblemError, match="share 1 m"):
+        move_boundary(divide_segment(single, 0, 0.5), 0, 1.5)

@@ -1,4 +1,4 @@
-"""Decomposition of a configuration (section 2.2): add, delete, take in parts, and merge.
+"""Decomposition of a configuration (section 2.2): add, delete, divide, merge, and move a boundary.
 
 None of them moves the curve. Its curvature is a piecewise cubic over arc length; a segment holds up to four of the
 pieces, exactly, when they join with continuous second derivatives. So a part of a divided segment keeps the knots that
@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment, Knots
@@ -37,6 +37,25 @@ def delete_segment(configuration: Configuration) -> Configuration:
     return Configuration(configuration.base, configuration.segments[:-1])
 
 
+def divide_segment(configuration: Configuration, index: int, at: float) -> Configuration:
+    """The same curve with one segment divided in two.
+
+    Args:
+        configuration: the curve.
+        index: of the segment.
+        at: where to divide it, as a share of its length, in (0, 1).
+
+    Raises:
+        ProblemError: the place is not inside the segment.
+    """
+    if not SHORTEST <= at <= 1.0 - SHORTEST:
+        raise ProblemError(f"a segment is divided between its ends, at a share in (0, 1) of its length; got {at}")
+    stretch = _Stretch.from_segments((configuration.segments[index],))
+    cut = at * stretch.length
+    parts = stretch.part(0.0, cut).segment(), stretch.part(cut, stretch.length).segment()
+    return _replaced(configuration, index, index + 1, parts)
+
+
 def merge_segments(configuration: Configuration, index: int, tolerance: float = 1e-9) -> Configuration:
     """The same curve with two neighbours merged.
 
@@ -53,6 +72,31 @@ def merge_segments(configuration: Configuration, index: int, tolerance: float = 
     """
     merged = _joined(configuration, index).fitted(tolerance)
     return _replaced(configuration, index, index + 2, (merged,))
+
+
+def move_boundary(
+    configuration: Configuration,
+    index: int,
+    length: float,
+    tolerance: float = 1e-9,
+) -> Configuration:
+    """The same curve with the boundary between two neighbours elsewhere: one becomes longer, the other shorter.
+
+    Args:
+        configuration: the curve.
+        index: of the first of the two.
+        length: the first will have [m].
+        tolerance: how far the heading may move [rad].
+
+    Raises:
+        ProblemError: nothing is left of one of the two, or a segment cannot follow its part within the tolerance.
+    """
+    stretch = _joined(configuration, index)
+    if not SHORTEST * stretch.length <= length <= (1.0 - SHORTEST) * stretch.length:
+        raise ProblemError(f"the two segments share {stretch.length:g} m; got {length:g} m for the first of them")
+    first = stretch.part(0.0, length).fitted(tolerance)
+    second = replace(stretch.part(length, stretch.length).fitted(tolerance), heading=first.end_heading)
+    return _replaced(configuration, index, index + 2, (first, second))
 
 
 def start_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
