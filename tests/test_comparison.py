@@ -25,14 +25,13 @@ from ccm_opt.cli.compare.comparison_page import comparison_page
 from ccm_opt.cli.compare.methods import METHODS, check_methods, code_of, method_named
 from ccm_opt.cli.compare.running import Comparison, compare
 from ccm_opt.cli.compare.runs import Run, Task, execute, failed_run, open_journal
+from ccm_opt.cli.compare.space_clutter import KEPT_OFF, links_apart
 from ccm_opt.cli.compare.suites import (
     SUITES,
     Case,
     cases_of_files,
     cases_of_suite,
     distinct,
-    links_apart,
-    scene_maker,
     shared_folder,
 )
 from ccm_opt.cli.comparing import CompareOptions, compare_methods
@@ -104,11 +103,11 @@ def test_a_seed_gives_the_same_problem_everywhere(suite: str) -> None:
 def test_starts_and_goals_of_random_problems_touch_nothing(suite: str) -> None:
     """Both poses keep off every obstacle and off themselves, and obey the joint limits."""
     for seed in range(4):
-        scene = scene_maker(suite)(seed)
+        scene = SUITES[suite](seed)
         for pose in (scene.start, scene.goal):
             points = scene.arm.joint_positions(pose)
             line = shapely.LineString(points[1:])
-            assert links_apart(scene.arm, points)
+            assert links_apart(scene.arm, points, KEPT_OFF)
             assert all(line.distance(wall.core) > scene.arm.radius for wall in scene.workspace.walls)
             assert np.all(np.abs(scene.arm.bends(pose)) <= scene.arm.bend_limits)
         assert len(scene.workspace.obstacles) == int(suite.partition("clutter-")[2] or 0)

@@ -13,7 +13,7 @@ import traceback
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 
-from ccm_opt.cli.compare.suites import SPACE_SUITES, shared_folder, space_maker
+from ccm_opt.cli.compare.suites import SPACE_SUITES, problem_maker
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.progress import Stages
@@ -86,7 +86,6 @@ def main() -> None:
     parser.add_argument("--found", action="store_true", help="leave motions as they were found, not optimised")
     options = parser.parse_args()
     planner = FoundAlone() if options.found else SpacePlanner()
-    folder = shared_folder() / "space"
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     number = 0
     planned = 0
@@ -95,7 +94,7 @@ def main() -> None:
         seed = options.first + number
         number += 1
         try:
-            problem = space_maker(name, folder)(seed, f"{name} {seed}")
+            problem = problem_maker(name)(seed, f"{name} {seed}")
         except ProblemError:  # no ends with room were drawn
             continue
         limited = replace(problem.planner, time_limit=options.limit)

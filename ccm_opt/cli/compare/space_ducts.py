@@ -1,15 +1,132 @@
-"""Random ducts in space."""
+"""Routes of arms in space, the shapes about them, and random ducts.
+
+A family of scenes draws bodies and routes among them from a generator, given how much wider openings have to be; a draw
+of no use is a ``UselessDraw``.
+"""
 
 import hashlib
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.cli.compare.space_clutter import Route, Site
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.scene.bodies import Body, BoxBody, MeshBody
 
+STEP = 0.004
+"""Between the places of a route [m]."""
+THICK = 0.003
+"""Of sheet metal [m]."""
+ORIGIN = np.zeros(3)
+X = np.array([1.0, 0.0, 0.0])
 SIDES = 32
 """Of pipes and holes, so that a pipe of 50 mm is within 0.3 mm of round."""
+_ANGLES = 2.0 * np.pi / SIDES * np.arange(SIDES)
+CIRCLE = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
+"""Of radius 1, shape (SIDES, 2)."""
+
+
+class UselessDraw(Exception):  # noqa: N818 - nothing has gone wrong
+    """A scene cannot be as it was drawn, and is drawn again."""
+
+
+def unit(vector: FloatArray) -> FloatArray:
+    """A vector by its length."""
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Places on a way, even to a few millimetres; it runs on straight before and beyond.
+
+    Attributes:
+        places: shape (m, 3) [m].
+    """
+
+    places: FloatArray
+
+    @classmethod
+    def round_corners(cls, corners: FloatArray, radius: float) -> "Route":
+        """Straight from corner to corner, shape (n, 3) [m], with arcs of a radius [m] in between.
+
+        Raises:
+            UselessDraw: the corners are too near each other.
+        """
+        done = corners[0]
+        places = []
+        for before, corner, after in zip(corners[:-2], corners[1:-1], corners[2:], strict=True):
+            inwards, outwards = unit(corner - before), unit(after - corner)
+            turn = float(np.arccos(np.clip(inwards @ outwards, -1.0, 1.0)))
+            if turn < 1e-3:
+                continue
+            cut = radius * np.tan(0.5 * turn)
+            first = corner - cut * inwards
+            if (first - done) @ inwards < 0.0 or cut > float(np.linalg.norm(after - corner)):
+                raise UselessDraw
+            across = unit(outwards - (outwards @ inwards) * inwards)
+            count = max(2, int(radius * turn / STEP))
+            angles = turn * np.arange(count) / count
+            arc = [first + radius * (np.sin(a) * inwards + (1.0 - np.cos(a)) * across) for a in angles]
+            places += [_straight(done, first), np.stack(arc)]
+            done = corner + cut * outwards
+        return cls(np.concatenate((*places, _straight(done, corners[-1]), corners[-1:])))
+
+    @cached_property
+    def arcs(self) -> FloatArray:
+        """Arc lengths of the places, shape (m,) [m]."""
+        return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(self.places, axis=0), axis=1))))
+
+    @property
+    def length(self) -> float:
+        """From its beginning to its end [m]."""
+        return float(self.arcs[-1])
+
+    def at(self, s: FloatArray) -> FloatArray:
+        """Places at arc lengths, shape (..., 3) [m]."""
+        places = np.stack([np.interp(s, self.arcs, column) for column in self.places.T], axis=-1)
+        before = np.minimum(s, 0.0)[..., None] * unit(self.places[1] - self.places[0])
+        beyond = np.maximum(s - self.length, 0.0)[..., None] * unit(self.places[-1] - self.places[-2])
+        return np.asarray(places + before + beyond)
+
+    def part(self, low: float, high: float) -> FloatArray:
+        """Places between two arc lengths, shape (k, 3) [m]."""
+        count = max(2, int(np.ceil((high - low) / STEP)) + 1)
+        return self.at(np.linspace(low, high, count))
+
+
+def _straight(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Places from one to another, without the last, shape (k, 3) [m]."""
+    count = max(1, int(np.linalg.norm(end - start) / STEP))
+    return np.asarray(start + (end - start) * np.arange(count)[:, None] / count)
+
+
+Bodies = dict[str, Body]
+"""By their names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Bodies and the ways among them; a fed arm's guide tube ends at the origin, a fixed arm's base is there.
+
+    Both point along x.
+
+    Attributes:
+        bodies: by their names.
+        routes: on which the arm lies at the goal, up to an arc length; where there are two, at the start on the first.
+        fed: whether the arm has a feed axis.
+        directed: whether the goal asks for a direction.
+        whole_pose: whether the goal is a pose of all joints.
+        via: places that the tip has to pass, each of shape (3,) [m].
+        radius: of the arm [m].
+    """
+
+    bodies: Bodies
+    routes: tuple[tuple[Route, float], ...]
+    fed: bool = True
+    directed: bool = True
+    whole_pose: bool = False
+    via: tuple[FloatArray, ...] = ()
+    radius: float = 0.012
 
 
 def pipe(route: Route, low: float, high: float, radius: float) -> MeshBody:
@@ -24,14 +141,13 @@ def pipe(route: Route, low: float, high: float, radius: float) -> MeshBody:
     middles = route.part(low, high)[::3]
     tangents = np.gradient(middles, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1)[:, None]
-    across = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
-    angles = 2.0 * np.pi / SIDES * np.arange(SIDES)[:, None]
+    across = _across(tangents[0])
+    cosines, sines = CIRCLE[:, :1], CIRCLE[:, 1:]
     rings = []
     for middle, tangent in zip(middles, tangents, strict=True):
         # The frame is carried along, so that the mesh does not twist.
-        across = across - (across @ tangent) * tangent
-        across /= np.linalg.norm(across)
-        rings.append(middle + radius * (np.cos(angles) * across + np.sin(angles) * np.cross(tangent, across)))
+        across = unit(across - (across @ tangent) * tangent)
+        rings.append(middle + radius * (cosines * across + sines * np.cross(tangent, across)))
     return sheet(np.concatenate(rings), _bands(len(rings)))
 
 
@@ -50,18 +166,24 @@ def holed_plate(middle: FloatArray, normal: FloatArray, hole: float, half: float
         hole: radius of the hole [m].
         half: half the side of the plate [m].
     """
-    angles = 2.0 * np.pi / SIDES * np.arange(SIDES)
-    circle = np.column_stack((np.cos(angles), np.sin(angles)))
-    square = circle / np.max(np.abs(circle), axis=1)[:, None]
-    rays = np.concatenate((hole * circle, half * square))
-    return _lifted(rays, middle, normal)
+    return _flat(middle, normal, hole * CIRCLE, half * (CIRCLE / np.max(np.abs(CIRCLE), axis=1)[:, None]))
 
 
 def ring(middle: FloatArray, normal: FloatArray, inner: float, outer: float) -> MeshBody:
     """A flat ring, a sheet, such as a frame of a fuselage."""
-    angles = 2.0 * np.pi / SIDES * np.arange(SIDES)
-    circle = np.column_stack((np.cos(angles), np.sin(angles)))
-    return _lifted(np.concatenate((inner * circle, outer * circle)), middle, normal)
+    return _flat(middle, normal, inner * CIRCLE, outer * CIRCLE)
+
+
+def _flat(middle: FloatArray, normal: FloatArray, inner: FloatArray, outer: FloatArray) -> MeshBody:
+    """What is between two outlines in a plane, shape (SIDES, 2) [m] each."""
+    plane = np.concatenate((inner, outer))
+    across = unit(_across(normal))
+    return sheet(middle + plane[:, :1] * across + plane[:, 1:] * np.cross(normal, across), _bands(2))
+
+
+def _across(way: FloatArray) -> FloatArray:
+    """A vector across another."""
+    return np.asarray(np.cross(way, np.eye(3)[np.argmin(np.abs(way))]))
 
 
 def sheet(vertices: FloatArray, faces: IntArray) -> MeshBody:
@@ -70,13 +192,6 @@ def sheet(vertices: FloatArray, faces: IntArray) -> MeshBody:
     content = _binary_stl(vertices[faces])
     digest = hashlib.sha256(content).hexdigest()
     return MeshBody(vertices, faces, "sheet.stl", digest, solid=False, content=content, triangles_read=len(faces))
-
-
-def _lifted(plane: FloatArray, middle: FloatArray, normal: FloatArray) -> MeshBody:
-    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    across /= np.linalg.norm(across)
-    vertices = middle + plane[:, :1] * across + plane[:, 1:] * np.cross(normal, across)
-    return sheet(vertices, _bands(2))
 
 
 def _bands(rings: int) -> IntArray:
@@ -95,211 +210,154 @@ def _binary_stl(triangles: FloatArray) -> bytes:
     return b"\0" * 80 + np.uint32(len(triangles)).tobytes() + rows.tobytes()
 
 
-THICK = 0.003
-"""Of sheet metal [m]."""
-X = np.array([1.0, 0.0, 0.0])
+def box(low: object, high: object) -> BoxBody:
+    """A box between two corners, shape (3,) each [m]."""
+    return BoxBody(np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64))
 
 
-def pipe_of_two_bends(rng: np.random.Generator, wider: float) -> Site | None:
-    """A pipe with two bends in planes of their own, and a look aside beyond its end."""
-    return _bent_pipe(rng, wider, 2)
-
-
-def pipe_of_three_bends(rng: np.random.Generator, wider: float) -> Site | None:
-    """A pipe with three bends in planes of their own; the goal is just beyond its end."""
-    return _bent_pipe(rng, wider, 3)
-
-
-def _bent_pipe(rng: np.random.Generator, wider: float, bends: int) -> Site | None:
+def bent_pipe(rng: np.random.Generator, wider: float, bends: int) -> Site:
+    """A pipe with some bends in planes of their own, and a look aside beyond its end."""
     radius = float(rng.uniform(0.09, 0.14))
-    turns = rng.uniform(0.7, 1.7, bends)
-    corners = [np.zeros(3)]
+    corners = [ORIGIN]
     way = X
     cut = 0.0
-    for turn in turns:
+    for turn in rng.uniform(0.7, 1.7, bends):
         next_cut = radius * np.tan(0.5 * turn)
         corners.append(corners[-1] + (cut + next_cut + rng.uniform(0.02, 0.1)) * way)
         way = _bent(way, turn, rng)
         cut = next_cut
     corners.append(corners[-1] + (cut + rng.uniform(0.03, 0.1)) * way)
     through = Route.round_corners(np.stack(corners), radius)
-    if through is None or through.length > 0.68:
-        return None
+    if through.length > 0.68:
+        raise UselessDraw
     # Beyond the end the arm looks aside.
     aside = _bent(way, float(rng.uniform(0.1, 0.9)), rng)
     corner = corners[-1] + 0.06 * way
     route = Route.round_corners(np.stack((*corners[:-1], corner, corner + 0.12 * aside)), radius)
-    if route is None:
-        return None
     inner = 0.012 + wider + float(rng.uniform(0.012, 0.03))
-    if not _keeps_off_itself(through, 2.0 * inner + 0.03):
-        return None
-    bodies: list[tuple[str, Body]] = [("pipe", pipe(through, 0.02, through.length, inner))]
+    _refuse_near_itself(through, 2.0 * inner + 0.03)
+    bodies: Bodies = {"pipe": pipe(through, 0.02, through.length, inner)}
     return Site(bodies, ((route, route.length),), directed=bool(rng.uniform() < 0.7))
 
 
-def tee(rng: np.random.Generator, wider: float) -> Site | None:
+def _bent(way: FloatArray, turn: float, rng: np.random.Generator) -> FloatArray:
+    """A direction turned by an angle towards a random side."""
+    side = rng.normal(size=3)
+    side = unit(side - (side @ way) * way)
+    return np.asarray(np.cos(turn) * way + np.sin(turn) * side)
+
+
+def _refuse_near_itself(route: Route, apart: float) -> None:
+    """A pipe comes no nearer to itself, nor to the guide tube and what it is mounted on, behind the origin."""
+    places = route.part(0.0, route.length)[::4]
+    arcs = np.linspace(0.0, route.length, len(places))
+    between = np.linalg.norm(places[:, None] - places, axis=2)[np.abs(arcs[:, None] - arcs) > 1.8 * apart]
+    behind = places[arcs > apart]
+    if np.any(between <= apart) or np.any((behind[:, 0] <= 0.0) & (np.hypot(*behind[:, 1:].T) <= apart)):
+        raise UselessDraw
+
+
+def tee(rng: np.random.Generator, wider: float, *, whole_pose: bool) -> Site:
     """A square duct with a square branch, into which the arm has to turn."""
-    return _into_branch(rng, wider, whole_pose=False)
-
-
-def tee_pose(rng: np.random.Generator, wider: float) -> Site | None:
-    """The same to a pose of all joints."""
-    return _into_branch(rng, wider, whole_pose=True)
-
-
-def _into_branch(rng: np.random.Generator, wider: float, *, whole_pose: bool) -> Site | None:
     bodies, route, _ = _tee(rng, wider)
-    if route is None:
-        return None
     return Site(bodies, ((route, route.length - float(rng.uniform(0.0, 0.06))),), whole_pose=whole_pose)
 
 
-def other_branch(rng: np.random.Generator, wider: float) -> Site | None:
+def other_branch(rng: np.random.Generator, wider: float) -> Site:
     """The arm stands in one arm of a tee and has to go into the other: back first."""
-    bodies, route, on = _tee(rng, wider)
-    if route is None or on is None:
-        return None
-    ends = ((route, route.length - 0.02), (on, on.length - 0.02))
-    return Site(bodies, ends if rng.uniform() < 0.5 else ends[::-1])
+    bodies, *routes = _tee(rng, wider)
+    one, other = ((route, route.length - 0.02) for route in routes)
+    return Site(bodies, (one, other) if rng.uniform() < 0.5 else (other, one))
 
 
-def _tee(rng: np.random.Generator, wider: float) -> tuple[list[tuple[str, Body]], Route | None, Route | None]:
-    half = 0.012 + wider + float(rng.uniform(0.016, 0.035))
+def _tee(rng: np.random.Generator, wider: float) -> tuple[Bodies, Route, Route]:
+    """A tee, the route into its branch, and the one on."""
+    w = 0.012 + wider + float(rng.uniform(0.016, 0.035))
     at = float(rng.uniform(0.2, 0.35))
     end = at + float(rng.uniform(0.15, 0.3))
-    reach = half + float(rng.uniform(0.12, 0.25))
+    reach = w + float(rng.uniform(0.12, 0.25))
     t = THICK
-    w = half
-    walls = {
-        "left side": ([0.02, w, -w], [end, w + t, w]),
-        "right side": ([0.02, -w - t, -w], [end, -w, w]),
-        "floor": ([0.02, -w - t, -w - t], [end, w + t, -w]),
-        "roof before the branch": ([0.02, -w - t, w], [at - w, w + t, w + t]),
-        "roof behind the branch": ([at + w, -w - t, w], [end, w + t, w + t]),
-        "branch, left side": ([at - w, w, w], [at + w, w + t, reach]),
-        "branch, right side": ([at - w, -w - t, w], [at + w, -w, reach]),
-        "branch, near side": ([at - w - t, -w - t, w], [at - w, w + t, reach]),
-        "branch, far side": ([at + w, -w - t, w], [at + w + t, w + t, reach]),
+    bodies: Bodies = {
+        "left side": box([0.02, w, -w], [end, w + t, w]),
+        "right side": box([0.02, -w - t, -w], [end, -w, w]),
+        "floor": box([0.02, -w - t, -w - t], [end, w + t, -w]),
+        "roof before the branch": box([0.02, -w - t, w], [at - w, w + t, w + t]),
+        "roof behind the branch": box([at + w, -w - t, w], [end, w + t, w + t]),
+        "branch, left side": box([at - w, w, w], [at + w, w + t, reach]),
+        "branch, right side": box([at - w, -w - t, w], [at + w, -w, reach]),
+        "branch, near side": box([at - w - t, -w - t, w], [at - w, w + t, reach]),
+        "branch, far side": box([at + w, -w - t, w], [at + w + t, w + t, reach]),
     }
-    bodies: list[tuple[str, Body]] = [(name, box(*corners)) for name, corners in walls.items()]
-    up = float(rng.uniform(0.0, 0.5)) * w
-    goal = np.array([at - up, 0.0, reach + float(rng.uniform(-0.05, 0.08))])
-    corners = np.array([[0.0, 0.0, 0.0], [at - up, 0.0, 0.0], goal])
+    x = at - float(rng.uniform(0.0, 0.5)) * w
+    corners = np.array([ORIGIN, x * X, [x, 0.0, reach + float(rng.uniform(-0.05, 0.08))]])
     route = Route.round_corners(corners, float(rng.uniform(0.06, 0.1)))
-    on = Route.round_corners(np.array([[0.0, 0.0, 0.0], [end + 0.1, 0.0, 0.0]]), 0.1)
-    return bodies, route, on
+    return bodies, route, Route.round_corners(np.stack((ORIGIN, (end + 0.1) * X)), 0.1)
 
 
-def tank(rng: np.random.Generator, wider: float) -> Site | None:
+def tank(rng: np.random.Generator, wider: float) -> Site:
     """A tank that is entered by a nozzle, with baffles that reach from below and from above in turn."""
     nozzle = 0.012 + wider + float(rng.uniform(0.012, 0.025))
     mouth = float(rng.uniform(0.08, 0.15))
     half = float(rng.uniform(0.14, 0.2))
     long = float(rng.uniform(0.42, 0.55))
     far = mouth + long
-    bodies: list[tuple[str, Body]] = [
-        ("nozzle", straight_pipe(0.02 * X, mouth * X, nozzle)),
-        ("front of the tank", holed_plate(mouth * X, X, nozzle, half)),
-        ("back of the tank", box([far, -half, -half], [far + THICK, half, half])),
-        ("left side", box([mouth, half, -half], [far, half + THICK, half])),
-        ("right side", box([mouth, -half - THICK, -half], [far, -half, half])),
-        ("bottom", box([mouth, -half, -half - THICK], [far, half, -half])),
-        ("top", box([mouth, -half, half], [far, half, half + THICK])),
-    ]
+    bodies: Bodies = {
+        "nozzle": straight_pipe(0.02 * X, mouth * X, nozzle),
+        "front of the tank": holed_plate(mouth * X, X, nozzle, half),
+        "back of the tank": box([far, -half, -half], [far + THICK, half, half]),
+        "left side": box([mouth, half, -half], [far, half + THICK, half]),
+        "right side": box([mouth, -half - THICK, -half], [far, -half, half]),
+        "bottom": box([mouth, -half, -half - THICK], [far, half, -half]),
+        "top": box([mouth, -half, half], [far, half, half + THICK]),
+    }
     count = int(rng.integers(1, 3))
     gap = 0.05 + 2.0 * wider + float(rng.uniform(0.0, 0.04))
     side = 1.0 if rng.uniform() < 0.5 else -1.0
-    corners = [np.zeros(3)]
-    places = mouth + long * (np.arange(count) + 1.0) / (count + 1.0)
-    aside = 0.0
-    for place in places:
-        edge = side * (half - gap)
-        low, high = sorted((-side * half, edge))
-        bodies.append((f"baffle {len(corners)}", box([place, -half, low], [place + THICK, half, high])))
-        aside += float(rng.uniform(-0.03, 0.03))
-        corners.append(np.array([place, aside, side * (half - 0.5 * gap)]))
-        side = -side
-    goal = np.array(
-        [far - rng.uniform(0.04, 0.08), aside + rng.uniform(-0.06, 0.06), side * rng.uniform(0.0, 0.5) * half]
-    )
     # Straight out of the nozzle, over every baffle level, then to the goal.
-    first = (mouth + 0.01) * X
-    points = [corners[0], first]
-    for corner in corners[1:]:
-        points += [corner - 0.03 * X, corner + 0.03 * X]
+    points = [ORIGIN, (mouth + 0.01) * X]
+    aside = 0.0
+    for number, place in enumerate(mouth + long * (np.arange(count) + 1.0) / (count + 1.0), start=1):
+        low, high = sorted((-side * half, side * (half - gap)))
+        bodies[f"baffle {number}"] = box([place, -half, low], [place + THICK, half, high])
+        aside += float(rng.uniform(-0.03, 0.03))
+        over = np.array([place, aside, side * (half - 0.5 * gap)])
+        points += [over - 0.03 * X, over + 0.03 * X]
+        side = -side
+    goal = [far - rng.uniform(0.04, 0.08), aside + rng.uniform(-0.06, 0.06), side * rng.uniform(0.0, 0.5) * half]
     route = Route.round_corners(np.stack((*points, goal)), 0.06)
-    return None if route is None else Site(bodies, ((route, route.length),), directed=bool(rng.uniform() < 0.5))
+    return Site(bodies, ((route, route.length),), directed=bool(rng.uniform() < 0.5))
 
 
-def hairpin(rng: np.random.Generator, wider: float) -> Site | None:
-    """Two slots side by side, joined at the far end: in by the one, round, and back by the other."""
-    return _slots(rng, wider, 1)
-
-
-def double_back(rng: np.random.Generator, wider: float) -> Site | None:
-    """Three slots side by side, joined at alternate ends: in, back, and in again."""
-    return _slots(rng, wider, 2)
-
-
-def _slots(rng: np.random.Generator, wider: float, turns: int) -> Site | None:
+def slots(rng: np.random.Generator, wider: float, turns: int) -> Site:
+    """Slots side by side, joined at alternate ends: in by the first, back by the next, and perhaps in again."""
     apart = 2.0 * float(rng.uniform(0.075, 0.1 if turns > 1 else 0.12))
     wide = min(0.5 * apart - THICK, 0.03 + wider + float(rng.uniform(0.0, 0.02)))
     long = float(rng.uniform(0.2, 0.28 if turns > 1 else 0.36))
     end = 0.02 + long
-    deep = wide
-    bodies: list[tuple[str, Body]] = []
     left = turns * apart + wide
+    bodies: Bodies = {}
     for k in range(turns + 1):
-        middle = k * apart
-        for side, name in ((-1.0, "right"), (1.0, "left")):
-            y = middle + side * wide
+        for side, name in ((-1, "right"), (1, "left")):
+            y = k * apart + side * wide
             low, high = sorted((y, y + side * THICK))
             # Partitions end before the slot does, alternately at its far and its near end.
-            inner_far = (side > 0.0 and k < turns and k % 2 == 0) or (side < 0.0 and k % 2 == 1)
-            inner_near = (side > 0.0 and k < turns and k % 2 == 1) or (side < 0.0 and k > 0 and k % 2 == 0)
-            begin = 0.02 + (2.0 * wide if inner_near else 0.0)
-            finish = end - (2.0 * wide if inner_far else 0.0)
-            if k > 0 and not inner_near and turns == 1:
-                begin = 0.02
-            bodies.append((f"{name} wall of slot {k + 1}", box([begin, low, -deep], [finish, high, deep])))
-    bodies.append(("far end", box([end, -wide, -deep], [end + THICK, left, deep])))
+            partition = k + min(side, 0)
+            inner = 0 <= partition < turns
+            begin = 0.02 + (2.0 * wide if inner and partition % 2 else 0.0)
+            finish = end - (2.0 * wide if inner and partition % 2 == 0 else 0.0)
+            bodies[f"{name} wall of slot {k + 1}"] = box([begin, low, -wide], [finish, high, wide])
+    bodies["far end"] = box([end, -wide, -wide], [end + THICK, left, wide])
     if turns > 1:
-        bodies.append(("near end", box([0.017, wide + 0.005, -deep], [0.02, left - 2.0 * wide, deep])))
-    bodies.append(("floor", box([0.02, -wide - THICK, -deep - THICK], [end, left + THICK, -deep])))
-    bodies.append(("roof", box([0.02, -wide - THICK, deep], [end, left + THICK, deep + THICK])))
-    far = end - wide
-    near = 0.02 + wide
-    corners = [np.zeros(3)]
+        bodies["near end"] = box([0.017, wide + 0.005, -wide], [0.02, left - 2.0 * wide, wide])
+    bodies["floor"] = box([0.02, -wide - THICK, -wide - THICK], [end, left + THICK, -wide])
+    bodies["roof"] = box([0.02, -wide - THICK, wide], [end, left + THICK, wide + THICK])
+    far, near = end - wide, 0.02 + wide
+    corners = [[0.0, 0.0, 0.0]]
     for k in range(turns):
-        x = far if k % 2 == 0 else near
-        corners += [np.array([x, k * apart, 0.0]), np.array([x, (k + 1) * apart, 0.0])]
+        x = near if k % 2 else far
+        corners += [[x, k * apart, 0.0], [x, (k + 1) * apart, 0.0]]
     back = far - float(rng.uniform(0.1, long - 0.06)) if turns % 2 else near + float(rng.uniform(0.08, 0.16))
-    corners.append(np.array([back, turns * apart, 0.0]))
-    route = Route.round_corners(np.stack(corners), 0.5 * apart - 1e-6)
-    return None if route is None or route.length > 0.8 else Site(bodies, ((route, route.length),))
-
-
-def box(low: object, high: object) -> BoxBody:
-    """A box between two corners, shape (3,) each [m]."""
-    return BoxBody(np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64))
-
-
-def _bent(way: FloatArray, turn: float, rng: np.random.Generator) -> FloatArray:
-    """A direction turned by an angle towards a random side."""
-    side = rng.normal(size=3)
-    side -= (side @ way) * way
-    side /= np.linalg.norm(side)
-    return np.asarray(np.cos(turn) * way + np.sin(turn) * side)
-
-
-def _keeps_off_itself(route: Route, apart: float) -> bool:
-    places = route.part(0.0, route.length)[::4]
-    arcs = np.linspace(0.0, route.length, len(places))
-    distant = np.abs(arcs[:, None] - arcs) > 1.8 * apart
-    between = np.linalg.norm(places[:, None] - places, axis=2)
-    behind = places[np.linspace(0.0, route.length, len(places)) > apart]
-    # The guide tube, and what it is mounted on, lie behind the origin.
-    return bool(
-        np.all(between[distant] > apart) and np.all((behind[:, 0] > 0.0) | (np.hypot(*behind[:, 1:].T) > apart))
-    )
+    route = Route.round_corners(np.array([*corners, [back, turns * apart, 0.0]]), 0.5 * apart - 1e-6)
+    if route.length > 0.8:
+        raise UselessDraw
+    return Site(bodies, ((route, route.length),))

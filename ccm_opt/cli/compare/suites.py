@@ -17,13 +17,16 @@ from scipy.optimize import brentq
 
 from ccm_opt.cli.compare.space_clutter import (
     ACCELERATION,
+    BEND,
     JOBS,
     KEPT_OFF,
     LENGTH,
     RADIUS,
     USUAL_LINKS,
     VELOCITY,
+    clear_bends,
     disturbed_job,
+    random_bends,
     space_clutter,
 )
 from ccm_opt.cli.compare.space_sites import SITES, site_problem
@@ -49,31 +52,6 @@ _NAME = re.compile(
     rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)})|(?P<site>{'|'.join(SITES)}))"
     r"(-(?P<links>\d{1,3})-links)?"
 )
-
-
-def space_maker(suite: str, folder: Path) -> Callable[[int, str], Problem]:
-    """What makes the problems of a suite in space from seeds and names.
-
-    Args:
-        suite: its name.
-        folder: of the shipped problems in space.
-
-    Raises:
-        ProblemError: there is no such suite.
-    """
-    found = _NAME.fullmatch(suite)
-    links = int(found["links"] or USUAL_LINKS) if found else 0
-    if found is None or links < 2 or links % 2:
-        names = ", ".join(SPACE_SUITES)
-        raise ProblemError(
-            f"there is no suite '{suite}'; expected one of {names}, or {SPACE}clutter-N with a number of bodies; "
-            "each may end in -L-links, with an even number of links"
-        )
-    if found["job"]:
-        return lambda seed, name: disturbed_job(seed, found["job"], links, folder, name)
-    if found["site"]:
-        return lambda seed, name: site_problem(found["site"], seed, links, name)
-    return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)
 
 
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
@@ -142,31 +120,14 @@ def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
     return replace(arm, **changes)  # type: ignore[arg-type]
 
 
-def random_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> FloatArray:
+def random_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
     """Link headings of a smooth random pose, shape (links,) [rad]; curvature has standard deviation ``bend`` [1/m]."""
-    # Six normally distributed curvatures along the arm, linear between them, give a pose that is smooth but arbitrary.
-    knots = rng.normal(0.0, bend, 6)
-    middles = (np.arange(arm.links) + 0.5) / arm.links
-    bends = np.interp(middles, np.linspace(0.0, 1.0, 6), knots) * arm.link_length
-    bends[0] = rng.uniform(-np.pi, np.pi)  # the base may point anywhere
-    # A little inside the limits, so that no problem fails for rounding at its start or goal.
-    return arm.headings(np.clip(bends, -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
+    return arm.headings(random_bends(rng, arm, bend))
 
 
-def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> FloatArray:
+def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
     """The same, drawn again until no link comes near another."""
-    while True:
-        headings = random_headings(rng, arm, bend)
-        if links_apart(arm, arm.joint_positions(headings)):
-            return headings
-
-
-def links_apart(arm: Arm, points: FloatArray) -> bool:
-    """Whether distant links keep more than ``KEPT_OFF`` between their surfaces; points (links + 1, 2) [m]."""
-    links = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
-    i, j = arm.distant_pairs
-    gaps = shapely.distance(links[i], links[j]) - 2.0 * arm.radius
-    return bool(np.all(gaps > KEPT_OFF))
+    return arm.headings(clear_bends(rng, arm, bend))
 
 
 def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Polygon:
@@ -238,9 +199,7 @@ DEFAULT_COUNT = 20
 
 SUITES: Mapping[str, Callable[[int], Scene]] = {
     "open-space": open_space,
-    "clutter-20": partial(clutter, count=20),
-    "clutter-40": partial(clutter, count=40),
-    "clutter-80": partial(clutter, count=80),
+    **{f"clutter-{count}": partial(clutter, count=count) for count in (20, 40, 80)},
     "duct": corridor,
 }
 """Scene from a seed, by the name of its suite; ``clutter-N`` stands for any number of polygons."""
@@ -269,24 +228,32 @@ class Case:
         """The problem itself."""
         if self.given is not None:
             return self.given
-        if self.suite.startswith(SPACE):
-            return space_maker(self.suite, shared_folder() / "space")(self.seed, self.name)
-        scene = scene_maker(self.suite)(self.seed)
-        return scene.problem(name=self.name)
+        return problem_maker(self.suite)(self.seed, self.name)
 
 
-def scene_maker(suite: str) -> Callable[[int], Scene]:
-    """What makes the scenes of a random suite from seeds.
+def problem_maker(suite: str) -> Callable[[int, str], Problem]:
+    """What makes the problems of a random suite from seeds and names.
 
     Raises:
         ProblemError: when there is no such suite.
     """
+    if polygons := _CLUTTER.fullmatch(suite):
+        return lambda seed, name: clutter(seed, int(polygons[1])).problem(name=name)
     if suite in SUITES:
-        return SUITES[suite]
-    if found := _CLUTTER.fullmatch(suite):
-        return partial(clutter, count=int(found[1]))
-    names = ", ".join((SHARED, *SUITES, *SPACE_SUITES))
-    raise ProblemError(f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons")
+        return lambda seed, name: SUITES[suite](seed).problem(name=name)
+    found = _NAME.fullmatch(suite)
+    links = int(found["links"] or USUAL_LINKS) if found else 0
+    if found is None or links < 2 or links % 2:
+        names = ", ".join(SPACE_SUITES if suite.startswith(SPACE) else (SHARED, *SUITES, *SPACE_SUITES))
+        raise ProblemError(
+            f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons, in space "
+            "bodies; in space each may end in -L-links, with an even number of links"
+        )
+    if found["job"]:
+        return lambda seed, name: disturbed_job(seed, found["job"], links, shared_folder() / "space", name)
+    if found["site"]:
+        return lambda seed, name: site_problem(found["site"], seed, links, name)
+    return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)
 
 
 def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) -> tuple[Case, ...]:
@@ -306,10 +273,7 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
         if count is not None and count > len(cases):
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
-    if suite.startswith(SPACE):
-        space_maker(suite, shared_folder() / "space")
-    else:
-        scene_maker(suite)
+    problem_maker(suite)
     # No scene is made yet: workers make their own from the seed, so that only the seed travels.
     wanted = DEFAULT_COUNT if count is None else count
     seeds = range(first_seed, first_seed + wanted)
