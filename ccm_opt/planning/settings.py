@@ -342,19 +342,6 @@ _STEPS = ConvexSettings(
 
 
 @dataclass(frozen=True)
-class SpaceOptimisationSettings:
-    """Of the optimisation of a motion.
-
-    Attributes:
-        intervals: least number of intervals; a motion that needs more edges to be certified keeps them.
-        steps: of the sequential convex programming.
-    """
-
-    intervals: int = 24
-    steps: ConvexSettings = _STEPS
-
-
-@dataclass(frozen=True)
 class SpaceCertificateSettings:
     """Of the proof that a motion touches nothing.
 
@@ -370,17 +357,6 @@ class SpaceCertificateSettings:
     step_depth: int = 5
     spare: float = 0.002
     slack: float = 0.3
-
-
-@dataclass(frozen=True)
-class SpaceStepSettings(AnyStepSettings):
-    """Of one step: a small quadratic program in the unknowns of the curve.
-
-    Attributes:
-        margin: gap that steps keep beyond contact [u].
-    """
-
-    margin: float = 0.06
 
 
 @dataclass(frozen=True)
@@ -423,7 +399,6 @@ class SpaceMotionSettings(EngineSettings):
 
     Attributes:
         certificate: of proofs.
-        step: of single steps.
         guide: of what leads the tip.
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
@@ -432,12 +407,11 @@ class SpaceMotionSettings(EngineSettings):
     """
 
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
-    step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
     continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
     goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
-    optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
+    optimisation: OptimisationSettings = OptimisationSettings(intervals=24, steps=_STEPS)
 
 
 # ------------------------------------------------------------ planners of curves and of feed

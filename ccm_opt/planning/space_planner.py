@@ -8,11 +8,11 @@ bends beyond them.
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound
 from ccm_opt.core.length_words import short_length
@@ -36,6 +36,8 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 STRAIGHT = 1e-9
 """Bends up to which joints count as straight [rad]."""
+_SQUARE = 1e-6
+"""One less the cosine of the angle to a wall's normal up to which the end of the mount stands square on it."""
 
 
 def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
@@ -46,10 +48,9 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
         tree: of its surfaces.
     """
     count = clamped_joints(problem, tree)
-    if count == 0:
-        return problem
     arm = problem.arm
-    return replace(problem, arm=replace(arm, mount_length=count * arm.link_length, clamped_joints=count))
+    clamped = replace(arm, mount_length=count * arm.link_length, clamped_joints=count)
+    return replace(problem, arm=clamped) if count else problem
 
 
 def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
@@ -57,14 +58,23 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     arm = problem.arm
     first, share = arm.mount_end
     count = max(1, int(np.ceil(first + share - STRAIGHT)))
-    if arm.base_axes or share >= 1.0 - STRAIGHT or count >= arm.links or not _straight_at_ends(problem, count):
+    poses = [problem.start, *([problem.goal] if isinstance(problem.goal, JointPose) else [])]
+    bent = np.any(np.abs([pose.configuration(arm)[: 2 * count] for pose in poses]) >= STRAIGHT)
+    if arm.base_axes or share >= 1.0 - STRAIGHT or count >= arm.links or bent:
         return 0
     points = arm.joint_positions_at(problem.start.configuration(arm))
-    end = points[first] + share * (points[first + 1] - points[first])
-    kept = arm.radius + problem.workspace.clearance
+    along = points[first + 1] - points[first]
+    end = points[first] + share * along
     # What a motion has to spare beyond contact is not there: no certificate would let the base turn.
     spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
-    return count if _is_square(tree, end, points[first + 1] - points[first], kept, spare) else 0
+    reach = arm.radius + problem.workspace.clearance + spare
+    near = tree.nearest(np.stack((end, end))[None], reach)
+    if near.owner[0] < 0 or near.gap[0] >= reach:
+        return 0
+    # Held only by what lies square behind it.
+    away = end - near.point[0]
+    square = away @ along >= (1.0 - _SQUARE) * np.linalg.norm(along) * np.linalg.norm(away)
+    return count if square else 0
 
 
 def told_of_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
@@ -76,23 +86,7 @@ def told_of_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
     return type(failure)(replace(found, advice=(own, *found.advice)))
 
 
-def _straight_at_ends(problem: Problem, count: int) -> bool:
-    """Whether the first joints are straight at the start, and in a pose of the whole arm that is asked for."""
-    arm = problem.arm
-    poses = [problem.start, *([problem.goal] if isinstance(problem.goal, JointPose) else [])]
-    bends = np.array([pose.configuration(arm)[: 2 * count] for pose in poses])
-    return float(np.max(np.abs(bends))) < STRAIGHT
-
-
-def _is_square(tree: SurfaceTree, end: FloatArray, along: FloatArray, kept: float, spare: float) -> bool:
-    """Whether the nearest surface at the end of the mount, nearer than it may be left, lies square behind it."""
-    near = tree.nearest(np.stack((end, end))[None], kept + spare)
-    if near.owner[0] < 0 or near.gap[0] >= kept + spare:
-        return False
-    away = (end - near.point[0]) / np.linalg.norm(end - near.point[0])
-    return bool(away @ along >= (1.0 - 1e-6) * np.linalg.norm(along))
-
-
+_Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], SpaceGoalPoseRecord | None]
 PLANNING_SHARE = 0.8
 """Of the time limit that planning may take; the rest is for timing, simulation and reasons."""
 
@@ -128,15 +122,18 @@ class SpacePlanner:
             refuse_ends(problem, task)
             task = replace(task, refuse=partial(self.refuse, problem))
         try:
-            planned = self._lifted(problem, task) or self._planned(problem, task)
+            motions, end = self._lifted(problem, task) or self._planned(problem, task)
         except NoPlanFound as none:
             raise told_of_clamped_base(none, problem) from none
         with self.stages("smooth path"):
-            path = joint_path(task, *planned.motions, legs=problem.planner.retiming == "paul")
-        return replace(path, goal_pose=planned.end)
+            path = joint_path(task, *motions, legs=problem.planner.retiming == "paul")
+        return replace(path, goal_pose=end)
 
-    def _planned(self, problem: Problem, task: SpaceTask) -> "_Planned":
-        """The optimised motion, and the one that was found, whose path may have room where the shorter one has none."""
+    def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
+        """The optimised motion, and the one that was found, whose path may have room where the shorter one has none.
+
+        With them comes what the NLP said about where they end, or None.
+        """
         with self.stages("motion"):
             found = find_motion(task)
         with self.stages("configuration"):
@@ -144,33 +141,20 @@ class SpacePlanner:
             motion = tracked(task, ending.motion)
         with self.stages("optimisation"):
             motions = (optimise(motion, ending.task), found if motion.u is None else motion)
-        return _Planned(motions, ending.record)
+        return motions, ending.record
 
-    def _lifted(self, problem: Problem, task: SpaceTask) -> "_Planned | None":
+    def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
         few = nominal_task(task)
         if few is None:
             return None
         try:
-            planned = self._planned(coarse_problem(problem, few), replace(few, refuse=lambda: None))
+            motions, end = self._planned(coarse_problem(problem, few), replace(few, refuse=lambda: None))
         except NoPlanFound:
             return None
         with self.stages("lifting"):
-            lifted = lifted_motion(task, planned.motions[0])
-        return None if lifted is None else _Planned((lifted,), planned.end)
-
-
-@dataclass(frozen=True)
-class _Planned:
-    """What comes of planning.
-
-    Attributes:
-        motions: the best first; a smooth path is laid along the first that has room for one.
-        end: what the NLP said about where they end, or None.
-    """
-
-    motions: tuple[SpaceMotion, ...]
-    end: SpaceGoalPoseRecord | None
+            lifted = lifted_motion(task, motions[0])
+        return None if lifted is None else ((lifted,), end)
 
 
 def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> JointPath:

@@ -25,6 +25,8 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
 """Of the path parameter, by which planning keeps a constraint before and behind its interval; taste."""
+_MARGIN = 0.06
+"""Gap that steps keep beyond contact [u]."""
 _LEAST_SPARE = 1.2e-5
 """The same where a start or a goal of the whole arm has no more than twice as much [u]; measured: a straight arm of a
 metre is lifted off a table 1.5 µm below it, and hardly off one at 1 µm."""
@@ -110,10 +112,10 @@ class SpaceTask(SearchTask):
             room = min(room, float(nearest.distance[0]) - 2.0 * arm.radius)
         return room
 
-    @cached_property
+    @property
     def margin(self) -> float:
         """Gap that steps keep beyond the clearance [m]."""
-        return self.settings.step.margin * self.unit
+        return _MARGIN * self.unit
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:
