@@ -75,9 +75,7 @@ def _stepper(known: Motion, task: MotionTask) -> Stepper:
     """Steps in the space through the start that holds the end of the known motion too."""
     space, _ = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
     space, _ = space.blended_to(known.configurations[-1])
-    margin = task.settings.search.margins[0] * space.nominal_length
-    finder = task.planning_finder(margin, space.nominal_length)
-    return Stepper(space, task.limits(finder), task.settings, finder=finder)
+    return task.stepper(space, task.settings.search.margins[0])
 
 
 def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:

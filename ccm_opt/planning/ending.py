@@ -42,7 +42,7 @@ from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.step import SpaceStepper, Stepper
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import SpaceGoalPoseRecord
 from ccm_opt.robot.biarc import straight_at_exit
@@ -203,8 +203,7 @@ def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
     """A motion with a certified way from its end to other coordinates added; None without one."""
     space = motion.curve
     for links in task.settings.search.margins:
-        finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
+        stepper = task.stepper(space, links)
         first = stepper.pose(motion.unknowns[-1])
         try:
             poses = follow(stepper, Interpolation(space, first.v, end), first, task.deadline)

@@ -20,6 +20,7 @@ from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import MotionSettings
+from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate, allowed_contact
@@ -133,7 +134,7 @@ class MotionTask(SearchTask):
     @cached_property
     def certificate(self) -> MotionCertificate:
         """The certificate of all limits that motions must pass."""
-        return MotionCertificate(self.arm, self.contact_certificate.spare, self.limits(self._end_finder))
+        return self.certificate_with(-np.inf)
 
     @cached_property
     def _end_finder(self) -> ContactFinder:
@@ -145,16 +146,19 @@ class MotionTask(SearchTask):
         walls = self.workspace.flat_walls
         return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
 
-    def planning_finder(self, margin: float, nominal_length: float) -> ContactFinder:
-        """The finder for steps that keep a planning margin [m], in a space of nominal links of some length [m]."""
-        return self.finder(margin, max(_REACH * nominal_length, _REACH_MARGINS * margin))
+    def stepper(self, space: LinkSpace, margin: float) -> Stepper:
+        """Takes steps in a space that keep a planning margin, in nominal links."""
+        kept = margin * space.nominal_length
+        finder = self.finder(kept, max(_REACH * space.nominal_length, _REACH_MARGINS * kept))
+        return Stepper(space, self.limits(finder), self.settings, finder=finder)
 
-    def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
+    def limits(
+        self, finder: ContactFinder, wanted_gap: float = 0.0, certificate: Certificate | None = None
+    ) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
-        certificate = self.contact_certificate
         return assembled_limits(
             finder,
-            certificate,
+            certificate or self.contact_certificate,
             self.settings.step,
             self.user_limits,
             wanted_gap,
@@ -177,10 +181,7 @@ class MotionTask(SearchTask):
     def certificate_with(self, spare: float) -> MotionCertificate:
         """The certificate of all limits, with more gap beyond contact than motions must have [m]."""
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
-        limits = assembled_limits(
-            self._end_finder, contact, self.settings.step, self.user_limits, guide_tubes=self.guide_tubes
-        )
-        return MotionCertificate(self.arm, contact.spare, limits)
+        return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
     def least_gap(self, headings: FloatArray) -> float:
         """Least gap beyond contact of the poses of a motion, shape (K, links) [m], as far as the wanted gap sees."""

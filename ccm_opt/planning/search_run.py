@@ -328,8 +328,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
             goal = replace(goal, coordinates=end)
             guesses = (end,)
 
-        finder = task.planning_finder(margin_links * space.nominal_length, space.nominal_length)
-        stepper = Stepper(space, task.limits(finder), task.settings, finder=finder)
+        stepper = task.stepper(space, margin_links)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
         # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.
         settled = any(limit.moves_keyframes for limit in task.user_limits) and goal.coordinates is None
