@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import (
     DynamicsFunction,
     DynamicsKind,
@@ -20,6 +19,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
     MassMatrix,
     joint_states,
 )
+from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.pose_report import tip_jacobian

@@ -14,8 +14,8 @@ from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
-from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.selfcollision import first_distant
+from ccm_opt.verification.verifier import left_unchecked
 
 from .arms import plain_arm
 from .space_arms import space_arm

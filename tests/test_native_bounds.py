@@ -16,8 +16,8 @@ from hypothesis.extra.numpy import arrays
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
+from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
 from ccm_opt.planning.curve_map import pose_with
 from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid

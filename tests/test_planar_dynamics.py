@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_alone, with_rotor_code
 from ccm_opt.dynamics.algorithms.in_plane import free, in_plane
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop, LoopParameters
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, DynamicsKind
+from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
 from ccm_opt.robot.arm import Feed
 from tests.dynamics_arms import swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction

@@ -16,9 +16,9 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.dynamics.retiming import joined
+from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.retiming.paul import retime_paul
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.io.problem_data import problem_data
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem

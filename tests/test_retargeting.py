@@ -8,8 +8,8 @@ import pytest
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
+from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.problem import Limits, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
 from ccm_opt.robot.arm import Arm, Feed

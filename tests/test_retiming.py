@@ -10,13 +10,10 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import RetimingError
-from ccm_opt.dynamics.retiming.efforts import InverseDynamics
-from ccm_opt.dynamics.retiming.grid import path_grid
 from ccm_opt.dynamics.retiming.motion_limits import limits_along
-from ccm_opt.dynamics.retiming.path_rows import path_rows
-from ccm_opt.dynamics.retiming.profile import SpeedProfile
+from ccm_opt.dynamics.retiming.profile import SpeedProfile, path_grid, path_rows
 from ccm_opt.dynamics.retiming.speed_optimizer import fastest_profile, reachable_speeds
-from ccm_opt.dynamics.retiming.timed_path import TimedPath
+from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, TimedPath
 from ccm_opt.dynamics.retiming.timing import with_jumps
 from ccm_opt.dynamics.retiming.timing_settings import GridSettings
 from ccm_opt.dynamics.simulation.controller import step_reference

@@ -13,7 +13,7 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem.solution import Solution, SurvivedError
-from ccm_opt.verification.tolerance.levers import moved_by_joint_errors
+from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_errors
 
 from .command_runs import CommandLine, brightness

@@ -16,13 +16,15 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.tolerance.error_model import (
+    Chains,
+    ErrorLevers,
     base_heading_error,
     base_position_error,
     joint_errors,
     link_length_errors,
+    survived,
     wall_errors,
 )
-from ccm_opt.verification.tolerance.levers import Chains, ErrorLevers, survived
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, tube_of, worst_motion
 from ccm_opt.verification.wall_clearance import check_walls
 

@@ -26,8 +26,7 @@ from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, RoomRecord
-from ccm_opt.verification.left_unchecked import left_unchecked
-from ccm_opt.verification.verifier import verify
+from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.viz.checks_section import checks_in_words
 
 MALFORMED = ("samples", "joint names")

@@ -12,11 +12,11 @@ from scipy.sparse import csgraph
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.cell_tree import CellTree
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
+from ccm_opt.diagnosis.contact import overlap_missed
 from ccm_opt.diagnosis.gaps import SurfaceGaps, beside
-from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places
-from ccm_opt.diagnosis.way_search import Answer, WayEnds, WaySearch
-from ccm_opt.diagnosis.ways import WidestWay, way_length
+from ccm_opt.diagnosis.keyed_poses import tip_places
+from ccm_opt.diagnosis.way_search import FINEST, Answer, WayEnds, WaySearch
+from ccm_opt.diagnosis.ways import Ways, WidestWay, way_length
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem
@@ -25,6 +25,9 @@ from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Workspace
 
+_SECONDS = 8.0
+"""CPU time after which nothing more is looked at about one goal [s]. Taste: half of all the time for reasons and
+changes."""
 _CELLS = 20_000
 """Cubes at first. Taste: a thirtieth of the room along a side."""
 _FINENESS = 0.03
@@ -44,6 +47,8 @@ _PULLS = 6
 _PLACES = 9
 """Along each straight part of a way that are looked at. Taste."""
 
+_MORE_CELLS = 40_000
+"""That are added for how wide the widest way is, at each width. Taste."""
 _FLOOR_CELLS = 150_000
 """That are added for whether there is any way that deserves the name. Taste."""
 _DETOUR_CELLS = 15_000
@@ -52,41 +57,26 @@ _PULL_STEPS = 5
 """Halvings of how far one of its corners is moved then. Taste."""
 
 
-def axis_ways(
-    problem: Problem, until: Deadline, settings: WaySettings = DEFAULT_DIAGNOSIS.ways
-) -> Iterator["AxisWays"]:
+def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
     """Yield the ways to every goal of the tip: from the base, or from the places to which it is fed."""
     for place in tip_places(problem):
         # What is proved does not depend on what else the machine does.
-        own = time.process_time() + settings.seconds
-        yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall), settings)
+        own = time.process_time() + _SECONDS
+        yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall))
 
 
 @dataclass(frozen=True, eq=False)
-class AxisWays:
-    """Looks for ways from the base, or the places to which it is fed, to the tolerance of a goal.
+class AxisWays(Ways):
+    """Looks for ways from the base, or the places to which it is fed, to the tolerance of a goal."""
 
-    Attributes:
-        problem: what was asked.
-        place: the goal of the tip.
-        until: when nothing more is looked at.
-        settings: numbers.
-    """
-
-    problem: Problem
-    place: TipPlace
-    until: Deadline
-    settings: WaySettings = DEFAULT_DIAGNOSIS.ways
+    shortest_is_proved = False
+    closed_to_short_arms = True
+    fed_from = "the feed axis"
 
     @property
     def arm(self) -> Arm:
         """The arm, all of which may be beyond its tube."""
         return self.problem.arm
-
-    @property
-    def begin(self) -> str:
-        """Where ways begin, in words, where that is not the base."""
-        return "" if self.arm.feed is None else " from the feed axis"
 
     @cached_property
     def gaps(self) -> SurfaceGaps:
@@ -96,8 +86,8 @@ class AxisWays:
     @property
     def room(self) -> float:
         """Distance that the axis needs from the surfaces, as far as these do not stand out of the obstacles [m]."""
-        touching = DEFAULT_DIAGNOSIS.passages.touching * self.arm.length
-        return max(self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out, 0.0) - touching
+        need = self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out
+        return max(need, 0.0) - overlap_missed(self.arm)
 
     @cached_property
     def ends(self) -> WayEnds:
@@ -120,7 +110,7 @@ class AxisWays:
         box = reach_box(longer, workspace.bounds)
         need = max(self.room, 1e-3 * self.arm.length)
         cells = CellTree.over(tree, box, _CELLS, _REACH * need)
-        return WaySearch(workspace, self.ends, box, cells, self.until, self.settings)
+        return WaySearch(workspace, self.ends, box, cells, self.until)
 
     @cached_property
     def answer(self) -> Answer:
@@ -132,11 +122,6 @@ class AxisWays:
         """Whether it is proved that no way is wide and short enough."""
         return self.answer == "closed"
 
-    @property
-    def closed_to_short_arms(self) -> bool:
-        """Whether that may be due to the arm's length alone."""
-        return True
-
     @cached_property
     def shortest(self) -> FloatArray | None:
         """Corners of a short way that is wide enough, shape (m, 3) [m]; None where none was found."""
@@ -146,25 +131,20 @@ class AxisWays:
         return shortest_in(self.search, self.gaps.tree, self.room)
 
     @property
-    def shortest_is_proved(self) -> bool:
-        """Whether no way that is wide enough is shorter."""
-        return False
-
-    @property
     def least(self) -> float:
         """Length of that way [m]; 0 where none was found."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def bound(self, known: float) -> float:
         """Distance from surfaces that no way keeps more than, at most the room; some way keeps a known one [m]."""
-        if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, self.settings.more_cells) != "closed":
+        if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, _MORE_CELLS) != "closed":
             return self.room
         return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
 
     def widest(self, most: float) -> WidestWay:
         """The widest way that keeps at most so much distance from surfaces [m]."""
         length = self.arm.length
-        if most > self.room and self.search.answer(most, length, self.settings.more_cells) != "closed":
+        if most > self.room and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)
             return WidestWay(most, exact=False, closed=False, place=place, walls=())
         low = self.room if self.answer == "open" else 0.0
@@ -182,7 +162,7 @@ class AxisWays:
         length = self.arm.length
         high = min(self.search.widest(high, length), high)
         while high - low > _FINENESS * self.room:
-            more = self.settings.more_cells if low else _FLOOR_CELLS
+            more = _MORE_CELLS if low else _FLOOR_CELLS
             answer = self.search.answer(trial, length, more)
             # Whatever it is, there is no wider way than the widest chain that may be open.
             high = min(high, self.search.widest(trial if answer == "closed" else high, length))
@@ -195,14 +175,14 @@ class AxisWays:
         # What was found to be open still is: cubes are only ever split.
         way = shortest_in(self.search, self.gaps.tree, low) if low else None
         exact = high - low <= _FINENESS * self.room
-        walls = beside(self.gaps, narrow, self.settings.finest * max(self.room, 0.0))
+        walls = beside(self.gaps, narrow, FINEST * max(self.room, 0.0))
         return WidestWay(high, exact, closed, narrow, walls, way=way)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
         """Obstacles beside a place (3,) without any one of which there is a way; else such near the straight way."""
         if closed:
             return self._closing
-        walls = beside(self.gaps, place, self.settings.finest * max(self.room, 0.0))
+        walls = beside(self.gaps, place, FINEST * max(self.room, 0.0))
         return self._opened(walls) or self._closing
 
     def _opened(self, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -246,7 +226,7 @@ class AxisWays:
         high = self.least
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            if self.search.answer(self.room, middle, self.settings.more_cells) == "closed":
+            if self.search.answer(self.room, middle, _MORE_CELLS) == "closed":
                 low = middle
             else:
                 high = middle

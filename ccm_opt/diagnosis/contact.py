@@ -9,7 +9,6 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.length_words import short_length
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.gaps import Gaps, ObstacleGap, gaps_of
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.ranking import point
@@ -18,6 +17,10 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.distances.enclosures import segment_distances
+
+_TOUCHING = 1e-6
+"""Overlap that counts as touching in a proof, and room that is granted to every passage, as a share of the arm's
+length. Derived: of the size of what the verifier lets pass, above all rounding."""
 
 
 def contact_at_poses(problem: Problem) -> Iterator[Finding]:
@@ -41,7 +44,7 @@ def _deepest_first(findings: Iterator[Finding]) -> list[Finding]:
 
 def overlap_missed(arm: Arm) -> float:
     """Overlap that counts as touching in a proof [m]: what touches is not hit, and rounding is not contact."""
-    return DEFAULT_DIAGNOSIS.passages.touching * arm.length
+    return _TOUCHING * arm.length
 
 
 def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:

@@ -11,7 +11,6 @@ from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, hopeless, no_way
 from ccm_opt.diagnosis.contact import joint_words, overloaded
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, UnitHintSettings
 from ccm_opt.diagnosis.keyed_poses import tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import closed_off, listed, point, ranked, refuse
@@ -27,6 +26,9 @@ from ccm_opt.scene.narrow_gates import nearest_walls
 _THOUSAND = (100.0, 10000.0)
 """Ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths are mostly from
 a tenth to ten times as long as the other would be."""
+_THICK = (1.0, 1000.0)
+"""The same of a radius or a clearance to the arm's length. Derived: arms are some ten to a thousand times as long as
+either."""
 _SMALL_ROOM = 0.01
 """A room smaller than this share of the arm's length looks wrong. Taste."""
 _HARDLY_BENDS = 1.5707963267948966
@@ -74,9 +76,9 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
     )
 
 
-def unit_hints(problem: Problem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.units) -> tuple[str, ...]:
+def unit_hints(problem: Problem) -> tuple[str, ...]:
     """Advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians; mostly none."""
-    hints = [*_of_lengths(problem, settings)]
+    hints = [*_of_lengths(problem)]
     bounds = problem.workspace.box
     if bounds is not None:
         beyond = np.maximum(np.maximum(bounds[0] - problem.arm.base, problem.arm.base - bounds[1]), 0.0)
@@ -84,12 +86,12 @@ def unit_hints(problem: Problem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.
     return (*hints, *_of_limits(problem))
 
 
-def _of_lengths(problem: Problem, settings: UnitHintSettings) -> Iterator[str]:
+def _of_lengths(problem: Problem) -> Iterator[str]:
     """Lengths beside the arm's."""
     arm = problem.arm
     lengths = [
-        ("arm.radius", arm.radius, settings.thick),
-        ("workspace.clearance", problem.workspace.clearance, settings.thick),
+        ("arm.radius", arm.radius, _THICK),
+        ("workspace.clearance", problem.workspace.clearance, _THICK),
     ]
     goal = tip_goal(problem)
     if goal is not None:

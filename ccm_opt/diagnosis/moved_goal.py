@@ -16,7 +16,6 @@ from ccm_opt.core.length_words import METRES, LengthUnit, file_length
 from ccm_opt.core.polyline import heading_of
 from ccm_opt.diagnosis.checks import hopeless
 from ccm_opt.diagnosis.contact import contact_at_tips
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
 from ccm_opt.diagnosis.gaps import SurfaceGaps
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
@@ -25,6 +24,18 @@ from ccm_opt.diagnosis.reach import angle_between, least_chord, nearest_base, su
 from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
 
+_NEAR = 4.0
+"""Half the side of the first grid in space, as a multiple of radius and clearance. Taste."""
+_STRETCH = 0.99
+"""Share of its length to which the arm can be expected to stretch. Taste."""
+_TURN_STEP = 0.03490658503988659
+"""Between headings that are looked at [rad]. Taste: 2°."""
+_STEPS = (0.045, 0.3, 1.0)
+"""How far beyond the nearest that may be taken the goal is moved, as shares of how far that is or of the arm's length,
+whichever is less, and turned, as shares of the turn. Taste: what is free for the last link need not be so for those
+before it."""
+_CELL = 0.02
+"""Distance between places that are looked at where the nearest is hopeless, as a share of the arm's length. Taste."""
 _MOST_LOOKED_AT = 200
 """Places that are looked at. Taste: some 5 ms each."""
 _MOST_PLACES = 60
@@ -52,7 +63,6 @@ def moved_goals(
     problem: Problem,
     findings: tuple[Finding, ...],
     until: Deadline,
-    settings: MovedGoalSettings = DEFAULT_DIAGNOSIS.moved_goal,
 ) -> Iterator[Parameter]:
     """By how far, and which way, the goal's direction or its position may have to be moved; at most one of each.
 
@@ -60,44 +70,43 @@ def moved_goals(
         problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
         findings: what is proved.
         until: when directions and places are looked at no longer.
-        settings: numbers.
     """
     goal = tip_goal(problem)
     if not about_the_goal(findings) or goal is None or problem.stops:
         return
-    towards = _least_turned(problem, goal, until.within(_LONGEST_LOOK), settings)
+    towards = _least_turned(problem, goal, until.within(_LONGEST_LOOK))
     if towards is not None and goal.direction is not None:
         turn = angle_between(goal.direction, towards)
-        yield _turned(goal, towards, turn, tuple(turn * (1.0 + step) for step in settings.steps))
+        yield _turned(goal, towards, turn, tuple(turn * (1.0 + step) for step in _STEPS))
     hurried = until.within(_LONGEST_LOOK)
-    for place, inside in islice(_near_places(problem, goal, settings), _MOST_LOOKED_AT):
+    for place, inside in islice(_near_places(problem, goal), _MOST_LOOKED_AT):
         # On the very edge of what is free the arm may touch something by rounding.
         offset = place - goal.position
-        beyond = 0.0 if inside else settings.steps[0] * min(1.0, problem.arm.length / float(np.linalg.norm(offset)))
+        beyond = 0.0 if inside else _STEPS[0] * min(1.0, problem.arm.length / float(np.linalg.norm(offset)))
         refused = hopeless(replace(problem, goal=replace(goal, position=place + beyond * offset)), hurried)
         if hurried.passed():
             return
         if not refused:
-            yield _position(problem, goal, place, settings, inside=inside)
+            yield _position(problem, goal, place, inside=inside)
             return
 
 
 # ------------------------------------------------------------ directions
-def _least_turned(problem: Problem, goal: TipGoal, until: Deadline, settings: MovedGoalSettings) -> FloatArray | None:
+def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArray | None:
     """The nearest direction (d,) that neither contact nor bends refuse; None for none, or for the goal's own."""
     wanted = goal.direction
     if wanted is None:
         return None
 
     def refused(direction: FloatArray) -> bool:
-        turned = replace(problem, goal=_turned_to(goal, direction))
+        turned = replace(problem, goal=replace(goal, direction=direction, heading=None))
         return any(True for check in (contact_at_tips, supple_enough) for _ in check(turned))
 
     # Where the tip itself has no room no direction helps.
-    anyhow = replace(problem, goal=_turned_to(goal, None))
+    anyhow = replace(problem, goal=replace(goal, direction=None, heading=None))
     if not refused(wanted) or next(contact_at_tips(anyhow), None) is not None:
         return None
-    for size in np.arange(settings.turn_step, np.pi, settings.turn_step):
+    for size in np.arange(_TURN_STEP, np.pi, _TURN_STEP):
         for across in _all_across(wanted):
             if until.passed():
                 return None
@@ -168,7 +177,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
         "goal.heading_deg" if planar else "goal.direction",
         +1,
         lambda _: 0.0,
-        lambda p, by: replace(p, goal=_turned_to(goal, told(by) / np.linalg.norm(told(by)))),
+        lambda p, by: replace(p, goal=replace(goal, direction=told(by) / np.linalg.norm(told(by)), heading=None)),
         lambda _, by: words(by),
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
@@ -176,11 +185,6 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
         tried=tried,
         paths_stay=False,
     )
-
-
-def _turned_to(goal: TipGoal, direction: FloatArray | None) -> TipGoal:
-    """The goal with another direction of the last link (d,), or with any."""
-    return TipGoal(goal.position, direction, goal.via)
 
 
 def left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
@@ -191,7 +195,7 @@ def left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeC
     # Where nothing is known to stand in the way, few links may not be able to turn where there is little room.
     if goal.direction is not None and all(_may_be_due_to_direction(finding) for finding in findings):
         key = "goal.heading_deg" if problem.dimension == 2 else "goal.direction"
-        without = _turned_to(goal, None)
+        without = replace(goal, direction=None, heading=None)
         yield WholeChange(f"{key} left out", key, None, lambda p: replace(p, goal=without), part=turned_direction)
     if goal.via and not any(finding.proved for finding in findings):
         yield WholeChange("goal.via left out", "goal.via", None, lambda p: replace(p, goal=replace(p.goal, via=())))
@@ -202,9 +206,7 @@ def _may_be_due_to_direction(finding: Finding) -> bool:
 
 
 # ------------------------------------------------------------ places
-def _position(
-    problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
-) -> Parameter:
+def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: bool) -> Parameter:
     """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
     offset = place - goal.position
     distance = float(np.linalg.norm(offset))
@@ -212,9 +214,9 @@ def _position(
     bound = max(distance - problem.tolerances.position, 0.1 * distance)
     # What lies far beyond a goal far away is no better for that.
     spread = min(distance, problem.arm.length)
-    beyond = [distance, *(distance + step * spread for step in settings.steps)]
+    beyond = [distance, *(distance + step * spread for step in _STEPS)]
     if not inside:
-        beyond = [bound + step * spread for step in settings.steps]
+        beyond = [bound + step * spread for step in _STEPS]
 
     def moved(by: float) -> FloatArray:
         return np.asarray(goal.position + by / distance * offset)
@@ -225,16 +227,12 @@ def _position(
         lambda _: 0.0,
         lambda p, by: replace(p, goal=replace(goal, position=moved(by))),
         lambda p, by: f"goal.position moved by {file_length(by)}, to {_in_file(moved(by), p.length_unit)}",
-        lambda p: 1.0 / METRES[_unit(p)],
+        lambda p: 1.0 / METRES[p.length_unit],
         whole=problem.arm.length,
         bound=bound,
         tried=tuple(beyond),
         paths_stay=False,
     )
-
-
-def _unit(problem: Problem) -> LengthUnit:
-    return problem.length_unit
 
 
 def _in_file(place: FloatArray, unit: LengthUnit) -> str:
@@ -243,27 +241,27 @@ def _in_file(place: FloatArray, unit: LengthUnit) -> str:
     return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 
 
-def _near_places(problem: Any, goal: Any, settings: MovedGoalSettings) -> Iterator[tuple[FloatArray, bool]]:
+def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
     """Places (d,) for the tip as near to the goal as can be, and whether each is well inside of where it can be."""
     if problem.dimension == 3:
-        yield from ((place, True) for place in _roomy_places(problem, goal, settings))
+        yield from ((place, True) for place in _roomy_places(problem, goal))
         return
     asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
     if fixed is not None:
-        yield from _free_places(fixed, goal, settings)
+        yield from _free_places(fixed, goal)
 
 
-def _free_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> Iterator[tuple[FloatArray, bool]]:
+def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, bool]]:
     """The nearest place of a polygon that the last link, with the goal's direction, can take; then such of a grid."""
-    places = _free_polygon(problem, goal, settings)
+    places = _free_polygon(problem, goal)
     if shapely.is_empty(places):
         return
     edge: FloatArray = shapely.get_coordinates(shapely.shortest_line(places, shapely.Point(goal.position)))[0]
     if float(np.linalg.norm(edge - goal.position)) >= ROUNDING:
         yield edge, False
     xmin, ymin, xmax, ymax = shapely.bounds(places)
-    cell = settings.cell * problem.arm.length
+    cell = _CELL * problem.arm.length
     x, y = np.meshgrid(np.arange(xmin + 0.5 * cell, xmax, cell), np.arange(ymin + 0.5 * cell, ymax, cell))
     grid = np.column_stack((x.ravel(), y.ravel()))
     free = grid[shapely.contains_xy(places, grid)]
@@ -273,7 +271,7 @@ def _free_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -
     yield from ((ordered[k], True) for k in chosen)
 
 
-def _free_polygon(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> shapely.Geometry:
+def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
     """Where the tip can be as far as walls at the last link and the length of the arm tell."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
@@ -292,20 +290,20 @@ def _free_polygon(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) 
         for share in np.linspace(0.0, 1.0, _LINK_SAMPLES)[1:]:
             back = share * arm.link_length * goal.direction
             places = shapely.intersection(places, affinity.translate(reached, *back))
-    places = shapely.intersection(places, base.buffer(settings.stretch * arm.length))
+    places = shapely.intersection(places, base.buffer(_STRETCH * arm.length))
     nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
     too_near = base.buffer(max(nearest, 0.0))
     left: shapely.Geometry = shapely.difference(places, too_near)
     return left
 
 
-def _roomy_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> Iterator[FloatArray]:
+def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
     """Places of grids with room for the tip, those nearest to the goal first, each well off the ones before it."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     gaps = SurfaceGaps(problem.workspace)
     far = reach_box(arm, problem.workspace.bounds)
-    near = goal.position + settings.near * max(need, 0.01 * arm.length) * np.array([[-1.0], [1.0]])
+    near = goal.position + _NEAR * max(need, 0.01 * arm.length) * np.array([[-1.0], [1.0]])
     near = np.clip(near, far[0], far[1])
     # About a goal out of reach there is nothing that is within it.
     boxes = (near, far) if np.all(near[1] > near[0]) else (far,)
@@ -314,9 +312,9 @@ def _roomy_places(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) 
     base = nearest_base(arm, goal.position)
     away = goal.position - base
     distance = float(np.linalg.norm(away))
-    if distance > settings.stretch * arm.length:
-        places = np.concatenate(((base + settings.stretch * arm.length / distance * away)[None], places))
-    places = places[np.linalg.norm(places - base, axis=1) <= settings.stretch * arm.length]
+    if distance > _STRETCH * arm.length:
+        places = np.concatenate(((base + _STRETCH * arm.length / distance * away)[None], places))
+    places = places[np.linalg.norm(places - base, axis=1) <= _STRETCH * arm.length]
     # No place nearer to the goal than that is farther from what the tip touches there by what lacks.
     here = np.stack((goal.position, goal.position))[None]
     lacking = max((need - float(found.gaps[0]) for found in gaps.touched(here, need)), default=0.0)

@@ -9,7 +9,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Finding, Relaxation
 from ccm_opt.core.length_words import METRES, file_length, in_unit
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.gaps import ROOM_NAMES
 from ccm_opt.diagnosis.keyed_poses import tip_places, whole_poses
 from ccm_opt.problem import Problem
@@ -21,6 +20,10 @@ Write = Callable[[Any, float], Any]
 """A problem with another number, of the same kind as before."""
 
 
+_FIGURES = 4
+"""Figures that a reported value keeps, rounded to the easier side before it is solved. Taste."""
+_ROOM_SPARE = 0.02
+"""Room beyond radius and clearance in bounds that are made wide enough, as a share of the arm's length. Taste."""
 _FAR = 0.05
 """Share of its bound by which a value lies beyond it that does not go without saying: more than the first step."""
 
@@ -57,12 +60,12 @@ class Parameter:
     tried: tuple[float, ...] | None = None
     paths_stay: bool = True
 
-    def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
+    def rounded(self, problem: Problem, value: float) -> float:
         """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
             return 0.0
-        digits = figures - 1 - int(np.floor(np.log10(reported)))
+        digits = _FIGURES - 1 - int(np.floor(np.log10(reported)))
         count = reported * 10.0**digits
         # A value that is round already, up to rounding of its digits, stays.
         count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
@@ -89,36 +92,18 @@ def _with_radius(problem: Problem, radius: float) -> Problem:
     return replace(problem, arm=_as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
 
 
-def _with_link_length(problem: Problem, length: float) -> Problem:
-    return replace(problem, arm=_as_cylinders(problem.arm, replace(problem.arm, link_length=length)))
-
-
 def _as_cylinders(old: Arm, new: Arm) -> Arm:
     """The new arm with the inertia of solid cylinders where the old arm's is that."""
-    cylinders = np.allclose(old.inertia_axial, _axial(old)) and np.allclose(old.inertia_transverse, _transverse(old))
-    if not cylinders or new.radius <= 0.0:
+    given = (old.inertia_axial, old.inertia_transverse)
+    if new.radius <= 0.0 or not all(map(np.allclose, given, _of_cylinders(old))):
         return new
-    return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new))
+    axial, transverse = _of_cylinders(new)
+    return replace(new, inertia_axial=axial, inertia_transverse=transverse)
 
 
-def _axial(arm: Arm) -> FloatArray:
-    return np.asarray(arm.masses * arm.radius**2 / 2.0)
-
-
-def _transverse(arm: Arm) -> FloatArray:
-    return np.asarray(arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0)
-
-
-def _with_clearance(problem: Problem, clearance: float) -> Problem:
-    return replace(problem, workspace=replace(problem.workspace, clearance=clearance))
-
-
-def _with_joint_limit(problem: Problem, limit: float) -> Problem:
-    return replace(problem, arm=replace(problem.arm, joint_limit=limit))
-
-
-def _with_base_limit(problem: Problem, limit: float) -> Problem:
-    return replace(problem, arm=replace(problem.arm, base_limit=limit))
+def _of_cylinders(arm: Arm) -> tuple[FloatArray, FloatArray]:
+    """Inertia of links that are solid cylinders, about their axes and across them, shape (links,) each [kg m²]."""
+    return arm.masses * arm.radius**2 / 2.0, arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
 
 
 def _with_feed_to(problem: Problem, high: float) -> Problem:
@@ -138,29 +123,21 @@ def _with_mass(problem: Problem, share: float) -> Problem:
     return replace(problem, arm=replace(arm, **parts))
 
 
-def _uniform_torque(problem: Problem) -> float:
-    """The torque limit when all joints have the same, else 1."""
-    torque = problem.limits.torque
-    return 1.0 if torque is None or np.ptp(torque) else float(torque[0])
-
-
-def _torque_words(problem: Problem, share: float) -> str:
-    value = share * _uniform_torque(problem)
-    same = problem.limits.torque is not None and not np.ptp(problem.limits.torque)
-    return f"limits.torque ? {value:.4g} N m" if same else f"limits.torque ? {value:.4g} times what it is"
-
-
-def _uniform_mass(problem: Problem) -> float:
-    """The mass of a link when all are alike, else 1."""
-    masses = problem.arm.masses
-    return 1.0 if np.ptp(masses) else float(masses[0])
+def _uniform(values: FloatArray | None) -> float:
+    """What all values are, or 1 where they differ, so that shares of them are told."""
+    return 1.0 if values is None or np.ptp(values) else float(values[0])
 
 
 def _mass_words(problem: Problem, share: float) -> str:
-    value = share * _uniform_mass(problem)
     if np.ptp(problem.arm.masses):
-        return f"arm.masses ? {value:.4g} times what they are"
-    return f"arm.link_mass ? {value:.4g} kg"
+        return f"arm.masses ? {share:.4g} times what they are"
+    return f"arm.link_mass ? {share * problem.arm.masses[0]:.4g} kg"
+
+
+def _torque_words(problem: Problem, share: float) -> str:
+    torque = problem.limits.torque
+    unit = "times what it is" if torque is None or np.ptp(torque) else "N m"
+    return f"limits.torque ? {share * _uniform(torque):.4g} {unit}"
 
 
 def _per_file_unit(problem: Problem) -> float:
@@ -185,7 +162,7 @@ CLEARANCE = Parameter(
     "workspace.clearance",
     -1,
     lambda p: p.workspace.clearance,
-    _with_clearance,
+    lambda p, v: replace(p, workspace=replace(p.workspace, clearance=v)),
     lambda _, v: f"workspace.clearance ? {file_length(v)}",
     _per_file_unit,
     lambda p: p.workspace.clearance > 0.0,
@@ -203,7 +180,7 @@ LENGTH = Parameter(
     "arm.link_length",
     +1,
     lambda p: p.arm.link_length,
-    _with_link_length,
+    lambda p, v: replace(p, arm=_as_cylinders(p.arm, replace(p.arm, link_length=v))),
     lambda p, v: f"length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
     lambda p: p.arm.links * _per_file_unit(p),
     _no_curves,
@@ -213,7 +190,7 @@ JOINT_LIMIT = Parameter(
     "arm.joint_limit_deg",
     +1,
     lambda p: p.arm.joint_limit,
-    _with_joint_limit,
+    lambda p, v: replace(p, arm=replace(p.arm, joint_limit=v)),
     lambda _, v: f"arm.joint_limit_deg ? {np.rad2deg(v):.4g}°",
     lambda _: float(np.rad2deg(1.0)),
 )
@@ -221,7 +198,7 @@ BASE_LIMIT = Parameter(
     "arm.base_limit_deg",
     +1,
     lambda p: p.arm.base_limit,
-    _with_base_limit,
+    lambda p, v: replace(p, arm=replace(p.arm, base_limit=v)),
     lambda _, v: f"arm.base_limit_deg ? {np.rad2deg(v):.4g}°",
     lambda _: float(np.rad2deg(1.0)),
 )
@@ -231,9 +208,9 @@ TORQUE = Parameter(
     lambda _: 1.0,
     _with_torque,
     _torque_words,
-    _uniform_torque,
+    lambda p: _uniform(p.limits.torque),
     lambda p: p.limits.torque is not None,
-    _uniform_torque,
+    lambda p: _uniform(p.limits.torque),
 )
 MASS = Parameter(
     "arm.link_mass",
@@ -241,9 +218,9 @@ MASS = Parameter(
     lambda _: 1.0,
     _with_mass,
     _mass_words,
-    _uniform_mass,
+    lambda p: _uniform(p.arm.masses),
     lambda p: p.limits.torque is not None,
-    _uniform_mass,
+    lambda p: _uniform(p.arm.masses),
 )
 PARAMETERS = (RADIUS, CLEARANCE, FEED_RANGE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
 """All of them, in the order in which they are tried where nothing else decides."""
@@ -290,22 +267,19 @@ def without_term(name: str, kind: str) -> WholeChange:
     return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
 
 
-def wider_room(
-    problem: Problem, findings: tuple[Finding, ...], spare: float = DEFAULT_DIAGNOSIS.trials.room_spare
-) -> WholeChange | None:
+def wider_room(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
     """The problem in bounds that hold its start and its goals; None where other things than a room's sides matter.
 
     Args:
         problem: what was asked.
         findings: what is proved.
-        spare: room beyond radius and clearance, as a share of the arm's length.
     """
     bounds = problem.workspace.box
     of_room = all(finding.kind == "contact" and ROOM_NAMES.intersection(finding.obstacles) for finding in findings)
     if not findings or not of_room or bounds is None or not problem.workspace.is_box:
         return None
     arm = problem.arm
-    need = arm.radius + problem.workspace.clearance + spare * arm.length
+    need = arm.radius + problem.workspace.clearance + _ROOM_SPARE * arm.length
     places = [arm.joint_positions_at(pose.q) for pose in whole_poses(problem)]
     points = np.concatenate([*places, *(place.goal.position[None] for place in tip_places(problem))])
     step = 10.0 ** np.floor(np.log10(arm.length) - 3.0)

@@ -15,15 +15,27 @@ import shapely
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polygons import cross, mitred
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
+from ccm_opt.diagnosis.contact import overlap_missed
 from ccm_opt.diagnosis.gaps import Gaps, WallGaps
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places
-from ccm_opt.diagnosis.ways import WidestWay
+from ccm_opt.diagnosis.ways import Ways, WidestWay
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import nearest_walls
 from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
+
+_FINENESS = 1e-3
+"""Relative accuracy of the widest inflation. Taste."""
+_ARC_SIDES = 12
+"""Sides of a quarter of a circle; inscribed arcs lose 0.2 % of their radius. Taste."""
+_MOST_REMOVED = 16
+"""Obstacles that are taken away one at a time, nearest to the narrow place first. Taste."""
+_BEYOND = 1.01
+"""Inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that just passes.
+Taste; ten times the fineness."""
+_MOST_CORNERS = 2000
+"""Corners of free space between which the shortest way is proved; where there are more it is not. Taste."""
 
 
 def shortest_way(
@@ -99,30 +111,27 @@ class WideSpace(FreeSpace):
         mount: arm length from the base that may touch obstacles [m].
         goal: of the tip, shape (2,) [m].
         tolerance: of the goal's position [m].
-        arc_sides: sides of a quarter of a circle.
     """
 
     base: FloatArray
     mount: float
     goal: FloatArray
     tolerance: float
-    arc_sides: int
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
         """Free space as polygons; the exact free set is a subset of it."""
         # Inscribed arcs make obstacles a little smaller than they are; discs around the ends are circumscribed.
-        arc = self.arc_sides
-        room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=arc)
+        room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=_ARC_SIDES)
         grown = [
-            shapely.buffer(wall.core, wall.rounding + self.inflation, quad_segs=arc)
+            shapely.buffer(wall.core, wall.rounding + self.inflation, quad_segs=_ARC_SIDES)
             for wall in self.workspace.obstacles
         ]
         free = shapely.difference(room, shapely.union_all(grown))
         # The mount may stand in a wall, and the tip anywhere within its tolerance. Both discs are whole, even where
         # they leave the room: so the straight way from any place of the tolerance to its middle is a way, and what is
         # not near enough to the middle is not near enough to any of them.
-        whole = shapely.union_all([free, _disc(self.base, self.mount, arc), _disc(self.goal, self.tolerance, arc)])
+        whole = shapely.union_all([free, _disc(self.base, self.mount), _disc(self.goal, self.tolerance)])
         polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]
         space = shapely.MultiPolygon([part for part in polygons if part.area > 1e-12])
         shapely.prepare(space)
@@ -160,11 +169,11 @@ class WideSpace(FreeSpace):
         return None if found is None else min(max(found - self.tolerance, 0.0), longest)
 
 
-def _disc(middle: FloatArray, radius: float, arc_sides: int) -> shapely.Geometry:
+def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
     """A polygon that contains the disc."""
     # A disc of no width would have no outline to be cut out.
-    wide = max(radius, SHORTEST) / np.cos(np.pi / (4 * arc_sides))
-    disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=arc_sides)
+    wide = max(radius, SHORTEST) / np.cos(np.pi / (4 * _ARC_SIDES))
+    disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=_ARC_SIDES)
     return disc
 
 
@@ -174,7 +183,6 @@ def wide_space(
     tolerance: float,
     inflation: float | None = None,
     workspace: Workspace | None = None,
-    arc_sides: int = DEFAULT_DIAGNOSIS.passages.arc_sides,
 ) -> WideSpace:
     """The wide free space of a problem.
 
@@ -184,34 +192,22 @@ def wide_space(
         tolerance: of the goal's position [m].
         inflation: distance of the axis from walls [m]; radius and clearance when None.
         workspace: another workspace, or the problem's when None.
-        arc_sides: sides of a quarter of a circle.
     """
     arm = problem.arm
     workspace = workspace or problem.workspace
     if inflation is None:
         inflation = arm.radius + workspace.clearance
     # Touching is not hitting: a passage exactly as wide as the arm is open.
-    inflation -= DEFAULT_DIAGNOSIS.passages.touching * arm.length
-    return WideSpace(workspace, max(inflation, SHORTEST), arm.base, arm.mount_length, goal, tolerance, arc_sides)
+    inflation -= overlap_missed(arm)
+    return WideSpace(workspace, max(inflation, SHORTEST), arm.base, arm.mount_length, goal, tolerance)
 
 
-_MOST_REMOVED = 16
-"""Obstacles that are taken away one at a time, nearest to the narrow place first. Taste."""
-_BEYOND = 1.01
-"""Inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that just passes.
-Taste; ten times the fineness."""
-_MOST_CORNERS = 2000
-"""Corners of free space between which the shortest way is proved; where there are more it is not. Taste."""
-
-
-def passages(
-    problem: Problem, until: Deadline, settings: PassageProofSettings = DEFAULT_DIAGNOSIS.passages
-) -> Iterator["PassageWays"]:
+def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
     """Yield the ways to every goal of the tip: from the base, or from the hole of a feed axis."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is not None:
-            yield PassageWays(problem, place, fixed, until, settings)
+            yield PassageWays(problem, place, until, fixed)
 
 
 def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
@@ -248,32 +244,21 @@ def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
 
 
 @dataclass(frozen=True)
-class PassageWays:
+class PassageWays(Ways):
     """Looks for a way for the arm's axis from the base to a goal, as the arm is or thinner.
 
     Attributes:
-        problem: what was asked.
-        place: the goal of the tip.
-        fixed: the same with the arm that begins at the hole where it is fed.
-        until: when nothing more is looked at.
-        settings: accuracy, and how many obstacles are taken away.
+        fixed: what was asked, with the arm that begins at the hole where it is fed.
     """
 
-    problem: Problem
-    place: TipPlace
+    shortest_is_proved = True
+    fed_from = "the hole"
     fixed: Problem
-    until: Deadline
-    settings: PassageProofSettings = DEFAULT_DIAGNOSIS.passages
 
     @property
     def arm(self) -> Arm:
         """The arm, or what of it reaches beyond its hole."""
         return self.fixed.arm
-
-    @property
-    def begin(self) -> str:
-        """Where ways begin, in words, where that is not the base."""
-        return "" if self.problem.arm.feed is None else " from the hole"
 
     @cached_property
     def gaps(self) -> Gaps:
@@ -294,12 +279,12 @@ class PassageWays:
         """Free space with another inflation, or in another workspace."""
         goal = self.place.goal.position
         tolerance = self.place.tolerances.position
-        return wide_space(self.fixed, goal, tolerance, inflation, workspace, self.settings.arc_sides)
+        return wide_space(self.fixed, goal, tolerance, inflation, workspace)
 
     @property
     def closed(self) -> bool:
         """Whether it is proved that no way is wide and short enough."""
-        return not self.space.connected or self.least > self.arm.length * (1.0 + self.settings.touching)
+        return not self.space.connected or self.least > self.arm.length + overlap_missed(self.arm)
 
     @property
     def closed_to_short_arms(self) -> bool:
@@ -311,11 +296,6 @@ class PassageWays:
         """Corners of a taut way that is wide enough, shape (m, 2) [m]; None where there is none."""
         found = self.space.routes(self.arm.base, self.place.goal.position, 1) if self.space.connected else ()
         return found[0].taut if found else None
-
-    @property
-    def shortest_is_proved(self) -> bool:
-        """Whether no way that is wide enough is shorter."""
-        return True
 
     @cached_property
     def least(self) -> float:
@@ -352,7 +332,7 @@ class PassageWays:
             return 0.0
         # What is open to an arm is open to every thinner one, so that bisection finds the largest.
         low = SHORTEST
-        while high - low > self.settings.fineness * high:
+        while high - low > _FINENESS * high:
             middle = 0.5 * (low + high)
             if holds(middle):
                 low = middle
@@ -384,11 +364,6 @@ class PassageWays:
 
     def _opened_without(self, name: str) -> bool:
         return self.at(self.room, self.problem.workspace.without(name)).shortest <= self.arm.length
-
-    def seen_in(self, name: str, place: FloatArray) -> FloatArray:
-        """The place itself, which lies where an obstacle parts the pieces of free space, shape (2,) [m]."""
-        del name
-        return place
 
     def mends_of_length(self) -> dict[str, float]:
         """What would do, by keys, where all ways are too long [m]."""

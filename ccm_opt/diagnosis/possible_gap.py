@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, DiagnosisSettings
 from ccm_opt.diagnosis.gaps import gaps_of
 from ccm_opt.diagnosis.keyed_poses import keyed_goals, tip_places
 from ccm_opt.diagnosis.ways import tip_ways
@@ -15,9 +14,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import PossibleGap, RoomRecord
 
 
-def possible_gap(
-    problem: Problem, room: RoomRecord, settings: DiagnosisSettings = DEFAULT_DIAGNOSIS
-) -> PossibleGap | None:
+def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
     """An upper bound on the least gap of every motion that ends exactly at its goals.
 
     No motion has more than its start has, than a pose of the whole arm that a goal fixes, or, where the goal is the
@@ -29,7 +26,6 @@ def possible_gap(
         problem: what was asked.
         room: of a plan for it, with the gaps of the poses at which the plan rests; more than its wanted gap is not
             looked for.
-        settings: how exactly passages are measured.
 
     Returns:
         The bound, not above the wanted gap where one was wanted, and what decides it; None where all that is fixed is
@@ -45,7 +41,7 @@ def possible_gap(
     asked = least.value
     workspace: Any = problem.workspace
     grown: Any = replace(problem, workspace=replace(workspace, clearance=workspace.clearance + asked))
-    for ways in tip_ways(grown, Deadline.never(), settings):
+    for ways in tip_ways(grown, Deadline.never()):
         # There is a plan, whose own axis is a way for an arm that asks for no gap.
         kept = max(ways.room - asked, 0.0)
         widest = max(ways.bound(kept) - kept, 0.0)

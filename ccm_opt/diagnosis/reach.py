@@ -9,12 +9,16 @@ from scipy.optimize import brentq
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import in_metres, long_length
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, ReachSettings
+from ccm_opt.diagnosis.contact import overlap_missed
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
+_DIRECTIONS = 1000
+"""Over the whole sphere, along which an arm may fall short of its goal. Taste: 6° between them."""
+_REFINEMENTS = 8
+"""How often that is done about the worst, each time half as far apart. Taste: to a tenth of a degree."""
 _DIRECTIONS_NEAR = 50
 """About the best so far. Taste."""
 
@@ -248,14 +252,14 @@ class TurnCaps:
         needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
         return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
 
-    def worst(self, settings: ReachSettings) -> tuple[float, FloatArray]:
+    def worst(self) -> tuple[float, FloatArray]:
         """The most by which the arm falls short along any direction that is looked at, and that direction (d,)."""
         dimension = self.arm.dimension
-        ways = spread_directions(settings.directions, dimension)
+        ways = spread_directions(_DIRECTIONS, dimension)
         best = ways[int(np.argmax(self.missing(ways)))]
         # Closer and closer about the best: any direction proves what it proves.
-        spread = 4.0 / np.sqrt(settings.directions)
-        for _ in range(settings.refinements):
+        spread = 4.0 / np.sqrt(_DIRECTIONS)
+        for _ in range(_REFINEMENTS):
             near = best + spread * spread_directions(_DIRECTIONS_NEAR, dimension)
             near = np.concatenate((best[None], near / np.linalg.norm(near, axis=1, keepdims=True)))
             best = near[int(np.argmax(self.missing(near)))]
@@ -283,10 +287,10 @@ def spread_directions(count: int, dimension: int) -> FloatArray:
     return np.column_stack((aside * np.cos(turn), aside * np.sin(turn), height))
 
 
-def _both_at_once(arm: Arm, place: TipPlace, settings: ReachSettings = DEFAULT_DIAGNOSIS.reach) -> Iterator[Finding]:
+def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     """The goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
-    missing, way = TurnCaps(arm, place).worst(settings)
-    if missing <= DEFAULT_DIAGNOSIS.passages.touching * arm.length:
+    missing, way = TurnCaps(arm, place).worst()
+    if missing <= overlap_missed(arm):
         return
     reached = "with its direction " if place.goal.direction is not None else ""
     sharpest = degrees(most_turn(arm, arm.joint_limit))

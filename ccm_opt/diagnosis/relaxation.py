@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
+from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
 from ccm_opt.diagnosis.gaps import ROOM_NAMES
 from ccm_opt.diagnosis.moved_goal import left_out, moved_goals
 from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, wider_room, without_obstacle, without_term
@@ -36,18 +36,13 @@ _MOST_DROPPED = 3
 _MOST_OMITTED = 2
 """Obstacles that are left out in a try of their own. Taste."""
 
-Solve: TypeAlias = Callable[[Any], object]
-"""Plans, times and verifies a problem, or raises; what it returns is not looked at."""
+Solve: TypeAlias = Callable[..., object]
+"""Plans, times and verifies a problem, perhaps with one constraint or cost of the user's dropped, by its name, or
+raises; what it returns is not looked at."""
 CERTAIN = frozenset(("torque", "contact", "joint limit"))
 """Kinds of findings that are measured on a pose or a path; not proved, they leave other poses within tolerance."""
-SolveWithout: TypeAlias = Callable[[Any, str], object]
-"""The same with one constraint or cost of the user's dropped, by its name."""
 HoldAgain: TypeAlias = Callable[[Any, object], object]
 """Times and verifies what was returned for one problem as a plan for another, or raises."""
-
-
-def _nothing_to_drop(problem: Problem, name: str) -> object:
-    raise ProblemError(f"problem '{problem.name}' has no constraint or cost '{name}'")
 
 
 def _never_holds(problem: Problem, plan: object) -> object:
@@ -59,10 +54,9 @@ class Trials:
     """Solves changed problems, each within a share of the time that is left.
 
     Attributes:
-        solve: solves a problem or raises.
+        solve: solves a problem, perhaps less one of the terms by its name, or raises.
         until: when all must end.
         terms: kind and name of each constraint and cost of the user's, the likelier ones to be in the way first.
-        solve_without: solves a problem less one of these, or raises.
         hold_again: holds what solved one problem against another.
         begun: CPU time of this process from which on the time for reasons and changes counts [s].
         tell: told of every change before it is tried, in words, with the time spent so far and the most [s].
@@ -74,12 +68,11 @@ class Trials:
     solve: Solve
     until: Deadline
     terms: tuple[tuple[str, str], ...] = ()
-    solve_without: SolveWithout = _nothing_to_drop
     hold_again: HoldAgain = _never_holds
     ended: Callable[[object], FloatArray] = lambda _: np.zeros(0)
     begun: float = field(default_factory=time.process_time)
     tell: Callable[[str, float, float], None] = lambda *_: None
-    settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
+    settings: TrialSettings = field(default_factory=TrialSettings)
     plans: list[object] = field(default_factory=list)
 
     @property
@@ -110,7 +103,7 @@ class Trials:
         limited = _in_haste(problem, limit)
         self.tell(words, self.spent, settings.longest_search)
         try:
-            plan = self.solve_without(limited, dropped) if dropped else self.solve(limited)
+            plan = self.solve(limited, dropped) if dropped else self.solve(limited)
         except (NoPlanFound, VerificationError, ProblemError):
             return False
         self.plans.append(plan)

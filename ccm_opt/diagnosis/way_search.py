@@ -18,10 +18,11 @@ from scipy.sparse import csgraph
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.cell_tree import CellTree
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.workspace import Workspace
 
+FINEST = 0.04
+"""Cubes are not split below this share of the room that is asked about. Taste: that is then known to a twentieth."""
 _MOST_CELLS = 300_000
 """Cubes at which a search is given up. Taste: 0.1 GB and some seconds."""
 _SPREAD = 1
@@ -66,7 +67,6 @@ class WaySearch:
         box: where places are looked at, shape (2, 3) [m].
         cells: the cubes so far.
         until: when what is asked is answered with "not known".
-        settings: numbers.
         sides: of each cube whether it is inside of a closed body: 1 yes, −1 no, 0 not looked at.
     """
 
@@ -75,7 +75,6 @@ class WaySearch:
     box: FloatArray
     cells: CellTree
     until: Deadline = field(default_factory=Deadline.never)
-    settings: WaySettings = DEFAULT_DIAGNOSIS.ways
     sides: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     def __post_init__(self) -> None:
@@ -90,9 +89,9 @@ class WaySearch:
         Args:
             room: distance from all surfaces [m].
             length: of the way [m].
-            more: cubes by which there may be more then; as many as the settings allow when None.
+            more: cubes by which there may be more then; as many as are kept at all when None.
         """
-        finest = self.settings.finest * room
+        finest = FINEST * room
         most = _MOST_CELLS if more is None else len(self.cells) + more
         for _ in range(_MOST_ROUNDS):
             state = self._state(room, length)

@@ -1,8 +1,9 @@
 """Whether there is a way to the goal that is wide enough and short enough; if not, what is in the way."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import leg_lengths
 from ccm_opt.diagnosis.contact import contact_at_tips
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, DiagnosisSettings, TightnessSettings
 from ccm_opt.diagnosis.gaps import Gaps, beside, depth_beyond
 from ccm_opt.diagnosis.keyed_poses import TipPlace
 from ccm_opt.diagnosis.ranking import degrees, diameter_words, listed, point
@@ -23,6 +23,14 @@ from ccm_opt.robot.arm import Arm
 
 _DETOUR = 1e-3
 """A way longer than the straight line by less than this share of it is a matter of reach alone. Taste."""
+_NARROW = 1.5
+"""A gap narrower than this many diameters is told as tight, though it is not proved too narrow. Taste."""
+_SHORT = 1.08
+"""An arm shorter than this multiple of the route is told likewise. Taste."""
+_STIFF = 1.25
+"""A turn with less room than this multiple of what the tightest bend needs is told likewise. Taste."""
+_LEAST_TURN = 0.3490658503988659
+"""Turns of a route below this are not told [rad]. Taste: 20°."""
 _SPANNED = 0.99
 """A way so much narrower than another is told beside it. Taste."""
 
@@ -50,59 +58,73 @@ class WidestWay:
     way: FloatArray | None = None
 
 
-class Ways(Protocol):
-    """Ways of an arm's axis from its base, or where it is fed to, to the tolerance of a goal of the tip."""
+@dataclass(frozen=True, eq=False)
+class Ways(ABC):
+    """Ways of an arm's axis from its base, or where it is fed to, to the tolerance of a goal of the tip.
 
-    @property
-    def problem(self) -> Problem:
-        """What was asked."""
+    Attributes:
+        problem: what was asked.
+        place: the goal.
+        until: when nothing more is looked at.
+        shortest_is_proved: whether no way that is wide enough is shorter than the shortest.
+        fed_from: where ways of a fed arm begin.
+    """
 
-    @property
-    def arm(self) -> Arm:
-        """The arm that has to be long enough; of one on a feed axis perhaps what reaches beyond its hole."""
-
-    @property
-    def place(self) -> TipPlace:
-        """The goal."""
-
-    @property
-    def gaps(self) -> Gaps:
-        """Distances from everything."""
+    shortest_is_proved: ClassVar[bool]
+    fed_from: ClassVar[str]
+    problem: Problem
+    place: TipPlace
+    until: Deadline
 
     @property
     def begin(self) -> str:
         """Where ways begin, in words, where that is not the base."""
+        return "" if self.problem.arm.feed is None else f" from {self.fed_from}"
 
     @property
+    @abstractmethod
+    def arm(self) -> Arm:
+        """The arm that has to be long enough; of one on a feed axis perhaps what reaches beyond its hole."""
+
+    @property
+    @abstractmethod
+    def gaps(self) -> Gaps:
+        """Distances from everything."""
+
+    @property
+    @abstractmethod
     def room(self) -> float:
         """Distance that the axis needs from everything [m]."""
 
     @property
+    @abstractmethod
     def closed(self) -> bool:
         """Whether it is proved that no way is wide and short enough."""
 
     @property
+    @abstractmethod
     def closed_to_short_arms(self) -> bool:
         """Whether that may be due to the arm's length alone."""
 
     @property
+    @abstractmethod
     def shortest(self) -> FloatArray | None:
         """Corners of a short way that is wide enough, perhaps too long, shape (m, d) [m]; None where none is known."""
 
     @property
-    def shortest_is_proved(self) -> bool:
-        """Whether no way that is wide enough is shorter."""
-
-    @property
+    @abstractmethod
     def least(self) -> float:
         """Length of that way, to the edge of the goal's tolerance [m]."""
 
+    @abstractmethod
     def widest(self, most: float) -> WidestWay:
         """The widest way that keeps at most so much distance [m]."""
 
+    @abstractmethod
     def bound(self, known: float) -> float:
         """Distance that no way keeps more than, at most the room, where some way keeps a known one [m]."""
 
+    @abstractmethod
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
         """Obstacles without any one of which there is a way, those most to the point first.
 
@@ -113,22 +135,25 @@ class Ways(Protocol):
 
     def seen_in(self, name: str, place: FloatArray) -> FloatArray:
         """Where ways lead through an obstacle that closes them, (d,) [m]; a place beside it where that is unknown."""
+        del name
+        return place
 
+    @abstractmethod
     def mends_of_length(self) -> dict[str, float]:
         """What would do, by keys, where all ways are too long [SI]."""
 
 
-def tip_ways(problem: Problem, until: Deadline, settings: DiagnosisSettings = DEFAULT_DIAGNOSIS) -> Iterator[Ways]:
+def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
     """Yield the ways to every goal of the tip, those looked at no longer than until a deadline."""
     # One of the two is needed at a time, and most problems need neither.
     if problem.dimension == 2:
         from ccm_opt.diagnosis.passages import passages  # noqa: PLC0415
 
-        yield from passages(problem, until, settings.passages)
+        yield from passages(problem, until)
     else:
         from ccm_opt.diagnosis.axis_ways import axis_ways  # noqa: PLC0415
 
-        yield from axis_ways(problem, until, settings.ways)
+        yield from axis_ways(problem, until)
 
 
 def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding]:
@@ -256,26 +281,24 @@ def between(walls: tuple[str, ...]) -> str:
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
 
 
-def tight_ways(
-    problem: Problem, until: Deadline, settings: TightnessSettings = DEFAULT_DIAGNOSIS.tightness
-) -> tuple[Finding, ...]:
+def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     """What is likely to stand in the way though it is not proved to, the tightest first."""
     found: list[Finding] = []
     for ways in tip_ways(problem, until):
-        found += _narrow(ways, settings)
+        found += _narrow(ways)
         way = ways.shortest
         if way is not None:
-            found += _short(ways, way, settings)
-            found += _stiff(ways, way, settings)
+            found += _short(ways, way)
+            found += _stiff(ways, way)
     return tuple(sorted(found, key=lambda finding: (finding.measured or 0.0) / max(finding.allowed or 0.0, 1e-300)))
 
 
-def _narrow(ways: Ways, settings: TightnessSettings) -> Iterator[Finding]:
+def _narrow(ways: Ways) -> Iterator[Finding]:
     """The narrowest place of the widest way against the diameter."""
     if ways.room <= 0.0:
         return
-    widest = ways.widest(settings.narrow * ways.room)
-    if not 0.0 < widest.most < settings.narrow * ways.room:
+    widest = ways.widest(_NARROW * ways.room)
+    if not 0.0 < widest.most < _NARROW * ways.room:
         return
     gap = 2.0 * widest.most
     need = 2.0 * ways.room
@@ -293,10 +316,10 @@ def _narrow(ways: Ways, settings: TightnessSettings) -> Iterator[Finding]:
     )
 
 
-def _short(ways: Ways, way: FloatArray, settings: TightnessSettings) -> Iterator[Finding]:
+def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
     """The length of the shortest way that was found against the arm's."""
     length = way_length(way)
-    if ways.arm.length <= settings.short * length:
+    if ways.arm.length <= _SHORT * length:
         yield Finding(
             "too short",
             f"the shortest way that was found is {long_length(length)} long, the arm of "
@@ -308,7 +331,7 @@ def _short(ways: Ways, way: FloatArray, settings: TightnessSettings) -> Iterator
         )
 
 
-def _stiff(ways: Ways, way: FloatArray, settings: TightnessSettings) -> Iterator[Finding]:
+def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
     """The sharpest turns of that way against the tightest bend of the arm, given the room that there is.
 
     A turn by α round an inner corner from which the arm may be moved outwards by h leaves room for an arc of radius
@@ -320,7 +343,7 @@ def _stiff(ways: Ways, way: FloatArray, settings: TightnessSettings) -> Iterator
     corners = simplified(way, ways.room)
     for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
         turn = angle_between(corner - before, after - corner)
-        if turn < settings.least_turn:
+        if turn < _LEAST_TURN:
             continue
         outwards = (corner - before) / np.linalg.norm(corner - before) - (after - corner) / np.linalg.norm(
             after - corner
@@ -328,7 +351,7 @@ def _stiff(ways: Ways, way: FloatArray, settings: TightnessSettings) -> Iterator
         outwards /= np.linalg.norm(outwards)
         half = np.cos(0.5 * min(turn, 0.95 * np.pi))
         radius = depth_beyond(ways.gaps, corner, outwards, ways.room, arm.length) * half / (1.0 - half)
-        if radius <= settings.stiff * tightest:
+        if radius <= _STIFF * tightest:
             walls = beside(ways.gaps, corner, 0.0)[:1]
             compared = "less than" if radius < tightest else "hardly more than"
             yield Finding(

@@ -37,8 +37,8 @@ from ccm_opt.problem.solution import (
     SurvivedError,
 )
 from ccm_opt.scene.workspace import Obstacle
-from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.verifier import left_unchecked
 
 Result = TypeVar("Result")
 
@@ -107,7 +107,7 @@ def room_of(
         # To flood the room for the widest way takes as long as to plan.
         return room
     bounds = list(_bounds_of_passages(problem, trajectory, room))
-    general = possible_gap(problem, room, settings.diagnosis)
+    general = possible_gap(problem, room)
     if general is not None:
         bounds.append(general)
     return replace(room, possible=min(bounds, key=lambda bound: bound.value, default=None))

@@ -195,7 +195,7 @@ def largest_wanted_gap(
 def _bound_below(most: float, plan: Solution, settings: Settings) -> PossibleGap | None:
     """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
     room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
-    return possible_gap(plan.problem, room, settings.diagnosis)
+    return possible_gap(plan.problem, room)
 
 
 def _planning_time(solution: Solution) -> float:

@@ -145,7 +145,6 @@ class PlanningRun:
             self._solve_changed,
             self.deadline.within(settings.longest_search),
             named_terms(str(failure), self.constraints, self.costs),
-            self._solve_changed,
             self._held_again,
             _ended,
             begun=begun,

@@ -19,8 +19,8 @@ from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics import retiming
+from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory, Solution

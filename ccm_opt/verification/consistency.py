@@ -5,7 +5,7 @@ The bounds are those of running-error analysis: with u = 2⁻⁵³, a sum of n n
 section 4.2). Samples count as exact: they are what is proved.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +16,15 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.verification.drives import Efforts, as_revolutes, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.drives import (
+    Efforts,
+    as_revolutes,
+    check_worst,
+    joints_of_bends,
+    joints_of_revolutes,
+    moment_of,
+    revolutes_of_bends,
+)
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
@@ -28,39 +36,68 @@ def check_consistency(
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
     """Check that angles, rates and torques tell one story; ``needed`` are efforts by the verifier's own dynamics."""
+    # A bend has the limit of its revolute.
+    limit = problem.limits.acceleration[revolutes_of_bends(trajectory.coordinates)]
+    names = joints_of_bends(trajectory.coordinates)
+    motion = (trajectory.time, trajectory.bend_angles, trajectory.bend_velocities)
     return [
-        _velocities(problem, trajectory),
-        _accelerations(problem, trajectory, settings),
+        check_rates("velocities against angles", "rad/s", motion, limit, names),
+        _accelerations(trajectory, limit, names, settings),
         _revolutes(trajectory, joints, settings),
-        _torques(trajectory, joints, needed[0], settings),
+        check_efforts(
+            "torques against dynamics",
+            "N m",
+            joints.torques - needed[0],
+            needed[0],
+            moment_of(trajectory.time, joints_of_revolutes(joints.names)),
+            settings,
+        ),
     ]
 
 
-def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
-    """|Δq/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a (error of the trapezoid rule on a Lipschitz v)."""
-    step = np.diff(trajectory.time)[:, None]
-    bends = trajectory.bend_angles
-    speed = trajectory.bend_velocities
-    gap = np.abs(np.diff(bends, axis=0) / step - 0.5 * (speed[1:] + speed[:-1]))
-    # Differences of angles as long as 1 rad lose their last digits, and a short step makes much of them.
-    rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(bends))) / step
-    # A bend has the limit of its revolute.
-    limit = problem.limits.acceleration[revolutes_of_bends(trajectory.coordinates)]
-    allowed = 0.25 * step * limit + rounding
+def check_rates(
+    name: str,
+    unit: str,
+    motion: tuple[FloatArray, FloatArray, FloatArray],
+    limit: FloatArray | float,
+    names: Sequence[str] = (),
+) -> Check:
+    """Check that |Δq/h − (v₀ + v₁)/2| ≤ h a/4, as for any acceleration within ± a.
 
-    share = gap / allowed
-    k, j = np.unravel_index(np.argmax(share), share.shape)
-    return Check(
-        "velocities against angles",
-        float(gap[k, j]),
-        float(allowed[k, j]),
-        "rad/s",
-        f"{joint_of_bend(trajectory.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s",
-        passed=bool(share[k, j] <= 1.0),
-    )
+    That is the error of the trapezoid rule on a velocity whose slope is bounded by a.
+
+    Args:
+        name: of the check.
+        unit: of the velocities.
+        motion: times (T,), places and velocities, both of shape (T, n) or (T,).
+        limit: a, of every column.
+        names: of the columns.
+    """
+    time, places, velocities = motion
+    step = np.diff(time).reshape(-1, *[1] * (places.ndim - 1))
+    gap = np.diff(places, axis=0) / step - 0.5 * (velocities[1:] + velocities[:-1])
+    # Differences of places as large as 1 lose their last digits, and a short step makes much of them.
+    rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(places))) / step
+    return check_worst(name, unit, gap, 0.25 * step * limit + rounding, moment_of(time, names))
 
 
-def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
+def check_efforts(
+    name: str,
+    unit: str,
+    error: FloatArray,
+    expected: FloatArray,
+    where: Callable[..., str],
+    settings: VerificationSettings,
+) -> Check:
+    """Check by how much reported efforts differ from the verifier's own inverse dynamics."""
+    # Efforts are summed along the arm, so rounding is in proportion to the greatest, not to each by itself.
+    allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor
+    return check_worst(name, unit, error, allowed, where)
+
+
+def _accelerations(
+    trajectory: JointTrajectory, limit: FloatArray, names: Sequence[str], settings: VerificationSettings
+) -> Check:
     """The velocity a joint gains is that of its accelerations, up to what the samples cannot show.
 
     The mean acceleration of a step lies between the values at its ends unless acceleration jumps twice within the
@@ -77,15 +114,9 @@ def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: Veri
 
     # Rounding adds up over the steps; the floor lets a joint that hardly moves pass.
     rounding = 16.0 * np.finfo(np.float64).eps * len(step) * (1.0 + np.max(np.abs(speed)))
-    limit = problem.limits.acceleration[revolutes_of_bends(trajectory.coordinates)]
     floor = settings.unseen_floor * trajectory.time[-1] * limit
     allowed = settings.unseen_share * np.sum(np.abs(gained), axis=0) + floor + rounding
-
-    j = int(np.argmax(outside / allowed))
-    worst = float(outside[j])
-    bound = float(allowed[j])
-    where = joint_of_bend(trajectory.coordinates, j)
-    return Check("accelerations against velocities", worst, bound, "rad/s", where, passed=worst <= bound)
+    return check_worst("accelerations against velocities", "rad/s", outside, allowed, lambda j: names[j])
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:
@@ -96,24 +127,9 @@ def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: Verif
         (trajectory.bend_accelerations, joints.accelerations),
     )
     # Angles, rates and their derivatives are held to one tolerance, each in its own unit.
-    errors = np.stack([np.abs(as_revolutes(trajectory.coordinates, bends) - revolutes) for bends, revolutes in pairs])
-    worst = float(np.max(errors))
-    _, k, j = np.unravel_index(np.argmax(errors), errors.shape)
-    where = f"joint {j // 3 + 1} ({joints.names[j]}) at t = {trajectory.time[k]:.4f} s"
-    return Check("revolutes against bends", worst, settings.match, "rad", where, passed=worst <= settings.match)
-
-
-def _torques(
-    trajectory: JointTrajectory, joints: JointStates, expected: FloatArray, settings: VerificationSettings
-) -> Check:
-    """Reported torques against the verifier's own inverse dynamics."""
-    error = np.abs(expected - joints.torques)
-    # Torques are summed along the arm, so rounding is in proportion to the greatest, not to each by itself.
-    allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor
-    k, j = np.unravel_index(np.argmax(error), error.shape)
-    where = f"joint {j // 3 + 1} ({joints.names[j]}) at t = {trajectory.time[k]:.4f} s"
-    worst = float(error[k, j])
-    return Check("torques against dynamics", worst, allowed, "N m", where, passed=worst <= allowed)
+    errors = np.stack([as_revolutes(trajectory.coordinates, bends) - revolutes for bends, revolutes in pairs])
+    where = moment_of(trajectory.time, joints_of_revolutes(joints.names))
+    return check_worst("revolutes against bends", "rad", errors, settings.match, lambda _, k, j: where(k, j))
 
 
 def check_form(

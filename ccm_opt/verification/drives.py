@@ -4,6 +4,7 @@ In the plane the bend of a ball is minus its second revolute. In space its two b
 The others stay at zero.
 """
 
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -43,6 +44,47 @@ def joint_of_bend(coordinates: Coordinates, number: int) -> str:
     """The joint that a bend belongs to, in words."""
     each = bends_a_ball(coordinates)
     return f"joint {number + 1}" if each == 1 else f"joint {number // each + 1} {'ab'[number % each]}"
+
+
+def joints_of_bends(coordinates: Coordinates) -> tuple[str, ...]:
+    """The joints that all bends belong to, in words."""
+    return tuple(joint_of_bend(coordinates, number) for number in range(coordinates.joints))
+
+
+def joints_of_revolutes(names: Sequence[str]) -> tuple[str, ...]:
+    """Revolutes with names in words, the joints counted from 1."""
+    return tuple(f"joint {number // 3 + 1} ({name})" for number, name in enumerate(names))
+
+
+def moment_of(time: FloatArray, names: Sequence[str] = ()) -> Callable[..., str]:
+    """What says of the numbers of a time, and of a column with a name where there are any, where and when it is."""
+    return lambda k, *column: " at ".join((*(names[j] for j in column), f"t = {time[k]:.4f} s"))
+
+
+def check_worst(
+    name: str,
+    unit: str,
+    values: FloatArray,
+    allowed: FloatArray | float,
+    where: Callable[..., str],
+    tolerance: float = 0.0,
+) -> Check:
+    """Check values by that which takes the greatest share of what is allowed.
+
+    Args:
+        name: of the check.
+        unit: of the values.
+        values: of any shape, and sign.
+        allowed: of that shape, or one that is broadcast to it; positive.
+        where: says of the numbers of a value where it is.
+        tolerance: share by which the values may pass what is allowed.
+    """
+    sizes = np.abs(values)
+    bounds = np.broadcast_to(allowed, sizes.shape)
+    # Shares are compared, for the drives need not have the same limits.
+    worst = np.unravel_index(np.argmax(sizes / bounds), sizes.shape)
+    size, bound = float(sizes[worst]), float(bounds[worst])
+    return Check(name, size, bound, unit, where(*map(int, worst)), passed=size <= bound * (1.0 + tolerance))
 
 
 def check_names(problem: Problem, joints: JointStates) -> Check:

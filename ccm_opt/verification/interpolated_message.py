@@ -3,11 +3,10 @@
 ``joint_trajectory_controller`` of ROS joins two points by a cubic where both have velocities, by a quintic where both
 have accelerations too. Such a curve is looked at in short steps. In a step of length h a function f lies within
 h² / 8 · max|f''| of its chord, so the greatest |f| is that at the ends and this much more, unless f' keeps its sign;
-bounds on derivatives of a polynomial follow one from the other, and end with the last (``docs/theory.md``, theorem 17).
+bounds on derivatives of a polynomial follow one from the other, and end with the last (``docs/theory.md``, theorem 10).
 
-Proved is the motion whose coordinates are linear between samples. Controllers of robots make smooth curves of them: by
-cubics through places and velocities, or by quintics through accelerations too. Whatever such a curve adds *along* the
-straight piece is another time on the same way; what it adds across it is bounded here (``docs/theory.md``, theorem 10).
+Proved is the motion whose coordinates are linear between samples. Whatever such a curve adds *along* the straight piece
+is another time on the same way; what it adds across it is bounded (likewise).
 """
 
 from collections.abc import Callable, Sequence
@@ -34,6 +33,8 @@ MOST_STEPS = 50_000
 """Steps of a motion at most, unless it has more points; longer ones only make bounds less sharp. Taste."""
 MOST_PIECES = 32
 """Into how many pieces a step of the proved motion is cut to bound the deviation. Taste."""
+_SAMPLE_PIECES = 8
+"""The same where every sample is a point. Taste: with more the bound is hardly less."""
 
 
 @dataclass(frozen=True)
@@ -362,16 +363,10 @@ def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
     return np.asarray(arm.link_length * turned + np.sum(np.abs(change[:, layout.joints :]), axis=1, keepdims=True))
 
 
-OF_CUBIC = 0.25
-"""By how much a cubic answers to the greater of two errors of velocity: the greatest value of s (1 - s)."""
-OF_VELOCITY = 0.2078
-"""By how much a quintic answers to an error of velocity: the greatest of s - 6 s³ + 8 s⁴ - 3 s⁵, rounded up."""
-OF_ACCELERATION = 0.0173
-"""By how much it answers to an acceleration: the greatest of ½ s² (1 - s)³, rounded up."""
-
-
 def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:
-    """A distance that no point of the arm passes on such a curve from where it is at some time of the proved motion.
+    """A distance that no point of the arm passes from where it is at some time of the proved motion.
+
+    It is that of controllers which are sent all samples, and join them by cubics or by quintics.
 
     Args:
         arm: the arm.
@@ -380,64 +375,6 @@ def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:
     Returns:
         The distance [m].
     """
-    step = np.diff(trajectory.time)[:, None]
-    velocities = _ways(arm, trajectory.velocities)
-    accelerations = _ways(arm, trajectory.accelerations)
-    way = np.diff(_ways(arm, trajectory.positions), axis=0)
-
-    # By what the velocities at both ends differ from the mean of the step, and accelerations, as ways over the step.
-    errors = [_Part.of(step * values - way, way) for values in (velocities[:-1], velocities[1:])]
-    pulls = [_Part.of(step**2 * values, way) for values in (accelerations[:-1], accelerations[1:])]
-    start = 1.0 + errors[0].along
-    end = 1.0 + errors[1].along
-    cubic_stays = _within([start / 3.0, 1.0 - end / 3.0])
-    cubic = OF_CUBIC * np.maximum(*(error.size(cubic_stays) for error in errors))
-    quintic_stays = _within(
-        [
-            start / 5.0,
-            0.4 * start + pulls[0].along / 20.0,
-            1.0 - 0.4 * end + pulls[1].along / 20.0,
-            1.0 - end / 5.0,
-        ]
-    )
-    quintic = OF_VELOCITY * (errors[0].size(quintic_stays) + errors[1].size(quintic_stays))
-    quintic += OF_ACCELERATION * (pulls[0].size(quintic_stays) + pulls[1].size(quintic_stays))
-    return float(np.max(np.maximum(cubic, quintic)))
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A change in every step, taken apart along the way of the step and across it, each array of shape (T - 1,).
-
-    Attributes:
-        along: how many times the way.
-        across: sum over the coordinates of what is left [m].
-        whole: sum over the coordinates of all of it [m].
-    """
-
-    along: FloatArray
-    across: FloatArray
-    whole: FloatArray
-
-    @classmethod
-    def of(cls, part: FloatArray, way: FloatArray) -> "_Part":
-        """Take a change apart, shape (T - 1, c) [m]."""
-        square = np.einsum("tc,tc->t", way, way)
-        along = np.einsum("tc,tc->t", part, way) / np.where(square > 0.0, square, 1.0)
-        across = np.sum(np.abs(part - along[:, None] * way), axis=1)
-        return cls(along, across, np.sum(np.abs(part), axis=1))
-
-    def size(self, stays: BoolArray) -> FloatArray:
-        """What counts of it: all where the curve does not stay on its piece of the way."""
-        return np.where(stays, self.across, self.whole)
-
-
-def _ways(arm: Arm, values: FloatArray) -> FloatArray:
-    """What turns of the links, and the axes of the base, move the tip by at most, shape (T, c) [m, or its rates]."""
-    turns = arm.link_length * np.cumsum(values[:, : arm.links], axis=1)
-    return np.concatenate((turns, values[:, arm.links :]), axis=1)
-
-
-def _within(controls: list[FloatArray]) -> BoolArray:
-    """Where all Bernstein coefficients of a curve's place on its piece lie on the piece, shape (T - 1,)."""
-    return np.asarray(np.all([(control >= 0.0) & (control <= 1.0) for control in controls], axis=0))
+    points = (trajectory.time, trajectory.positions, trajectory.velocities)
+    messages = [Message(*points, gains, trajectory.coordinates) for gains in (None, trajectory.accelerations)]
+    return max(float(np.max(_deviation(arm, trajectory, message, 1.0, _SAMPLE_PIECES))) for message in messages)

@@ -5,7 +5,7 @@ share h of an effort's limit, the effort may take max(σ, h + ½ σ (1 − h)) o
 ``robot.coordinates`` too; the verifier reckons for itself, on purpose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,17 +16,20 @@ from ccm_opt.problem import Limits, PointLimit, Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried, lengths_of
-from ccm_opt.verification.drives import as_revolutes, bends_a_ball, joint_of_bend
+from ccm_opt.verification.drives import (
+    as_revolutes,
+    bends_a_ball,
+    check_worst,
+    joint_of_bend,
+    joints_of_revolutes,
+    moment_of,
+)
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 UNIT = "of the limit"
-HoldingEfforts = tuple[FloatArray, FloatArray]
-"""Torques of all revolutes, shape (T, 3 * links) [N m], and forces of the base's axes, (T, axes) [N], at rest."""
-
-
-_Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
-"""Values of all revolutes at some times, the times, and the names of the revolutes."""
+_Source = tuple[FloatArray, FloatArray]
+"""Values at some times, and the times."""
 
 
 def check_limits(
@@ -41,19 +44,21 @@ def check_limits(
     Velocities and accelerations are judged twice, by the reported values and by differences of the samples: a mean
     rate over a step can never pass a limit that holds at all times, so a false report cannot hide one.
     """
-    checks = [check_bends(arm, trajectory, settings)]
-    tolerance = settings.limit_tolerance
-    velocities = _velocity_sources(trajectory, joints)
-    checks.append(_worst("joint velocity", "rad/s", limits.velocity, velocities, tolerance))
-    accelerations = _acceleration_sources(trajectory, joints)
-    checks.append(_worst("joint acceleration", "rad/s²", limits.acceleration, accelerations, tolerance))
-    if limits.jerk is not None:
-        jerks = _jerk_sources(trajectory, joints)
-        checks.append(_worst("joint jerk", "rad/s³", limits.jerk, jerks, tolerance))
-    if limits.torque is not None:
-        torques: _Source = (joints.torques, trajectory.time, joints.names)
-        checks.append(_worst("joint torque", "N m", limits.torque, [torques], tolerance))
-    return checks
+    names = joints_of_revolutes(joints.names)
+    found = [
+        ("velocity", "rad/s", limits.velocity, _velocity_sources),
+        ("acceleration", "rad/s²", limits.acceleration, _acceleration_sources),
+        ("jerk", "rad/s³", limits.jerk, _jerk_sources),
+        ("torque", "N m", limits.torque, lambda trajectory, joints: [(joints.torques, trajectory.time)]),
+    ]
+    return [
+        check_bends(arm, trajectory, settings),
+        *(
+            check_sources(f"joint {kind}", unit, limit, sources(trajectory, joints), settings, names)
+            for kind, unit, limit, sources in found
+            if limit is not None
+        ),
+    ]
 
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
@@ -77,9 +82,9 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
     # Mean rates carry the rounding of the angles, magnified by 1/h; that much is no violation.
     mean = np.diff(as_revolutes(trajectory.coordinates, trajectory.bend_angles), axis=0) / step
     return [
-        (joints.velocities, time, joints.names),
-        (as_revolutes(trajectory.coordinates, trajectory.bend_velocities), time, joints.names),
-        (_less_rounding(mean, trajectory.bend_angles, step), time[:-1], joints.names),
+        (joints.velocities, time),
+        (as_revolutes(trajectory.coordinates, trajectory.bend_velocities), time),
+        (less_rounding(mean, size_of(trajectory.bend_angles), step), time[:-1]),
     ]
 
 
@@ -89,31 +94,32 @@ def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> l
     step = np.diff(time)[:, None]
     # Revolutes are differenced here and bends below, so that false reports of either are seen.
     gained = np.diff(joints.velocities, axis=0) / step
-    sources: list[_Source] = [
-        (joints.accelerations, time, joints.names),
-        (as_revolutes(trajectory.coordinates, trajectory.bend_accelerations), time, joints.names),
-        (_less_rounding(gained, joints.velocities, step), time[:-1], joints.names),
+    return [
+        (joints.accelerations, time),
+        (as_revolutes(trajectory.coordinates, trajectory.bend_accelerations), time),
+        (less_rounding(gained, size_of(joints.velocities), step), time[:-1]),
+        (_second_differences(as_revolutes(trajectory.coordinates, trajectory.bend_angles), step), time[1:-1]),
     ]
-    if len(time) > 2:
-        second = _second_differences(as_revolutes(trajectory.coordinates, trajectory.bend_angles), step)
-        sources.append((second, time[1:-1], joints.names))
-    return sources
 
 
 def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
     """Differences of accelerations, reported and mean, and those at the ends, before and after which the arm rests."""
     time = trajectory.time
-    step = np.diff(time)[:, None]
+    reported = (joints.accelerations, as_revolutes(trajectory.coordinates, trajectory.bend_accelerations))
+    return [
+        *((jerks_of(values, time), np.append(time, time[-1])) for values in reported),
+        (_second_differences(joints.velocities, np.diff(time)[:, None]), time[1:-1]),
+    ]
+
+
+def jerks_of(accelerations: FloatArray, time: FloatArray) -> FloatArray:
+    """Differences of accelerations (T, …), and those at the ends, before and after which the arm rests, (T + 1, …)."""
+    step = np.diff(time).reshape(-1, *[1] * (accelerations.ndim - 1))
     # Before the first sample and after the last the arm rests, for as long as the step beside it.
     around = np.concatenate((step[:1], step, step[-1:]))
-    sources: list[_Source] = []
-    for values in (joints.accelerations, as_revolutes(trajectory.coordinates, trajectory.bend_accelerations)):
-        rest = np.zeros_like(values[:1])
-        jerks = np.diff(np.concatenate((rest, values, rest)), axis=0) / around
-        sources.append((_less_rounding(jerks, values, around), np.append(time, time[-1]), joints.names))
-    if len(time) > 2:
-        sources.append((_second_differences(joints.velocities, step), time[1:-1], joints.names))
-    return sources
+    rest = np.zeros_like(accelerations[:1])
+    jerks = np.diff(np.concatenate((rest, accelerations, rest)), axis=0) / around
+    return less_rounding(jerks, size_of(accelerations), around)
 
 
 def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
@@ -122,26 +128,31 @@ def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
     # Mean rates belong to the middles of their steps, which are this far apart in time.
     apart = 0.5 * (step[1:] + step[:-1])
     shortest = np.minimum(step[1:], step[:-1])
-    return _less_rounding(np.diff(mean, axis=0) / apart, values, shortest**2)
+    return less_rounding(np.diff(mean, axis=0) / apart, size_of(values), shortest**2)
 
 
-def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -> FloatArray:
-    """A difference quotient, drawn towards zero by what rounding of the values can have added to it."""
-    noise = 16.0 * np.finfo(np.float64).eps * np.max(np.abs(values)) / step
+def size_of(values: FloatArray) -> float:
+    """The greatest size of some values."""
+    return float(np.max(np.abs(values)))
+
+
+def less_rounding(quotient: FloatArray, size: float, step: FloatArray) -> FloatArray:
+    """A difference quotient, drawn towards zero by what rounding of values of a size can have added to it."""
+    noise = 16.0 * np.finfo(np.float64).eps * size / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
 
-def _worst(name: str, unit: str, limit: FloatArray, sources: list[_Source], tolerance: float) -> Check:
-    """The check for the greatest share of its limit that any revolute takes, over all sources."""
-    found = []
-    for values, time, names in sources:
-        share = np.abs(values) / limit
-        k, j = np.unravel_index(np.argmax(share), share.shape)
-        where = f"joint {j // 3 + 1} ({names[j]}) at t = {time[k]:.4f} s"
-        found.append((float(share[k, j]), float(np.abs(values[k, j])), float(limit[j]), where))
-    # Shares are compared, for the revolutes need not have the same limits.
-    share_worst, worst, bound, where = max(found)
-    return Check(name, worst, bound, unit, where, passed=share_worst <= 1.0 + tolerance)
+def check_sources(
+    name: str,
+    unit: str,
+    limit: FloatArray | float,
+    sources: Sequence[_Source],
+    settings: VerificationSettings,
+    names: Sequence[str] = (),
+) -> Check:
+    """Check the values of several sources against the limit of every drive, or against one."""
+    values, times = (np.concatenate(parts) for parts in zip(*sources, strict=True))
+    return check_worst(name, unit, values, limit, moment_of(times, names), settings.limit_tolerance)
 
 
 def check_points(
@@ -153,23 +164,26 @@ def check_points(
     whose coordinates are linear between samples, at all its times; accelerations by the reported ones, by what reported
     velocities gain, and by second differences of places: means that no motion through the samples can be below.
     """
-    checks: list[Check] = []
     if not limits.points:
-        return checks
+        return []
+    checks: list[Check] = []
+    time = trajectory.time
     frames = LinkFrames.of(arm, trajectory.positions)
     rates = LinkRates.of(arm, frames, trajectory.velocities, trajectory.accelerations)
     for limit in limits.points:
         motion = _PointMotion(arm, limit, trajectory, frames, rates)
         if np.isfinite(limit.velocity):
-            speeds = [lengths_of(motion.velocities), motion.mean_speeds()]
+            speeds = [(lengths_of(motion.velocities), time), (motion.mean_speeds(), time[:-1])]
             if arm.dimension == 2:
-                speeds.append(motion.speeds_between())
-            checks.append(_check(f"{limit.name} velocity", limit.velocity, "m/s", speeds, trajectory.time, settings))
+                speeds.append((motion.speeds_between(), time[:-1]))
+            checks.append(check_sources(f"{limit.name} velocity", "m/s", limit.velocity, speeds, settings))
         if np.isfinite(limit.acceleration):
-            gains = [motion.reported_accelerations(), motion.gained(), motion.second_differences()]
-            checks.append(
-                _check(f"{limit.name} acceleration", limit.acceleration, "m/s²", gains, trajectory.time, settings)
-            )
+            gains = [
+                (motion.reported_accelerations(), time),
+                (motion.gained(), time[:-1]),
+                (motion.second_differences(), time[1:-1]),
+            ]
+            checks.append(check_sources(f"{limit.name} acceleration", "m/s²", limit.acceleration, gains, settings))
     return checks
 
 
@@ -231,13 +245,12 @@ class _PointMotion:
         return self._quotient(self.velocities)
 
     def second_differences(self) -> FloatArray:
-        """What mean velocities gain from step to step, shape (T − 2,), and nothing at the first sample [m/s²]."""
+        """What mean velocities gain from step to step, shape (T − 2,) [m/s²]."""
         step = self._step
         means = np.diff(self.places, axis=0) / step[:, None]
         apart = 0.5 * (step[1:] + step[:-1])
         noise = self._noise(self.places) / np.minimum(step[1:], step[:-1]) ** 2
-        # A leading zero, so that entry k belongs to the time of sample k, as ``_check`` expects.
-        return np.append(0.0, np.maximum(lengths_of(np.diff(means, axis=0)) / apart - noise, 0.0))
+        return np.asarray(np.maximum(lengths_of(np.diff(means, axis=0)) / apart - noise, 0.0))
 
     @property
     def _step(self) -> FloatArray:
@@ -265,23 +278,12 @@ class _PointMotion:
         return float((16.0 + self.arm.links) * np.finfo(np.float64).eps * np.max(np.abs(values)))
 
 
-def _check(
-    name: str, limit: float, unit: str, sources: list[FloatArray], time: FloatArray, settings: VerificationSettings
-) -> Check:
-    """The check for the greatest value of all sources; entry k of each belongs to the time of sample k."""
-    greatest = max(sources, key=np.max)
-    k = int(np.argmax(greatest))
-    worst = float(greatest[k])
-    passed = worst <= limit * (1.0 + settings.limit_tolerance)
-    return Check(name, worst, float(limit), unit, f"t = {time[k]:.4f} s", passed=passed)
-
-
 def check_shares(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     of_limits: Sequence[Check],
-    holding: HoldingEfforts,
+    holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
     """Check the share that plans keep; nothing where they may use the limits in full.
@@ -291,7 +293,7 @@ def check_shares(
         trajectory: the motion.
         joints: the same for the drives, with their efforts.
         of_limits: the checks of the limits themselves, which know where the greatest share of each is taken.
-        holding: what holds the arm still at the samples.
+        holding: efforts of all drives that hold the arm still at the samples, shape (T, drives) [N m, N].
         settings: the tolerance of limits.
     """
     share = problem.planner.effort_share
@@ -303,9 +305,14 @@ def check_shares(
         limited = [check for check in of_limits if check.name in {f"{drive} {kind}" for drive in drives}]
         if limited:
             checks.append(_of_rate(kind, limited, share, settings))
-    taken, held, names = _efforts(problem, trajectory, joints, holding)
-    if names:
-        checks.append(_of_effort(taken, held, names, trajectory.time, share, settings))
+    limit = effort_limits(problem)
+    if np.any(np.isfinite(limit)):
+        taken = np.column_stack((joints.torques, joints.base_forces)) / limit
+        # More than all of it holds nothing still; the check of the limit itself says so.
+        held = np.minimum(np.abs(holding) / limit, 1.0)
+        axes = tuple(f"the {name} axis" for name in trajectory.coordinates.base_names)
+        names = (*joints_of_revolutes(joints.names), *axes)
+        checks.append(_of_effort(taken, held, moment_of(trajectory.time, names), share, settings))
     return checks
 
 
@@ -321,23 +328,16 @@ def _of_rate(kind: str, limited: Sequence[Check], share: float, settings: Verifi
 
 
 def _of_effort(
-    taken: FloatArray,
-    held: FloatArray,
-    names: Sequence[str],
-    time: FloatArray,
-    share: float,
-    settings: VerificationSettings,
+    taken: FloatArray, held: FloatArray, place: Callable[..., str], share: float, settings: VerificationSettings
 ) -> Check:
     """The check for efforts; what may be taken depends on what holds the arm still at each sample."""
     allowed = allowed_share(held, share)
-    k, j = np.unravel_index(np.argmax(taken / allowed), taken.shape)
-    worst = float(taken[k, j])
-    bound = float(allowed[k, j])
-    where = f"{names[int(j)]} at t = {time[k]:.4f} s"
-    if bound > share:
-        where = f"{where}, where holding the arm still takes {held[k, j]:.3g} of the limit"
-    passed = worst <= bound * (1.0 + settings.limit_tolerance)
-    return Check("share of effort", worst, bound, UNIT, where, passed=passed)
+
+    def where(k: int, j: int) -> str:
+        still = f", where holding the arm still takes {held[k, j]:.3g} of the limit" if allowed[k, j] > share else ""
+        return f"{place(k, j)}{still}"
+
+    return check_worst("share of effort", UNIT, taken, allowed, where, settings.limit_tolerance)
 
 
 def allowed_share(held: FloatArray, share: float) -> FloatArray:
@@ -345,34 +345,18 @@ def allowed_share(held: FloatArray, share: float) -> FloatArray:
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
 
 
-def holding_efforts(problem: Problem, positions: FloatArray) -> HoldingEfforts:
-    """What holds the arm still at given poses, shape (T, c); zeros where no effort is limited."""
-    if problem.limits.torque is None and problem.limits.feed_force is None:
-        count = len(positions)
-        return np.zeros((count, 3 * problem.arm.links)), np.zeros((count, len(problem.arm.base_axes)))
+def effort_limits(problem: Problem) -> FloatArray:
+    """Limits on the torques of all revolutes and the forces of the base's axes; inf for what is not limited."""
+    limits = problem.limits
+    torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
+    return np.append(torque, [np.inf if limits.feed_force is None else limits.feed_force] * len(problem.arm.base_axes))
+
+
+def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
+    """Efforts of all drives that hold the arm still at poses (T, c), shape (T, drives); zeros where none is limited."""
+    limit = effort_limits(problem)
+    if not np.any(np.isfinite(limit)):
+        return np.zeros((len(positions), len(limit)))
     rest = np.zeros_like(positions)
     torques, force = drive_efforts(problem.arm, problem.simulation.gravity, positions, rest, rest)
-    return torques, np.repeat(force[:, None], len(problem.arm.base_axes), axis=1)
-
-
-def _efforts(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
-) -> tuple[FloatArray, FloatArray, list[str]]:
-    """Shares of the limits that efforts take and that hold the arm still, shape (T, N), and names of these drives."""
-    limits = problem.limits
-    torques_at_rest, forces_at_rest = holding
-    taken = []
-    held = []
-    names = []
-    if limits.torque is not None:
-        taken.append(np.abs(joints.torques) / limits.torque)
-        held.append(np.abs(torques_at_rest) / limits.torque)
-        names += [f"joint {j // 3 + 1} ({name})" for j, name in enumerate(joints.names)]
-    if limits.feed_force is not None:
-        taken.append(np.abs(joints.base_forces) / limits.feed_force)
-        held.append(np.abs(forces_at_rest) / limits.feed_force)
-        names += [f"the {name} axis" for name in trajectory.coordinates.base_names]
-    if not names:
-        return np.zeros((0, 0)), np.zeros((0, 0)), names
-    # More than all of it holds nothing still; the check of the limit itself says so.
-    return np.concatenate(taken, axis=1), np.minimum(np.concatenate(held, axis=1), 1.0), names
+    return np.column_stack((torques, *[force] * len(problem.arm.base_axes)))

@@ -24,8 +24,8 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
-from ccm_opt.verification.drives import joint_of_bend, revolutes_of_bends
-from ccm_opt.verification.limits import HoldingEfforts, allowed_share
+from ccm_opt.verification.drives import check_worst, joints_of_bends, moment_of, revolutes_of_bends
+from ccm_opt.verification.limits import allowed_share
 from ccm_opt.verification.newton_euler import from_tip
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -87,7 +87,7 @@ def check_sample_efforts(
     problem: Problem,
     motion: ChainMotion,
     trajectory: JointTrajectory,
-    holding: HoldingEfforts,
+    holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
     """Check the torques of the bends, and the force on a feed axis, that the samples take by themselves.
@@ -101,28 +101,22 @@ def check_sample_efforts(
         return []
     checks = []
     means = SampleMeans(problem, motion)
-    torques, forces = holding
+    layout = trajectory.coordinates
     if limits.torque is not None:
-        bending = revolutes_of_bends(trajectory.coordinates)
-        allowed = _allowed_beside(torques[:, bending], limits.torque[bending], problem)
+        bending = revolutes_of_bends(layout)
+        allowed = _allowed_beside(holding[:, bending], limits.torque[bending], problem)
         efforts = np.abs(means.torques)
         limit = allowed * (1.0 + settings.limit_tolerance)
         # The bound is worth its price only where the effort by differences passes the limit.
         for sample, bend in np.argwhere(efforts > limit):
             limit[sample, bend] += means.torque_error(int(sample), int(bend))
-        k, j = (int(index) for index in np.unravel_index(np.argmax(efforts / limit), efforts.shape))
-        where = f"{joint_of_bend(trajectory.coordinates, j)} at t = {time[k + 1]:.4f} s"
-        worst, bound = float(efforts[k, j]), float(limit[k, j])
-        checks.append(Check("joint torque of the samples", worst, bound, "N m", where, passed=worst <= bound))
+        where = moment_of(time[1:], joints_of_bends(layout))
+        checks.append(check_worst("joint torque of the samples", "N m", efforts, limit, where))
     if limits.feed_force is not None:
-        efforts = np.abs(means.force)
-        for name, held in zip(trajectory.coordinates.base_names, forces.T, strict=True):
-            allowed = _allowed_beside(held[:, None], np.array([limits.feed_force]), problem)[:, 0]
-            limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors
-            k = int(np.argmax(efforts / limit))
-            worst, bound = float(efforts[k]), float(limit[k])
-            where = f"t = {time[k + 1]:.4f} s"
-            checks.append(Check(f"{name} force of the samples", worst, bound, "N", where, passed=worst <= bound))
+        allowed = _allowed_beside(holding[:, layout.revolutes :], np.array(limits.feed_force), problem)
+        limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors[:, None]
+        for name, bound in zip(layout.base_names, limit.T, strict=True):
+            checks.append(check_worst(f"{name} force of the samples", "N", means.force, bound, moment_of(time[1:])))
     return checks
 
 
@@ -131,7 +125,7 @@ def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> Fl
 
     Args:
         held: what holds the arm still at the samples, shape (T, N).
-        limit: of each drive, shape (N,).
+        limit: of each drive, shape (N,), or of all.
         problem: whose plans use a share of the limits.
     """
     allowed = limit * allowed_share(np.minimum(np.abs(held) / limit, 1.0), problem.planner.effort_share)

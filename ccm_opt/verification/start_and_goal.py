@@ -11,7 +11,7 @@ from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
-from ccm_opt.verification.drives import joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.drives import check_worst, joint_of_bend, joints_of_bends, moment_of, revolutes_of_bends
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _CURVE_SHAPE_FACTOR = 1.08
@@ -55,21 +55,16 @@ def check_ends(
 def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
     """The arm rests at both ends and at every stop."""
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
-    limits = problem.limits.velocity[revolutes_of_bends(trajectory.coordinates)]
-    speeds = np.abs(trajectory.bend_velocities[places])
-    # Shares are compared, for the joints need not have the same limits.
-    share = speeds / limits
-    k, j = np.unravel_index(np.argmax(share), share.shape)
-    where = f"{joint_of_bend(trajectory.coordinates, int(j))} at t = {trajectory.time[places[k]]:.4f} s"
-    bound = float(settings.rest_share * limits[j])
-    resting = bool(share[k, j] <= settings.rest_share)
-    checks = [Check("rest", float(speeds[k, j]), bound, "rad/s", where, passed=resting)]
+    layout = trajectory.coordinates
+    bound = settings.rest_share * problem.limits.velocity[revolutes_of_bends(layout)]
+    where = moment_of(trajectory.time[places], joints_of_bends(layout))
+    checks = [check_worst("rest", "rad/s", trajectory.bend_velocities[places], bound, where)]
 
     # An arm that is not fed has no velocity limit here, and no axis to be checked either.
-    bound = settings.rest_share * (problem.limits.feed_velocity or 0.0)
-    for name, on_axis in zip(trajectory.coordinates.base_names, trajectory.base_velocities[places].T, strict=True):
+    most = settings.rest_share * (problem.limits.feed_velocity or 0.0)
+    for name, on_axis in zip(layout.base_names, trajectory.base_velocities[places].T, strict=True):
         worst = float(np.max(np.abs(on_axis)))
-        checks.append(Check(f"{name} at rest", worst, bound, "m/s", "at the ends and stops", passed=worst <= bound))
+        checks.append(Check(f"{name} at rest", worst, most, "m/s", "at the ends and stops", passed=worst <= most))
     return checks
 
 

@@ -7,6 +7,7 @@ stands here on purpose: a mistake in the planners' code must not hide itself.
 from ccm_opt.core.arguments import expect
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
+from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_consistency, check_form
@@ -14,12 +15,12 @@ from ccm_opt.verification.drives import check_names
 from ccm_opt.verification.limits import check_limits, check_points, check_shares, holding_efforts
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.sample_efforts import check_sample_efforts
-from ccm_opt.verification.selfcollision import check_self_collision
+from ccm_opt.verification.selfcollision import check_self_collision, crossing_near_links, first_distant
 from ccm_opt.verification.start_and_goal import check_ends, check_pauses
 from ccm_opt.verification.tolerance.error_model import check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import check_free_side, check_walls
+from ccm_opt.verification.wall_clearance import check_free_side, check_walls, exposed_starts
 
 
 def verify(
@@ -80,3 +81,40 @@ def verify(
     if problem.joint_error > 0.0 and all(check.passed for check in checks):
         checks.append(check_of(problem.joint_error, survived_error(problem, trajectory, joint_errors(problem.arm))))
     return tuple(checks)
+
+
+def left_unchecked(
+    problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> tuple[str, ...]:
+    """What nothing was held against, though one might think so; none as a rule.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion, which passes every check.
+        settings: of the verifier.
+
+    Returns:
+        A clause each.
+    """
+    arm = problem.arm
+    remarks = [_of_mount(arm)]
+    if not arm.self_collision:
+        remarks.append("links were not kept apart from each other, since arm.self_collision is false")
+    elif first_distant(arm) >= arm.links:
+        remarks.append("no links were kept apart from each other: all are near each other along the arm")
+    # Links in space that cross are refused, however near they are along the arm.
+    if arm.self_collision and arm.dimension == 2:
+        motion = ChainMotion(arm, trajectory.time, trajectory.positions)
+        crossing = crossing_near_links(motion, settings.for_problem(problem))
+        if crossing:
+            apart = first_distant(arm)
+            remarks.append(f"{crossing}: links less than {apart} apart along the arm are not kept apart")
+    return tuple(remark for remark in remarks if remark)
+
+
+def _of_mount(arm: Arm) -> str:
+    # Of a link that the mount covers but for rounding no more than its end is held against walls.
+    whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
+    if whole == arm.links:
+        return "nothing was kept away from walls: the whole arm counts as its mount"
+    return f"links 1 to {whole} were not kept away from walls: they belong to the mount" if whole else ""

@@ -14,8 +14,7 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.robot.frames import joint_positions_3d
-from ccm_opt.verification.tolerance.error_model import joint_errors
-from ccm_opt.verification.tolerance.levers import moved_by_joint_errors
+from ccm_opt.verification.tolerance.error_model import joint_errors, moved_by_joint_errors
 from ccm_opt.verification.tolerance.survived_errors import tube_of
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import SIDES, Side, draw_body, draw_workspace, polygon_patch

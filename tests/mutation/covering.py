@@ -17,7 +17,6 @@ TESTS = (
     "corruption",
     "effort_share",
     "fed_proofs",
-    "left_unchecked",
     "limit_tolerances",
     "motion_certificate",
     "motion_contacts",

@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
-from ccm_opt.dynamics.runtime.compiled_loop import LoopParameters, stiffened
+from ccm_opt.dynamics.simulation.controller import LoopParameters, stiffened
 
 from .interpreted_function import InterpretedFunction
 

@@ -17,7 +17,7 @@ import ccm_opt
 
 ROOT = Path(ccm_opt.__file__).parent
 PACKAGES = ("verification", "scene.bad_pose", "scene.certificate", "scene.contact_finder")
-OWN = tuple(f"ccm_opt.{name}" for name in (*PACKAGES, "solution", "errors"))
+OWN = tuple(f"ccm_opt.{name}" for name in (*PACKAGES, "problem.solution", "core.errors"))
 """Where the types come from whose fields count; others, such as arms and rooms, are what goes in."""
 DEEPEST = 4
 TOLERANCE = 1e-8

@@ -38,13 +38,12 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.interpolated_message import interpolation_deviation
-from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.tolerance.error_model import MODELS, base_heading_error, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, tube_of, worst_motion
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
-from ccm_opt.verification.verifier import verify
+from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.verification.wall_clearance import check_walls
 from tests.arms import bare_problem, plain_arm
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 
-from ccm_opt.dynamics.retiming.efforts import InverseDynamics, Revolutes
+from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, Revolutes
 from ccm_opt.dynamics.retiming.timing import joined, retime, reversed_trajectory
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.problem import Limits, RetimingName

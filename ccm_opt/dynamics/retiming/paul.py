@@ -27,10 +27,9 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
-from ccm_opt.dynamics.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
-from ccm_opt.dynamics.retiming.timed_path import PathLimits, TimedPath, likely_coordinates
+from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, PathLimits, Revolutes, TimedPath, likely_coordinates
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.problem import Limits
 from ccm_opt.problem.solution import JointPath, JointTrajectory

@@ -47,11 +47,9 @@ from scipy.interpolate import BSpline, PPoly
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
-from ccm_opt.dynamics.retiming.grid import refine
-from ccm_opt.dynamics.retiming.motion_limits.coordinate_limits import sides_of_third
+from ccm_opt.dynamics.retiming.motion_limits import sides_of_third
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
-from ccm_opt.dynamics.retiming.path_rows import PathRows
-from ccm_opt.dynamics.retiming.profile import DenseCheck, SpeedProfile, check_profile
+from ccm_opt.dynamics.retiming.profile import DenseCheck, PathRows, SpeedProfile, check_profile, refine
 from ccm_opt.dynamics.retiming.timed_path import PathLimits
 from ccm_opt.dynamics.retiming.timing_settings import (
     DEFAULT_TIMING,

@@ -18,14 +18,11 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
-from ccm_opt.dynamics.retiming.efforts import InverseDynamics, Revolutes
-from ccm_opt.dynamics.retiming.grid import path_grid, refine, span_lengths
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
-from ccm_opt.dynamics.retiming.path_rows import PathRows, path_rows
-from ccm_opt.dynamics.retiming.profile import SpeedProfile
+from ccm_opt.dynamics.retiming.profile import PathRows, SpeedProfile, path_grid, path_rows, refine, span_lengths
 from ccm_opt.dynamics.retiming.speed_optimizer import SmoothProfile, fastest_within, halved_where_unseen, jerk_limited
-from ccm_opt.dynamics.retiming.timed_path import TimedPath, likely_coordinates
+from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, Revolutes, TimedPath, likely_coordinates
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings, TimingSettings
 from ccm_opt.problem import Limits
 from ccm_opt.problem.solution import JointPath, JointTrajectory

@@ -1,1 +1,1 @@
-"""The arm under its controller: references, disturbances, the closed loop, and braking to rest."""
+"""The arm under its controller: references, disturbances, and the closed loop."""

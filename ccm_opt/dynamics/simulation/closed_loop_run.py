@@ -12,8 +12,14 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, with_rotor_code
-from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
-from ccm_opt.dynamics.simulation.controller import Noise, StepReference, disturbed_arm, loop_parameters, step_reference
+from ccm_opt.dynamics.simulation.controller import (
+    CompiledLoop,
+    Noise,
+    StepReference,
+    disturbed_arm,
+    loop_parameters,
+    step_reference,
+)
 from ccm_opt.dynamics.simulation.simulation_record import (
     PlanNeeds,
     SimulatedSteps,

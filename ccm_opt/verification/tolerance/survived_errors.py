@@ -24,11 +24,14 @@ from ccm_opt.verification.stretch_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
     MODELS,
+    Chains,
+    ErrorLevers,
     ErrorModel,
+    Reaches,
     ToleranceSettings,
     largest_error,
+    survived,
 )
-from ccm_opt.verification.tolerance.levers import Chains, ErrorLevers, Reaches, survived
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts, is_empty, link_axes
 

@@ -1,4 +1,8 @@
-"""Limits on motions of coordinates and of points of the arm.
+"""What a limit on motions is: a bound on the path speed, rows in path speed and acceleration, and a check of samples.
+
+With q(s) the path, velocities are q' ṡ and accelerations q' s̈ + q'' ṡ²; many limits are rows a s̈ + b ṡ² + d ṡ + c
+within ±1, or a bound on ṡ alone (Pham and Pham 2018, section III). The rows are what the optimisation knows at the grid
+points; the check of the samples is the limit itself, and has the last word.
 
 TOPP-RA knows no s⃛, so the fastest motion keeps only the part that the shape of the path causes; ``smoothing`` does the
 rest.
@@ -16,21 +20,73 @@ share of the limits that is not used, and samples are judged by the disc itself.
 every place of the path, and the polygon lies in that plane.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import Diagnosis, ProblemError, RetimingError
-from ccm_opt.dynamics.retiming.efforts import Efforts
-from ccm_opt.dynamics.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences, slowings
-from ccm_opt.dynamics.retiming.timed_path import TimedPath
-from ccm_opt.dynamics.retiming.timing_settings import ProfileSettings
+from ccm_opt.dynamics.retiming.timed_path import Efforts, TimedPath
+from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.coordinates import Coordinates, planned_share
 from ccm_opt.robot.points import MovingPoint, point_of
+
+
+@dataclass(frozen=True)
+class SpeedRows:
+    """A limit at P points of the path as R rows a s̈ + b ṡ² + d ṡ + c within ±1.
+
+    Attributes:
+        a: coefficient of s̈, shape (P, R) [s²].
+        b: coefficient of ṡ², shape (P, R) [s²].
+        c: constant part, shape (P, R).
+        d: coefficient of ṡ, shape (P, R) [s]; None without viscous friction.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray | None = None
+
+
+class MotionLimit(ABC):
+    """A limit on motions along a path. What a limit does not say it leaves free."""
+
+    @classmethod
+    @abstractmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator[Self]:
+        """The limits of this kind that a path has; none when it is not limited so."""
+
+    kept_by_legs: bool = False
+    """Whether the straight legs and turns of Paul's transitions are made so that they keep the limit."""
+
+    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
+        """1/ṡ of the greatest path speed that the limit allows, 0 where it allows any, shape (P,) [s]."""
+        del spline
+        return np.zeros(len(s))
+
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows | None:
+        """The limit as rows at given points of the path.
+
+        Raises:
+            RetimingError: not even a motion at rest keeps the limit at some of the points.
+        """
+        del spline, s
+        return None
+
+    @abstractmethod
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """Factor on time that brings every sample, and the step after it, within the limit, shape (T,).
+
+        1 or less where the limit is kept.
+        """
+
 
 _JERK_SHARE = 0.7
 """Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots. Taste."""
@@ -342,3 +398,18 @@ def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, 
 def _length(vectors: FloatArray) -> FloatArray:
     plane = np.hypot(vectors[..., 0], vectors[..., 1])
     return np.asarray(plane if vectors.shape[-1] == 2 else np.hypot(plane, vectors[..., 2]))
+
+
+KINDS: tuple[type[MotionLimit], ...] = (
+    CoordinateVelocity,
+    CoordinateAcceleration,
+    CoordinateJerk,
+    DriveEffort,
+    PointSpeed,
+)
+"""All kinds of limits."""
+
+
+def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.profile) -> tuple[MotionLimit, ...]:
+    """Every limit that motions along a path must keep."""
+    return tuple(limit for kind in KINDS for limit in kind.from_path(path, settings))

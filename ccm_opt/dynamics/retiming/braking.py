@@ -1,0 +1,168 @@
+"""Coming to rest soonest along a planned motion.
+
+The motion x(s) of the axes, bends and feed, over the share s of its time is run through at a speed ṡ that starts at
+that of the plan and falls as fast as the limits let it. They are the limits of timing, rows a s̈ + b ṡ² + d ṡ + c
+within ±1, so that every row is an interval of s̈, and its least value is taken at every step. Where the plan keeps its
+limits and the drives can hold the arm still, s̈ = 0 is allowed at every lower speed (the limits are convex in
+(ṡ², s̈)), so that the speed never has to rise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis, RetimingError
+from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
+from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
+from ccm_opt.dynamics.retiming.profile import path_rows
+from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, TimedPath
+from ccm_opt.problem import Limits
+from ccm_opt.problem.solution import JointTrajectory
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.frames import revolute_angles
+
+_USUAL_STEP = 0.1
+"""Share of the plan's steps that are shorter than those of braking. Taste: the shortest of all, where two corners
+of the path happen to be near each other, say nothing of how dense samples have to be elsewhere."""
+_STEP = 2e-3
+"""Largest time between two samples while braking [s]. Taste."""
+_LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
+"""Shares of every limit to brake with, the first with which all samples keep the limits: between the places that are
+checked, the planned motion's own accelerations change. Taste."""
+_LEAST_TIME = 4e-3
+"""Braking from the planned rate to rest takes at least this, however slowly the axes move [s]. Taste."""
+
+_CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Places in a step at which the limits are held, from 0 to 1. Taste."""
+_LONGEST_TIME = 60.0
+"""Braking that takes longer has failed [s]. Taste."""
+_LONGEST_LAST_STEP = 1.5
+"""Longest last step in units of ``step``; a shorter rest is made part of the step before it, so that no step is very
+short. Taste."""
+
+
+def braked(
+    trajectory: JointTrajectory,
+    time: float,
+    arm: Arm,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    *,
+    share: float = 1.0,
+) -> JointTrajectory:
+    """The motion up to a moment, and from then on to rest, soonest along its own path.
+
+    Args:
+        trajectory: a motion that keeps its limits.
+        time: when braking begins, at the next sample of the motion [s].
+        arm: the arm.
+        limits: on speeds, accelerations and efforts; none on jerk.
+        inverse_dynamics: of the arm.
+        share: of the limits of the drives that may be used, as the motion does; see ``robot.coordinates``.
+
+    Returns:
+        A motion that begins as the planned one and ends at rest; stops that it does not reach are left out.
+
+    Raises:
+        RetimingError: the arm cannot be braked within its limits.
+    """
+    kept = int(np.searchsorted(trajectory.time, time - 1e-9))
+    whole = trajectory.duration
+    spline: Any = CubicHermiteSpline(trajectory.time / whole, trajectory.positions, whole * trajectory.velocities)
+    # At the end, and at rest at a stop, there is nothing to brake.
+    if kept >= len(trajectory.time) - 1 or not np.any(spline(time / whole, 1)):
+        return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
+
+    step = min(_STEP, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
+    path = TimedPath(spline, limits, inverse_dynamics, partial(revolute_angles, arm), arm.coordinates, arm, share)
+    held = limits_along(path)
+
+    # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
+    # last share is taken as it comes, for the verifier has the last word.
+    for caution in _LIMIT_SHARES:
+        stopped = _joined(trajectory, kept, _fall(path, held, caution, float(trajectory.time[kept]), whole, step))
+        motion = (stopped.time, stopped.positions, stopped.velocities, stopped.accelerations)
+        samples = MotionSamples(stopped.time / whole, *motion)
+        if all(np.all(limit.stretches(samples)[kept:] <= 1.0) for limit in held):
+            break
+    return trajectory if stopped.duration >= whole else stopped  # it rests at its end sooner
+
+
+def _fall(
+    path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
+) -> list[FloatArray]:
+    """Times from when braking begins to rest, and positions, velocities and accelerations then.
+
+    Args:
+        path: the planned motion over the share of its time.
+        limits: of motions along it.
+        caution: share of every limit that is used.
+        begin: moment of the planned motion [s].
+        whole: its duration [s].
+        step: time between two samples [s].
+    """
+    samples: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
+    s = begin / whole
+    speed = 1.0 / whole
+    since = 0.0
+    # A motion that cannot be braked before its end rests there.
+    while speed > 0.0 and s < 1.0:
+        if since > _LONGEST_TIME:
+            raise _cannot(s * whole)
+        change = max(_least_change(path, limits, caution, s, speed, step), -1.0 / (_LEAST_TIME * whole))
+        x, first, second = (path.spline(s, order) for order in range(3))
+        samples.append((since, x, first * speed, second * speed**2 + first * change))
+
+        # A last step that would be very short is made part of the one before.
+        left = speed / -change if change < 0.0 else np.inf
+        last = left < _LONGEST_LAST_STEP * step
+        span = left if last else step
+        # At constant s̈ the motion advances by ṡ h + s̈ h² / 2, and ṡ changes by s̈ h.
+        s += (speed + 0.5 * change * span) * span
+        speed += change * span
+        since += span
+        if last:
+            break
+
+    # The last sample is at rest exactly, ṡ = 0, and still decelerates until that moment.
+    x = path.spline(s)
+    samples.append((since, x, np.zeros_like(x), path.spline(s, 1) * change))
+    return [np.array(values) for values in zip(*samples, strict=True)]
+
+
+def _least_change(
+    path: TimedPath, limits: Sequence[MotionLimit], caution: float, s: float, speed: float, step: float
+) -> float:
+    """Least s̈ within the limits over a step from a place of the path on [1/s²]; it is never above 0."""
+    # In a step the arm moves on by at most ṡ h; the limits are looked at in several places of that stretch.
+    rows = path_rows(limits, path.spline, np.minimum(s + np.array(_CHECKED_PLACES) * speed * step, 1.0))
+    offset = rows.b * speed**2 + rows.c
+    offset = offset if rows.d is None else offset + rows.d * speed
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # The lower end of each interval of s̈. A slope of 0 bounds nothing: its end is not finite, and left out.
+        # What the plan takes of a limit at this place it may go on taking.
+        ends = (np.maximum(caution, np.abs(offset)) - np.sign(-rows.a) * offset) / -np.abs(rows.a)
+    return min(float(np.max(ends[np.isfinite(ends)], initial=-np.inf)), 0.0)
+
+
+def _cannot(moment: float) -> RetimingError:
+    reason = f"the arm cannot be braked at {moment:.4g} s of its motion: a drive needs all it has to follow the path"
+    return RetimingError(Diagnosis(reason, "retargeting", ("larger limits.torque", "another time")))
+
+
+def _joined(trajectory: JointTrajectory, kept: int, tail: Sequence[FloatArray]) -> JointTrajectory:
+    """The first samples of a motion and what follows them; braking begins ``kept`` samples on."""
+    first = trajectory.part(slice(kept))
+    time, positions, velocities, accelerations = tail
+    return replace(
+        first,
+        time=np.concatenate((first.time, trajectory.time[kept] + time)),
+        positions=np.concatenate((first.positions, positions)),
+        velocities=np.concatenate((first.velocities, velocities)),
+        accelerations=np.concatenate((first.accelerations, accelerations)),
+    )
