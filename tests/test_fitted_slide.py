@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.followable_ways import STILL, feeds_to_end, fitted_slide, slid_along
-from ccm_opt.planning.space_guides import SpaceTipTrack
+from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.robot.arm import Arm
 from tests.test_slid_along import bent_way, fed_arm
 
@@ -18,7 +18,7 @@ slides = st.tuples(st.sampled_from([6, 8, 12, 24]), st.floats(0.1, 0.2), st.floa
 def slide(links: int, radius: float, turn: float, azimuth: float) -> tuple[Arm, FloatArray]:
     """An arm fed along a bent way, and its configurations."""
     arm = fed_arm(links)
-    track = SpaceTipTrack.along(arm.joint_positions_at(np.zeros(2 * links + 1)), bent_way(radius, turn, azimuth))
+    track = ArmTrack.behind(arm.joint_positions_at(np.zeros(2 * links + 1)), bent_way(radius, turn, azimuth))
     return arm, slid_along(arm, track, feeds_to_end(arm, track, 0.0, 0.02))
 
 

@@ -15,10 +15,10 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.followable_ways import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
+from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.planning.space_candidates import bend_allowances
 from ccm_opt.planning.space_goal_poses import withdrawn
-from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.arm import Feed
@@ -250,7 +250,7 @@ def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
     random = np.random.default_rng(seed)
     headings = np.cumsum(random.uniform(-0.15, 0.15, 300))
     way = 0.01 * np.cumsum(np.column_stack((np.cos(headings), np.sin(headings), np.zeros(300))), axis=0)
-    track = SpaceTipTrack.along(np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), way)
+    track = ArmTrack.behind(np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), way)
     link = 2.0 / links
     tip = float(random.uniform(1.0, track.length))
     arcs = track.joints_behind(tip, link, links)

@@ -16,8 +16,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.guides import Interpolation, TipLed, TipTrack
-from ccm_opt.planning.hairpin import fold_track
+from ccm_opt.planning.guides import PoseLed, TipLed, TipTrack
+from ccm_opt.planning.hairpin import FoldTrack, fold_track
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import CachedItems
 from ccm_opt.planning.pose import Pose
@@ -156,7 +156,7 @@ def test_interpolation_arrives_near_its_end(seed: int) -> None:
     scene = open_scene(seed)
     stepper, start = make_stepper(scene)
     goal = goal_coordinates(stepper, scene.goal)
-    poses = follow(stepper, Interpolation(stepper.space, start.v, goal), start, later())
+    poses = follow(stepper, PoseLed(stepper.space, start.v, goal), start, later())
     assert np.abs(poses[-1].q - stepper.space.configurations(goal)).max() < 0.15
 
 
@@ -165,7 +165,7 @@ def test_the_tip_is_led_along_the_track() -> None:
     scene = Scene(make_arm(), open_scene(0).workspace, np.linspace(0.0, 1.5, 24), np.zeros(24))
     stepper, start = make_stepper(scene)
     way = np.vstack((start.points[-1], [[0.5, 0.3], [0.6, -0.3]]))
-    track = TipTrack.along(way, 0.08, float(start.q[-1]))
+    track = TipTrack.along(way)
     poses = follow(stepper, TipLed(stepper.space, track), start, later())
     tips = np.array([pose.points[-1] for pose in poses])
     line = shapely.LineString(way)
@@ -179,7 +179,7 @@ def test_a_stalled_guide_tells_the_way_there() -> None:
     """Before a wall without a way round, the guide gives up; its poses lead clear from the start to where it stuck."""
     scene = walled_off()
     stepper, start = make_stepper(scene)
-    guide = Interpolation(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
+    guide = PoseLed(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
     with pytest.raises(Stalled, match="interpolation stopped") as caught:
         follow(stepper, guide, start, later(), patience=10)
     poses = caught.value.poses
@@ -192,7 +192,7 @@ def test_a_passed_deadline_stops_the_continuation() -> None:
     """A guide in full swing is stopped at the deadline, after one step at the latest."""
     scene = open_scene(1)
     stepper, start = make_stepper(scene)
-    guide = Interpolation(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
+    guide = PoseLed(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
     with pytest.raises(Stalled) as caught:
         follow(stepper, guide, start, Deadline.after(0.0))
     assert len(caught.value.poses) <= 2
@@ -270,7 +270,7 @@ def test_a_track_is_measured_by_arc_length(seed: int) -> None:
     """Places on a track are shapely's at the same length, repeated points or not; beyond its ends it stands still."""
     rng = np.random.default_rng(seed)
     points = np.repeat(rng.uniform(-1.0, 1.0, (6, 2)), rng.integers(1, 3, 6), axis=0)
-    track = TipTrack.along(points, 0.1)
+    track = TipTrack.along(points)
     line = shapely.LineString(points)
     assert track.length == pytest.approx(line.length)
     for arc in rng.uniform(0.0, line.length, 5):
@@ -287,7 +287,7 @@ def test_a_tracks_heading_is_its_tangent_unwrapped(seed: int, first: float) -> N
     rng = np.random.default_rng(seed)
     turns = np.cumsum(np.append(rng.uniform(-3.0, 3.0), rng.uniform(-2.5, 2.5, 4)))
     points = np.vstack((np.zeros(2), np.cumsum(np.stack((np.cos(turns), np.sin(turns)), axis=1), axis=0)))
-    track = TipTrack.along(points, 0.2, first)
+    track = FoldTrack.smoothed(points, 0.2, first)
     headings = track.heading(np.arange(5) + 0.5)
     np.testing.assert_allclose(np.diff(headings), np.diff(turns), atol=1e-9)
     assert np.cos(headings[0] - turns[0]) == pytest.approx(1.0)
@@ -348,7 +348,7 @@ def led_motion(seed: int) -> tuple[Scene, FloatArray]:
     """A certified motion in clutter: an interpolation as far as it comes."""
     scene = clutter(seed, 15)
     stepper, start = make_stepper(scene)
-    guide = Interpolation(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
+    guide = PoseLed(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
     try:
         poses = follow(stepper, guide, start, later(), patience=5)
     except Stalled as stalled:

@@ -9,7 +9,7 @@ import ccm_opt
 from ccm_opt.cli.compare.space_sites import site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.followable_ways import feeds_to_end, slid_along
-from ccm_opt.planning.space_guides import SpaceTipTrack
+from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -41,10 +41,10 @@ def bent_way(radius: float, turn: float, azimuth: float) -> FloatArray:
     return np.vstack((straight, arc, arc[-1] + np.linspace(0.01, 0.2, 20)[:, None] * last))
 
 
-def off_track(track: SpaceTipTrack, points: FloatArray) -> FloatArray:
+def off_track(track: ArmTrack, points: FloatArray) -> FloatArray:
     """Distances of points from a track that goes straight on beyond its end, shape (k,) [m]."""
-    last = track.corners[-1] - track.corners[-2]
-    beyond = track.corners[-1] + np.linspace(0.0, 0.2, 4000)[:, None] * last / np.linalg.norm(last)
+    last = track.points[-1] - track.points[-2]
+    beyond = track.points[-1] + np.linspace(0.0, 0.2, 4000)[:, None] * last / np.linalg.norm(last)
     fine = np.vstack((track.at(np.linspace(0.0, track.length, 20_000)), beyond))
     return np.array([float(np.min(np.linalg.norm(fine - point, axis=1))) for point in points])
 
@@ -63,7 +63,7 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
     """All joints beyond where bends are free are on it; those in the tube are straight; the tip reaches its end."""
     arm = fed_arm(links)
     start = arm.joint_positions_at(np.zeros(2 * links + 1))
-    track = SpaceTipTrack.along(start, bent_way(radius, turn, azimuth))
+    track = ArmTrack.behind(start, bent_way(radius, turn, azimuth))
     feeds = feeds_to_end(arm, track, 0.0, 0.02)
     configurations = slid_along(arm, track, feeds)
     assert configurations[0] == pytest.approx(np.zeros(2 * links + 1), abs=1e-9)
@@ -75,7 +75,7 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
         free = FREE_AFTER * arm.length / NOMINAL_LINKS + arm.link_length
         assert np.max(off_track(track, points[places > free]), initial=0.0) < 2e-3
     tip = arm.joint_positions_at(configurations[-1])[-1]
-    assert np.linalg.norm(tip - track.corners[-1]) < 0.01
+    assert np.linalg.norm(tip - track.points[-1]) < 0.01
 
 
 @pytest.mark.planning

@@ -25,7 +25,7 @@ from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
@@ -39,7 +39,6 @@ from ccm_opt.planning.optimisation.optimise import (
     with_more_room,
 )
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
@@ -206,7 +205,7 @@ def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
         stepper = task.stepper(space, links)
         first = stepper.pose(motion.unknowns[-1])
         try:
-            poses = follow(stepper, Interpolation(space, first.v, end), first, task.deadline)
+            poses = follow(stepper, PoseLed(space, first.v, end), first, task.deadline)
         except Stalled:
             continue
         way = [*poses, stepper.pose(end)]
@@ -380,7 +379,7 @@ def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: 
     first = stepper.pose(start)
     if edge_is_safe(stepper, start, end.v):
         return [first]
-    guide = PoseLed(start, end.v, task.settings.guide.pose_step, task.settings.guide)
+    guide = PoseLed(stepper.space, start, end.v)
     try:
         return follow(stepper, guide, first, task.deadline)
     except Stalled as stalled:

@@ -29,8 +29,8 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.grid_ways import TipGrid
+from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.settings import FollowableWaySettings
-from ccm_opt.planning.space_guides import SpaceTipTrack
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import SpaceArc, biarc, free_shares_of_bends
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
@@ -299,7 +299,7 @@ _BACK = 40
 """From so many before where a joint would lie on a straight track: in bends links leave out a part of it."""
 
 
-def slid_along(arm: Arm, track: SpaceTipTrack, feeds: FloatArray) -> FloatArray:
+def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
     """Configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
     Args:
@@ -329,7 +329,7 @@ def slid_along(arm: Arm, track: SpaceTipTrack, feeds: FloatArray) -> FloatArray:
     return configuration_from_positions(arm, np.stack(points, axis=1))
 
 
-def feeds_to_end(arm: Arm, track: SpaceTipTrack, start: float, step: float) -> FloatArray:
+def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatArray:
     """Positions of the base from the start of a motion to where the tip is nearest to the end of its track, shape (k,).
 
     Args:
@@ -343,7 +343,7 @@ def feeds_to_end(arm: Arm, track: SpaceTipTrack, start: float, step: float) -> F
     before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
     feeds = np.concatenate(([start], before))
     tips = arm.joint_positions_at(slid_along(arm, track, feeds))[1:, -1]
-    last = float(before[np.argmin(np.linalg.norm(tips - track.corners[-1], axis=1))])
+    last = float(before[np.argmin(np.linalg.norm(tips - track.points[-1], axis=1))])
     return np.linspace(start, last, max(2, int(np.ceil((last - start) / step)) + 1))
 
 
@@ -369,9 +369,9 @@ def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatAr
     return nearest, aim / np.maximum(np.linalg.norm(aim, axis=1), 1e-12)[:, None]
 
 
-def _prolonged(track: SpaceTipTrack, arcs: FloatArray) -> FloatArray:
+def _prolonged(track: ArmTrack, arcs: FloatArray) -> FloatArray:
     """Places at arc lengths, straight on beyond the end of the track, shape (m, 3) [m]."""
-    last = track.corners[-1] - track.corners[-2]
+    last = track.points[-1] - track.points[-2]
     last = last / np.linalg.norm(last)
     return np.asarray(track.at(arcs) + np.maximum(arcs - track.length, 0.0)[:, None] * last)
 

@@ -7,85 +7,72 @@ With the tip's target at arc length a of the track x, a step minimises, lengths 
 where link k should lie on the chord between x(a - (n - k) l) and x(a - (n - k - 1) l): τ_k is its turn onto that chord
 and d_k the distance of its middle from the chord's. Links that are not on the track yet are free to go anywhere.
 
-The target runs along v(u) = (1 - u) v_a + u v_b, u from 0 to 1; every link is drawn to its heading there.
+To a pose of the whole arm the target runs along v(u) = (1 - u) v_a + u v_b, u from 0 to 1; every link is turned there.
 """
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import arc_lengths, leg_headings, nearest_place, points_at, whole_turns, without_repeats
-from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.core.polyline import arc_lengths, nearest_place, path_length, points_at, without_repeats
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 
-_COORDINATE_WEIGHT = 0.0001
-"""Of the coordinates themselves, which ties down what no link heading shows. Taste."""
-
+_UNKNOWN_WEIGHT = 0.0001
+"""Of the unknowns themselves, which ties down what turns no link. Taste."""
 _LONGEST_ERROR = 1.0
 """Error of the tip that is asked to be mended in one step, in nominal links. Taste."""
 _TURN_WEIGHT = 0.01
 """Of every link's turn, per nominal link: the arm moves as little as it can. Taste."""
 _MOTION_WEIGHT = 0.01
 """Of every joint's motion, per nominal link. Taste."""
-
-_INTERPOLATION_LEASH = 0.4
-"""Largest turn that any link may lag behind before the target waits [rad]. Taste."""
-_ARRIVED = 0.1
-"""Largest turn between a link and the end at which the interpolation has arrived [rad]. Taste; what is left is settled
-or followed once more."""
-_TIP_LED_LEASH = 1.5
+_LEASH = 1.5
 """How far the tip may lag before the target waits, in nominal links. Taste."""
-
-_COORDINATE_STEP = 1.0
-"""Largest change of a coordinate that is asked for in one step [rad] or [1/m]. Taste."""
+_ADVANCE = 0.4
+"""Travel of the tip's target in one step, in nominal links. Taste."""
 _FOLLOWING_WEIGHT = 0.1
 """Of a link's heading when it lies on the track, per nominal link. Taste."""
+ONTO_TRACK = 0.1
+"""Weight on distances from the track where all joints are drawn onto it."""
+
+_TURN_LEASH = 0.4
+"""Largest turn that any link may lag behind before the target waits [rad]. Taste."""
+_ARRIVED = 0.1
+"""Largest turn between a link and the end at which a pose is reached [rad]. Taste; what is left is settled or followed
+once more."""
+_UNKNOWN_STEP = 1.0
+"""Largest change of an unknown that is asked for in one step. Taste."""
+_TURN_ADVANCE = 0.1
+"""Turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own limit, so that
+the arm can keep up."""
+
+_FINE = 0.05
+"""Spacing of places at which links on a track are looked at, in links."""
+_LONGEST = 2.0
+"""Of the arcs over which a link is a chord, in links; a half circle that it spans has π / 2."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TipTrack:
     """A path of the tip.
 
     Attributes:
-        points: shape (k, 2) [m].
-        arcs: arc length at the points, shape (k,) [m].
-        sample_arcs: where ``sample_headings`` are taken, shape (m,) [m].
-        sample_headings: unwrapped tangent, smoothed over a window, shape (m,) [rad].
+        points: of a polyline, shape (k, d) [m].
     """
 
     points: FloatArray
-    arcs: FloatArray
-    sample_arcs: FloatArray
-    sample_headings: FloatArray
 
     @classmethod
-    def along(
-        cls, points: FloatArray, window: float, first_heading: float | None = None, samples: int = 8
-    ) -> "TipTrack":
-        """A track along a polyline.
+    def along(cls, points: FloatArray) -> "TipTrack":
+        """A track along a polyline, shape (k, d) [m]; repeated points are dropped."""
+        return cls(tip_path(points))
 
-        Args:
-            points: shape (k, 2) [m]; repeated points are dropped.
-            window: length over which the heading is smoothed [m].
-            first_heading: the winding of the first tangent is chosen nearest to it [rad].
-            samples: of the smoothed heading to a window; between them it is linear.
-        """
-        points = without_repeats(points, ROUNDING)
-        if len(points) < 2:
-            # A tip that is at its goal already; any heading will do.
-            points = np.vstack((points, points[-1] + [ROUNDING, 0.0]))
-
-        arcs = arc_lengths(points)
-        headings = leg_headings(points)
-        if first_heading is not None:
-            headings += whole_turns(first_heading - headings[0])
-
-        count = max(2, int(np.ceil(arcs[-1] / window * samples)))
-        middles = np.linspace(0.0, arcs[-1], count)
-        return cls(points, arcs, middles, _moving_mean(middles, arcs, headings, window))
+    @cached_property
+    def arcs(self) -> FloatArray:
+        """Arc lengths of the points, shape (k,) [m]."""
+        return arc_lengths(self.points)
 
     @property
     def length(self) -> float:
@@ -93,21 +80,92 @@ class TipTrack:
         return float(self.arcs[-1])
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Positions at arc lengths, clipped to the ends, shape (...) to (..., 2) [m]."""
+        """Places at arc lengths, clipped to the ends, shape (...) to (..., d) [m]."""
         return points_at(self.points, self.arcs, arcs)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Whether the track has begun at arc lengths."""
+        """Whether there is something to follow at arc lengths, shape (m,): whether the track has begun."""
         return arcs >= 0.0
 
     def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
-        """Arc length of the place nearest to a point (2,), of so many not beyond ``last`` [m]."""
+        """Arc length of the place nearest to a point (d,), of so many not beyond ``last`` [m]."""
         candidates = np.linspace(0.0, min(last, self.length), places)
         return nearest_place(self.points, self.arcs, point, candidates)
 
-    def heading(self, arc: FloatArray | float) -> FloatArray:
-        """Smoothed heading at arc lengths, clipped to the ends [rad]."""
-        return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
+
+def tip_path(points: FloatArray) -> FloatArray:
+    """A polyline without repeated points, shape (k, d) [m]; of at least two, for the tip may be at its goal already."""
+    points = without_repeats(points, ROUNDING)
+    # Any direction will do.
+    return points if len(points) > 1 else np.vstack((points, points[-1] + ROUNDING * np.eye(points.shape[1])[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class ArmTrack(TipTrack):
+    """A track from behind the arm's base along the arm to its tip, and on along a way.
+
+    Attributes:
+        start: arc length of the tip when the motion begins [m].
+    """
+
+    start: float
+    _chord_tables: dict[float, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+
+    @classmethod
+    def behind(cls, joints: FloatArray, way: FloatArray) -> "ArmTrack":
+        """The track of an arm with joints and tip at places, shape (links + 1, d), along a way, (k, d), of its tip.
+
+        The way may begin anywhere on the arm: what of the arm lies beyond is not part of the track then, and the tip
+        is drawn back to it.
+        """
+        corners = np.concatenate((joints, way))
+        return cls(without_repeats(corners, 1e-9 * max(path_length(corners), 1e-9)), path_length(joints))
+
+    def at(self, arcs: FloatArray | float) -> FloatArray:
+        """Places at arc lengths, shape (...) to (..., d) [m]; before its beginning it runs on straight."""
+        first = self.points[1] - self.points[0]
+        before = np.minimum(arcs, 0.0)[..., None] / np.linalg.norm(first)
+        return np.asarray(super().at(arcs) + before * first)
+
+    def leads(self, arcs: FloatArray) -> BoolArray:
+        """Everywhere: the track begins behind the arm's base."""
+        return np.ones(len(arcs), dtype=bool)
+
+    def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
+        """Arc lengths of the joints of an arm on the track with its tip at an arc length, shape (links + 1,) [m].
+
+        Links are chords: in a bend they leave out a part of the arc.
+
+        Args:
+            tip: arc length of the tip [m].
+            link: length of a link [m].
+            links: their number.
+        """
+        ends, starts = self._chords(link)
+        arcs = np.empty(links + 1)
+        arcs[-1] = tip
+        for joint in range(links - 1, -1, -1):
+            # Beyond both ends of the table the track is straight.
+            arcs[joint] = arcs[joint + 1] - link
+            if ends[0] < arcs[joint + 1] < ends[-1]:
+                arcs[joint] = np.interp(arcs[joint + 1], ends, starts)
+        return arcs
+
+    def _chords(self, link: float) -> tuple[FloatArray, FloatArray]:
+        """Arc lengths of the ends of links on the track, and those of their starts, shape (m,) each [m]."""
+        if link not in self._chord_tables:
+            ends = np.arange(0.0, self.length, _FINE * link)
+            behind = link * np.arange(1.0, _LONGEST, _FINE)
+            apart = np.linalg.norm(self.at(ends[:, None] - behind) - self.at(ends)[:, None], axis=2)
+            # The first place behind that is a link away, and how far before it that is reached.
+            first = np.argmax(apart >= link, axis=1)
+            rows = np.arange(len(ends))
+            before = np.maximum(first - 1, 0)
+            grown = apart[rows, first] - apart[rows, before]
+            over = np.where(grown > 0.0, (apart[rows, first] - link) / np.where(grown > 0.0, grown, 1.0), 0.0)
+            long = np.where(apart[rows, first] >= link, behind[first] - over * _FINE * link, link)
+            self._chord_tables[link] = ends, ends - long
+        return self._chord_tables[link]
 
 
 def shortened(error: FloatArray, longest: float) -> FloatArray:
@@ -116,73 +174,22 @@ def shortened(error: FloatArray, longest: float) -> FloatArray:
     return error * min(1.0, longest / max(distance, 1e-12))
 
 
-def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
-    """Mean of a piecewise-constant heading over windows about samples, exact by its primitive; the ends go on.
-
-    Args:
-        samples: middles of the windows, shape (m,) [m].
-        arcs: arc lengths at which the heading changes, both ends too, shape (k,) [m].
-        headings: between them, shape (k - 1,) [rad].
-        window: length of a window [m].
-
-    Returns:
-        Shape (m,) [rad].
-    """
-    # The integral of the heading is piecewise linear, so that interpolation gives it exactly at any arc length.
-    primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
-    left = samples - 0.5 * window
-    right = samples + 0.5 * window
-    to_right = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive)
-    to_left = np.interp(np.clip(left, 0.0, arcs[-1]), arcs, primitive)
-    inside = to_right - to_left
-    # Windows that reach beyond the ends: the track goes straight on there.
-    before = np.minimum(left, 0.0) * -headings[0]
-    behind = np.maximum(right - arcs[-1], 0.0) * headings[-1]
-    mean: FloatArray = (inside + (before + behind)) / window
-    return mean
-
-
-HEADING_WINDOW = 2.0
-"""Length over which a track's heading is smoothed, in nominal links. Measured, as the hairpin's numbers are."""
-_TIP_ADVANCE = 0.4
-"""Travel of the tip's target in one step, in nominal links. Taste."""
-_TURN_ADVANCE = 0.1
-"""Turn of the fastest link by which the target of an interpolation goes on in one step [rad]. Taste; below the step's
-own limit, so that the arm can keep up."""
-
-
-class Track(Protocol):
-    """A way of the tip."""
-
-    @property
-    def length(self) -> float:
-        """Arc length of its end [m]."""
-        ...
-
-    def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Places at arc lengths, shape (...) to (..., d) [m]."""
-        ...
-
-    def leads(self, arcs: FloatArray) -> BoolArray:
-        """Whether there is something to follow at arc lengths, shape (m,)."""
-        ...
-
-
 @dataclass
 class TipLed:
     """Leads the tip along a track.
 
     Attributes:
         space: the map of the unknowns.
-        track: from the tip to the goal.
+        track: of the tip.
         arc: where the target is on the track [m].
         still: whether to move the arm as little as may be; where every step does so, a guide need not.
         largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
-        at_once: whether the target goes on to the end of its leash at once, not by one advance a step.
+        at_once: whether the target goes on to the end of its leash at once, not by one advance a step; one at a time
+            motions in space last a twentieth longer in the mean, and at once others are found in the plane.
     """
 
     space: CurveUnknowns
-    track: Track
+    track: TipTrack
     arc: float = 0.0
     still: bool = True
     largest_turn: float = 0.3
@@ -190,6 +197,7 @@ class TipLed:
 
     def __post_init__(self) -> None:
         self._first = self.arc
+        self._end = self.track.length
 
     def terms(self, pose: Pose) -> list[Term]:
         """Draw the tip to the target, links on the track into its direction, and move the rest as little as may be."""
@@ -235,76 +243,107 @@ class TipLed:
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if the tip keeps up."""
+        step = _ADVANCE * self.space.nominal_length
         moved = False
-        while self.arc < self.track.length and self._keeps_up(pose):
-            self.arc = min(self.track.length, self.arc + _TIP_ADVANCE * self.space.nominal_length)
+        while self.arc != self._end and self._keeps_up(pose):
+            self.arc += float(np.clip(self._end - self.arc, -step, step))
             moved = True
             if not self.at_once:
                 break
         return moved
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the target is at the end of the track and the tip near it."""
-        return self.arc >= self.track.length and self._keeps_up(pose)
+        """Whether the target is at the end of its way and the tip near it."""
+        return self.arc == self._end and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
         """How far the tip has come."""
         lag = short_length(self._lag(pose))
-        way = long_length(self.track.length - self._first)
-        return f"the tip stopped {lag} short of {long_length(self.arc - self._first)} on a path of {way}"
+        done, way = (long_length(abs(arc - self._first)) for arc in (self.arc, self._end))
+        return f"the tip stopped {lag} short of {done} on a path of {way}"
 
     def _keeps_up(self, pose: Pose) -> bool:
         """Whether the tip is within its leash of the target."""
-        return self._lag(pose) < _TIP_LED_LEASH * self.space.nominal_length
+        return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
         """Distance of the tip from its target [m]."""
         return float(np.linalg.norm(self.track.at(self.arc) - pose.tip))
 
 
+class TrackLed(TipLed):
+    """Leads the tip along a track, forwards or back; the joints behind may be anywhere along it, but not beside it.
+
+    Args:
+        space: the map of the unknowns.
+        track: of the tip, which begins with the shape that the arm has at first.
+        end: arc length at which the tip ends, before or beyond where it begins; the track's own when None [m].
+        weight: on the joints' distances from the track.
+    """
+
+    def __init__(
+        self, space: CurveUnknowns, track: ArmTrack, end: float | None = None, weight: float = ONTO_TRACK
+    ) -> None:
+        super().__init__(space, track, track.start, at_once=True)
+        self._behind = track
+        self._weight = weight
+        if end is not None:
+            self._end = end
+
+    def terms(self, pose: Pose) -> list[Term]:
+        """What draws the tip to its target, and all joints onto the track."""
+        unit = self.space.nominal_length
+        track = self._behind
+        joints, d, p = pose.moving.shape
+        # The same number for every pose, for which the track keeps a table.
+        link = track.start / (joints - 1)
+        # The place on the track, near the target, that is nearest to the tip.
+        near = self.arc + unit * np.linspace(-2.0, 2.0, 41)
+        tip = float(near[np.argmin(np.linalg.norm(track.at(near) - pose.tip, axis=1))])
+        arcs = track.joints_behind(tip, link, joints - 1)
+        along = track.at(arcs + 0.5 * link) - track.at(arcs - 0.5 * link)
+        along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+        beside: FloatArray = np.eye(d) - along[:, :, None] * along[:, None, :]
+        rows = np.einsum("kij,kjp->kip", beside, pose.moving) / unit
+        missing = np.einsum("kij,kj->ki", beside, track.at(arcs) - pose.points) / unit
+        return [
+            Term(pose.moving[-1] / unit, (track.at(self.arc) - pose.tip) / unit, 1.0),
+            Term(rows.reshape(-1, p), missing.ravel(), self._weight * self.space.nominal_per_link),
+        ]
+
+
 @dataclass
-class Interpolation:
-    """Leads the arm along the straight line between two coordinate vectors.
+class PoseLed:
+    """Leads the arm along the straight line between two vectors of unknowns.
 
     Attributes:
-        space: the link space.
+        space: the map of the unknowns.
         start: v_a, shape (p,).
         end: v_b, shape (p,).
         u: how far the target has come, in [0, 1].
     """
 
-    space: LinkSpace
+    space: CurveUnknowns
     start: FloatArray
     end: FloatArray
     u: float = 0.0
 
-    def target(self) -> FloatArray:
-        """Headings the links should have now, shape (links,) [rad]."""
-        return self.space.configurations(self._target_coordinates())
-
-    def _target_coordinates(self) -> FloatArray:
-        return self.start + self.u * (self.end - self.start)
-
     def terms(self, pose: Pose) -> list[Term]:
-        """Pull every link to its target heading, and the surplus coordinates with them."""
-        change = self._target_coordinates() - pose.v
-        change = np.clip(change, -_COORDINATE_STEP, _COORDINATE_STEP)
+        """Turn every link to where the target has it, and draw the surplus unknowns with them."""
+        missing = self._missing(pose)
+        turning = self._turning(pose)
         return [
-            Term(self.space.matrix, self.target() - pose.q, self.space.nominal_per_link),
-            # Arms of few links have fewer headings than coordinates: the rest would drift and bend the curve between.
-            Term(np.eye(len(change)), change, _COORDINATE_WEIGHT),
+            Term(turning, turning @ missing, self.space.nominal_per_link),
+            # Arms of few links have fewer headings than unknowns: the rest would drift and bend the curve between.
+            Term(np.eye(len(missing)), np.clip(missing, -_UNKNOWN_STEP, _UNKNOWN_STEP), _UNKNOWN_WEIGHT),
         ]
-
-    def lag(self, pose: Pose) -> float:
-        """Largest turn between a link and its target [rad]."""
-        return float(np.max(np.abs(self.target() - pose.q)))
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if all links keep up."""
-        if self.lag(pose) > _INTERPOLATION_LEASH or self.u >= 1.0:
+        if self.u >= 1.0 or self.lag(pose) > _TURN_LEASH:
             return False
         # In steps of equal turn, however far the two ends are apart.
-        whole_turn = float(np.max(np.abs(self.space.matrix @ (self.end - self.start))))
+        whole_turn = float(np.max(np.abs(self._turning(pose) @ (self.end - self.start))))
         self.u = min(1.0, self.u + _TURN_ADVANCE / max(whole_turn, _TURN_ADVANCE))
         return True
 
@@ -313,5 +352,20 @@ class Interpolation:
         return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
-        """How far the interpolation has come."""
+        """How far the arm has come."""
         return f"interpolation stopped {100 * self.u:.0f} % of the way, a link {np.rad2deg(self.lag(pose)):.0f}° behind"
+
+    def lag(self, pose: Pose) -> float:
+        """Largest turn between a link and its target [rad]."""
+        return float(np.max(np.abs(self._turning(pose) @ self._missing(pose))))
+
+    def _missing(self, pose: Pose) -> FloatArray:
+        """What of the unknowns the target has and the pose has not, shape (p,)."""
+        return self.start + self.u * (self.end - self.start) - pose.v
+
+    def _turning(self, pose: Pose) -> FloatArray:
+        """Turns of the links, and ways of the base, by the unknowns, shape (r, p)."""
+        arm = self.space.arm
+        base = pose.slopes[len(pose.slopes) - len(arm.base_axes) :]
+        unit = arm.link_length if arm.dimension == 3 else 1.0
+        return np.vstack((pose.turning.reshape(-1, len(pose.v)), base / unit))

@@ -35,9 +35,9 @@ import shapely
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import arc_lengths, path_length
+from ccm_opt.core.polyline import arc_lengths, leg_headings, path_length, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate
-from ccm_opt.planning.guides import HEADING_WINDOW, Interpolation, TipLed, TipTrack, shortened
+from ccm_opt.planning.guides import PoseLed, TipLed, TipTrack, shortened, tip_path
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.passage_widths import passage_widths
 from ccm_opt.planning.pose import Pose, Term
@@ -77,8 +77,71 @@ FOLD_SHARE = 1.18
 """Length of the hairpin that fits a passage, as a share of its width. Measured."""
 _ADVANCE = 0.3
 """Travel of the fold in one step, in nominal links. Measured."""
+_HEADING_WINDOW = 2.0
+"""Length over which a track's heading is smoothed, in nominal links. Measured."""
+_SAMPLES = 8
+"""Of the smoothed heading to such a window; between them it is linear."""
 _LEASH = 2.5
 """How far the tip may lag behind its target before the fold waits, in nominal links. Measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoldTrack(TipTrack):
+    """A path of the tip, and how links that lie on it head.
+
+    Attributes:
+        sample_arcs: where ``sample_headings`` are taken, shape (m,) [m].
+        sample_headings: unwrapped tangent, smoothed over a window, shape (m,) [rad].
+    """
+
+    sample_arcs: FloatArray
+    sample_headings: FloatArray
+
+    @classmethod
+    def smoothed(cls, points: FloatArray, window: float, first_heading: float) -> "FoldTrack":
+        """A track along a polyline.
+
+        Args:
+            points: shape (k, 2) [m]; repeated points are dropped.
+            window: length over which the heading is smoothed [m].
+            first_heading: the winding of the first tangent is chosen nearest to it [rad].
+        """
+        points = tip_path(points)
+        arcs = arc_lengths(points)
+        headings = leg_headings(points)
+        headings += whole_turns(first_heading - headings[0])
+        middles = np.linspace(0.0, arcs[-1], max(2, int(np.ceil(arcs[-1] / window * _SAMPLES))))
+        return cls(points, middles, _moving_mean(middles, arcs, headings, window))
+
+    def heading(self, arc: FloatArray | float) -> FloatArray:
+        """Smoothed heading at arc lengths, clipped to the ends [rad]."""
+        return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
+
+
+def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
+    """Mean of a piecewise-constant heading over windows about samples, exact by its primitive; the ends go on.
+
+    Args:
+        samples: middles of the windows, shape (m,) [m].
+        arcs: arc lengths at which the heading changes, both ends too, shape (k,) [m].
+        headings: between them, shape (k - 1,) [rad].
+        window: length of a window [m].
+
+    Returns:
+        Shape (m,) [rad].
+    """
+    # The integral of the heading is piecewise linear, so that interpolation gives it exactly at any arc length.
+    primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
+    left = samples - 0.5 * window
+    right = samples + 0.5 * window
+    to_right = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive)
+    to_left = np.interp(np.clip(left, 0.0, arcs[-1]), arcs, primitive)
+    inside = to_right - to_left
+    # Windows that reach beyond the ends: the track goes straight on there.
+    before = np.minimum(left, 0.0) * -headings[0]
+    behind = np.maximum(right - arcs[-1], 0.0) * headings[-1]
+    mean: FloatArray = (inside + (before + behind)) / window
+    return mean
 
 
 @dataclass
@@ -96,7 +159,7 @@ class Hairpin:
     """
 
     space: LinkSpace
-    track: TipTrack
+    track: FoldTrack
     retraced: FloatArray
     old: FloatArray
     fold_length: float
@@ -199,7 +262,7 @@ class Hairpin:
 
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
-) -> tuple[TipTrack, FloatArray]:
+) -> tuple[FoldTrack, FloatArray]:
     """The track back along the arm, beside it, and on to the goal.
 
     Args:
@@ -222,7 +285,7 @@ def fold_track(
     back = beside[leave:][::-1]
     onward = _rest_of(route, back[-1], offset) if len(back) > 1 else route
     # The tip turns by half a turn to the fold's side, which fixes the winding of all headings on the track.
-    track = TipTrack.along(np.vstack((back, onward)), window, last_heading + side * np.pi)
+    track = FoldTrack.smoothed(np.vstack((back, onward)), window, last_heading + side * np.pi)
 
     # Joints before the one where the route leaves stay, so the strand never passes them.
     arcs = arc_lengths(back)
@@ -335,7 +398,7 @@ def fold_about_to_travel(
     # fold's length has them further apart.
     strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
     last_heading = float(start.q[-1])
-    window = heading_window(stepper)
+    window = _HEADING_WINDOW * stepper.space.nominal_length
     track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
     return Hairpin(stepper.space, track, retraced, start.q, fold_length, arm.length)
 
@@ -349,20 +412,14 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
     rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
     remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)
-    return led_along(stepper, pose, taut)
+    return led_along(stepper, taut)
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
     """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
-    return Interpolation(stepper.space, pose.v, goal)
+    return PoseLed(stepper.space, pose.v, goal)
 
 
-def led_along(stepper: Stepper, pose: Pose, taut: FloatArray) -> TipLed:
-    """The tip of a pose drawn along a taut path that begins there, shape (k, 2) [m]."""
-    track = TipTrack.along(taut, heading_window(stepper), float(pose.q[-1]))
-    return TipLed(stepper.space, track)
-
-
-def heading_window(stepper: Stepper) -> float:
-    """Length over which a track's heading is smoothed [m]."""
-    return HEADING_WINDOW * stepper.space.nominal_length
+def led_along(stepper: Stepper, taut: FloatArray) -> TipLed:
+    """The tip drawn along a taut path that begins there, shape (k, 2) [m]."""
+    return TipLed(stepper.space, TipTrack.along(taut))

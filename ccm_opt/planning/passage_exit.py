@@ -18,7 +18,7 @@ from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, points_at, unit_vector, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, settle
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import led_along
 from ccm_opt.planning.limits.gate_rails import GateRails
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
@@ -332,7 +332,7 @@ def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: 
     """From before the gates straight to a pose of the whole arm."""
     del path
     del guide
-    return Interpolation(stepper.space, pose.v, whole_arm)
+    return PoseLed(stepper.space, pose.v, whole_arm)
 
 
 def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
@@ -341,4 +341,4 @@ def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]
     taut = path.free_space.taut_path(np.vstack((pose.points[-1], rest)), shrink=path.shrink)
-    return led_along(stepper, pose, taut)
+    return led_along(stepper, taut)

@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.planning.continuation import Guide
-from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.link_space import fit_coordinates
 from ccm_opt.planning.pose import Pose
@@ -253,16 +253,15 @@ class ExtensionSampler:
 
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
         """The tip of a node along a path; a shape when there is no such path."""
-        pose = tree.poses[node]
         try:
             points = path_of_tip()
         except UnreachableGoal:
             return self.to_shape(tree)
-        return Extension(node, led_along(self.stepper, pose, points))
+        return Extension(node, led_along(self.stepper, points))
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
         """The whole arm of a node straight towards a pose."""
-        return Extension(node, Interpolation(self.stepper.space, tree.poses[node].v, target.v))
+        return Extension(node, PoseLed(self.stepper.space, tree.poses[node].v, target.v))
 
     def _pose(self, headings: FloatArray) -> Pose:
         """The pose of the link space that comes nearest to link headings."""

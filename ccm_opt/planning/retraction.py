@@ -18,7 +18,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import path_length, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate
-from ccm_opt.planning.guides import Interpolation, TipTrack
+from ccm_opt.planning.guides import PoseLed, TipTrack
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, FOLD_SHARE, Hairpin, fold_about_to_travel, leaving_joint, led_along
 from ccm_opt.planning.passage_widths import WIDTH_SAMPLES, evenly_along, passage_widths
 from ccm_opt.planning.pose import Pose, Term
@@ -287,7 +287,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
         raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
     remaining = np.vstack((pose.points[-1], guide.onward()))
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)
-    return led_along(stepper, pose, taut)
+    return led_along(stepper, taut)
 
 
 def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
@@ -295,4 +295,4 @@ def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
     wound = end.v.copy()
     if isinstance(guide, Withdrawal):
         wound[0] += guide.turns
-    return Interpolation(stepper.space, pose.v, wound)
+    return PoseLed(stepper.space, pose.v, wound)

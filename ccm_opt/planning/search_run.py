@@ -19,7 +19,7 @@ from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.polyline import leg_headings, without_repeats
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, follow, settle, without_pauses
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pulled_over
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Curve, CurveMotion, Motion
@@ -99,7 +99,7 @@ def first_candidates(
     # Poses at the goal are dear among many walls, and often there are none along the routes; a tip is led in no time.
     led_first = whole_arm is None and stepper.among_many_walls
     if led_first:
-        yield from (tip_led(stepper, start, path) for path in sorted(tip_paths, key=lambda path: path.length))
+        yield from (tip_led(stepper, path) for path in sorted(tip_paths, key=lambda path: path.length))
 
     interpolated = _interpolations(stepper, start, goal_coordinates)
     if whole_arm is not None or goes_straight(tip_paths):
@@ -118,10 +118,10 @@ def first_candidates(
         if whole_arm is not None:
             fitting = fitting_folds(stepper, path)
             yield from pulled_over(stepper, start, whole_arm, path, fitting[:1])
-            yield tip_led(stepper, start, path)
+            yield tip_led(stepper, path)
         else:
             if not led_first:
-                yield tip_led(stepper, start, path)
+                yield tip_led(stepper, path)
             yield from pulled_over(stepper, start, whole_arm, path, first_length)
             # Not before, for a pose at the goal has to be found by the NLP first. The first path uses them all up.
             yield from interpolated
@@ -133,7 +133,7 @@ def first_candidates(
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
     """Straight to one pose at the goal after the other; each is made when it is asked for."""
     for k, goal in enumerate(goal_coordinates, start=1):
-        make_guide = partial(Interpolation, stepper.space, start.v, goal)
+        make_guide = partial(PoseLed, stepper.space, start.v, goal)
         yield GuideCandidate(f"interpolation {k}", make_guide)
 
 
@@ -182,9 +182,9 @@ def further_candidates(
         yield from pulled_over(stepper, start, whole_arm, path, lengths[1:])
 
 
-def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> GuideCandidate:
+def tip_led(stepper: Stepper, path: TipPath) -> GuideCandidate:
     """The tip drawn along the taut path."""
-    return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, start, path.taut))
+    return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, path.taut))
 
 
 _GATE_RIDGE = 1e-5
@@ -429,7 +429,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
         """Poses from one straight to other coordinates, shape (p,)."""
-        guide = Interpolation(self.stepper.space, pose.v, end)
+        guide = PoseLed(self.stepper.space, pose.v, end)
         return [*follow(self.stepper, guide, pose, self.task.deadline), self.stepper.pose(end)]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:

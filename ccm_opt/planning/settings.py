@@ -360,21 +360,6 @@ class SpaceCertificateSettings:
 
 
 @dataclass(frozen=True)
-class GuideSettings:
-    """Of what leads the tip.
-
-    Attributes:
-        onto_track: weight on their distance from it.
-        advance: how far it moves on at a time [u].
-        pose_step: how far the target moves on at a time on its way to a pose, in unknowns.
-    """
-
-    onto_track: float = 0.1
-    advance: float = 0.4
-    pose_step: float = 0.15
-
-
-@dataclass(frozen=True)
 class FollowableWaySettings:
     """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
 
@@ -399,7 +384,6 @@ class SpaceMotionSettings(EngineSettings):
 
     Attributes:
         certificate: of proofs.
-        guide: of what leads the tip.
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
         followable: ways for arms that follow their tip.
@@ -407,7 +391,6 @@ class SpaceMotionSettings(EngineSettings):
     """
 
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
-    guide: GuideSettings = field(default_factory=GuideSettings)
     continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
     goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)

@@ -10,6 +10,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
+from ccm_opt.planning.guides import ONTO_TRACK
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm
 
@@ -180,7 +181,6 @@ class SpaceTipWays:
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
         """Ways that a fed arm can follow; none for an arm whose base is fixed."""
-        settings = self.task.settings
         if self.fed is None:
             return
         seen = self._followed
@@ -189,7 +189,7 @@ class SpaceTipWays:
             way = self._followable(cells, allowance, price, approach)
             if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
                 seen.append(way)
-                yield TipWay("behind the tip", way, _CLOSE, settings.guide.onto_track)
+                yield TipWay("behind the tip", way, _CLOSE, ONTO_TRACK)
                 yield TipWay("close behind the tip", way, _CLOSE, _CLOSE_ONTO_TRACK)
                 yield TipWay("behind the tip, more freely", way, _CLOSE)
 

@@ -15,9 +15,9 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.goal import GoalPose, moved_onto
+from ccm_opt.planning.guides import ArmTrack, PoseLed, TrackLed
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
-from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, in_pieces, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
@@ -219,7 +219,7 @@ def swung(
 
 def unbent_from(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
-    guide = PoseLed(pose.v, stepper.space.unbent(pose.v), stepper.settings.guide.pose_step, stepper.settings.guide)
+    guide = PoseLed(stepper.space, pose.v, stepper.space.unbent(pose.v))
     try:
         return follow(stepper, guide, pose, deadline)
     except Stalled as stalled:
@@ -259,8 +259,8 @@ def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pos
     """Poses from the given one back as far as the steps lead."""
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
-    shape = SpaceTipTrack.along(pose.points, np.zeros((0, 3)))
-    guide = SpaceTrackLed(shape, arm.length - left, stepper.space.nominal_length, stepper.settings.guide)
+    shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))
+    guide = TrackLed(stepper.space, shape, arm.length - left)
     try:
         return follow(stepper, guide, pose, deadline)
     except Stalled as stalled:

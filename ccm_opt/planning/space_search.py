@@ -13,7 +13,7 @@ from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.guides import TipLed
+from ccm_opt.planning.guides import ArmTrack, PoseLed, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
@@ -22,7 +22,6 @@ from ccm_opt.planning.search import Failure, Strategy, first_found
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
-from ccm_opt.planning.space_guides import PoseLed, SpaceTipTrack, SpaceTrackLed
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
@@ -74,7 +73,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
         """Poses from one to other unknowns, shape (p,), on the straight way."""
-        guide = PoseLed(pose.v, end, self.task.settings.guide.pose_step, self.task.settings.guide)
+        guide = PoseLed(self.stepper.space, pose.v, end)
         try:
             poses = follow(self.stepper, guide, pose, self.task.deadline)
         except Stalled as stalled:
@@ -167,7 +166,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """From the start with all joints on a way, in a curve of the fewest knots that leave it half of its room."""
         task = self.task
         corners = np.vstack([part for part, _ in self._legs(way)])
-        track = SpaceTipTrack.along(task.arm.joint_positions_at(task.start), corners)
+        track = ArmTrack.behind(task.arm.joint_positions_at(task.start), corners)
         feeds = feeds_to_end(task.arm, track, float(task.start[-1]), _SLIDE_STEP * task.unit)
         fitted = self._fitted_slide(slid_along(task.arm, track, feeds))
         if fitted is None:
@@ -199,10 +198,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         task = self.task
         poses = [self.start]
         for corners, place in self._legs(way):
-            track = SpaceTipTrack.along(poses[-1].points, corners)
+            track = ArmTrack.behind(poses[-1].points, corners)
             guide: Guide = TipLed(stepper.space, track, track.start, still=False, largest_turn=_TURN, at_once=True)
             if way.followed:
-                guide = SpaceTrackLed(track, track.length, task.unit, task.settings.guide, way.followed)
+                guide = TrackLed(stepper.space, track, weight=way.followed)
             poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
             if place is not None:
                 poses += settle(stepper, place, poses[-1], task.deadline)[1:]

@@ -180,7 +180,7 @@ def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
 
 def _led(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
     name = f"tip-led, {which}, path of {long_length(path_length(taut))}"
-    return GuideCandidate(name, partial(led_along, run.stepper, run.start, taut))
+    return GuideCandidate(name, partial(led_along, run.stepper, taut))
 
 
 @dataclass
@@ -244,7 +244,7 @@ class TipWalks:
 
     def _led_to_end(self, run: PlanarRun, begin: Pose, taut: FloatArray) -> tuple[list[Pose], bool]:
         """Poses with the tip led along a path, of a goal that is a set no farther than into it; whether to its end."""
-        guide = led_along(run.stepper, begin, taut)
+        guide = led_along(run.stepper, taut)
         try:
             return follow(run.stepper, guide, begin, run.task.deadline, into=run.goal), True
         except Stalled as stalled:

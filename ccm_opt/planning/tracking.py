@@ -18,10 +18,10 @@ from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.continuation import Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
-from ccm_opt.planning.space_guides import PoseLed
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, SpaceStepper, Stepper, StepperOf
@@ -318,7 +318,7 @@ def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) 
 
 def _ended(task: SpaceTask, stepper: SpaceStepper, pose: Pose, end: FloatArray) -> list[Pose]:
     """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
-    guide = PoseLed(pose.v, end, task.settings.guide.pose_step, task.settings.guide)
+    guide = PoseLed(stepper.space, pose.v, end)
     try:
         poses = follow(stepper, guide, pose, task.deadline)
     except Stalled as stalled:

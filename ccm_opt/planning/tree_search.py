@@ -13,7 +13,7 @@ import numpy as np
 
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.guides import Interpolation
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
@@ -213,7 +213,7 @@ class TreeSearch:
         pose = tree.poses[node]
         for target in np.argsort(other.distances(pose))[:_CONNECTIONS]:
             end = other.poses[int(target)]
-            guide = Interpolation(self.runs[-1].stepper.space, pose.v, end.v)
+            guide = PoseLed(self.runs[-1].stepper.space, pose.v, end.v)
             poses = self._led(guide, pose, _CONNECTION_PATIENCE)
             arrived = guide.finished(poses[-1])
             if arrived:

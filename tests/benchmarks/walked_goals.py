@@ -78,7 +78,7 @@ def _drawn_goal(scene: Scene, rng: np.random.Generator) -> TipGoal:
 
 def _certified_part(run: PlanarRun, path: TipPath) -> list[Pose]:
     """Poses that follow the tip along a path as far as it goes, and as far as the motion is certified."""
-    guide = tip_led(run.stepper, run.start, path).make_guide()
+    guide = tip_led(run.stepper, path).make_guide()
     try:
         poses = follow(run.stepper, guide, run.start, run.task.deadline)
     except Stalled as stalled:
