@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from ccm_opt.planning.feed.leader import LeaderPath
+from ccm_opt.planning.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

@@ -44,10 +44,6 @@ def default_planner(
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415
 
         return HillClimbingPlanner(stages, settings.hill_climbing)
-    if problem.arm.base_axes:
-        from ccm_opt.planning.feed.feed_planner import FeedPlanner  # noqa: PLC0415
-
-        return FeedPlanner(stages, settings.curve, terms)
     from ccm_opt.planning.curve_planner import CurvePlanner  # noqa: PLC0415
 
     return CurvePlanner(stages, terms, refuse_hopeless, settings.curve)
@@ -192,8 +188,8 @@ __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
 class BuiltInPlanner:
     """The planner that ``solve`` takes when it is given none.
 
-    Which one that is depends on the problem: the planner in space, and in the plane that of curves, that of arms on a
-    feed axis, or the paper's own by hill climbing. A planner of your own may ask it for a path, for the same problem or
+    Which one that is depends on the problem: the planner in space, and in the plane that of curves, or the paper's own
+    by hill climbing. A planner of your own may ask it for a path, for the same problem or
     for one that it changed::
 
         class Roomy:

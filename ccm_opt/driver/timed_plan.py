@@ -12,7 +12,7 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, results_of_terms, verified, worst_of_legs
 from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.planning.feed.leader import feed_limits
+from ccm_opt.planning.leader import feed_limits
 from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointTrajectory

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.core.progress import Stages
@@ -23,7 +23,11 @@ from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
+from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.goal_members import EndPoses
+from ccm_opt.planning.leader import travel_between_samples
+from ccm_opt.planning.led_strategies import fed_strategies
+from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace, nearest_curves
@@ -35,7 +39,7 @@ from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.step import Stepper
-from ccm_opt.planning.strategies import find_motion
+from ccm_opt.planning.strategies import STRATEGIES, find_motion
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
@@ -184,9 +188,15 @@ class CurvePlanner:
                 if motion is not None:
                     path = joint_path(problem, task, motion)
                     return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
-        task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
+        strategies = STRATEGIES
+        if problem.arm.base_axes:
+            task = self.task_without_routes(problem, ends, deadline)
+            task = replace(task, refuse=partial(self.refuse, problem))
+            strategies = fed_strategies(problem, self.shape_change, self.settings)
+        else:
+            task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
-            motion = find_motion(task)
+            motion = find_motion(task, strategies)
             path = joint_path(problem, task, motion)
         return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
 
@@ -224,8 +234,9 @@ class CurvePlanner:
     def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
         """The same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
         settings = self.settings
+        arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
         return MotionTask(
-            arm=clamped_arm(problem.arm) if ends.clamped else problem.arm,
+            arm=arm,
             workspace=problem.workspace,
             start=ends.start,
             goal=ends.goal,
@@ -238,8 +249,19 @@ class CurvePlanner:
             slowness=slowness(problem),
             user_limits=self.user_limits,
             wanted_gap=problem.wanted_gap,
+            guide_tubes=(GuideTubeLimit(arm, travel_between_samples(arm, problem.limits)),) if arm.base_axes else (),
+            # In it a way of the base counts by the time that it takes.
+            fed_space=FedSpace.of_arm(arm, turn_per_link(problem)) if arm.base_axes else None,
             settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
         )
+
+    def shape_change(self, problem: Problem, ends: Ends, deadline: Deadline) -> Motion:
+        """A motion of what is beyond the hole of a feed axis, an arm on a fixed base, whatever the user asks.
+
+        Raises:
+            NoPlanFound: there is none.
+        """
+        return find_motion(CurvePlanner(settings=self.settings).motion_task(problem, ends, deadline))
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
         """Configurations, each made in the stage of that name when it is asked for."""
@@ -261,8 +283,20 @@ def certificate_settings(problem: Problem, settings: CertificateSettings) -> Cer
 
 
 def slowness(problem: Problem) -> JointSlowness:
-    """What the joints can do by their limits; planar motion turns the second revolute of every ball."""
-    return JointSlowness.from_limits(problem.limits.velocity[1::3], problem.limits.acceleration[1::3])
+    """What the joints and the base can do by their limits; planar motion turns the second revolute of every ball."""
+    limits = problem.limits
+    speeds, accelerations = limits.velocity[1::3], limits.acceleration[1::3]
+    if problem.arm.base_axes:
+        per_turn = turn_per_link(problem) / problem.arm.link_length  # rad a metre
+        speeds = np.append(speeds, per_turn * (limits.feed_velocity or 1.0))
+        accelerations = np.append(accelerations, per_turn * (limits.feed_acceleration or 1.0))
+    return JointSlowness.from_limits(speeds, accelerations)
+
+
+def turn_per_link(problem: Problem) -> float:
+    """What the average joint turns while the base is carried by a link length [rad]."""
+    speed = problem.limits.feed_velocity or 1.0
+    return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
 
 
 def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
@@ -288,6 +322,10 @@ def laid_path(motion: Motion, task: MotionTask) -> JointPath | None:
         return None
     arm = task.arm
     # Coordinates are linear in poses, so control points can be turned into them one by one.
-    spline = BSpline(path.spline.t, arm.configurations(np.asarray(path.spline.c)), path.spline.k)
+    control = arm.configurations(np.asarray(path.spline.c))
+    if arm.base_axes:
+        control[np.abs(control) < TINY] = 0.0  # in a guide tube exactly straight, where headings only round
+    spline = BSpline(path.spline.t, control, path.spline.k)
     curves = nearest_curves(arm, motion.configurations[:, : arm.links])
-    return JointPath(spline, arm.configurations(motion.configurations), curves, motion.candidate, spare=path.spare)
+    keyframes = arm.configurations(motion.configurations)
+    return JointPath(spline, keyframes, curves, motion.candidate, motion.leaders, spare=path.spare)

@@ -58,6 +58,13 @@ _BOTTLENECK_POWER = 0.5
 same motions last 1 % longer in the median."""
 _LEAST_BUSY = 0.2
 """That ratio counts as at least this much. Taste."""
+_KEYFRAMES_A_LINK = 2.0
+"""Of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer, joints bend late behind
+the hole."""
+_MOST_KEYFRAMES = 48
+"""Of the optimisation of a fed arm. Taste: its cost grows with them and with the cube of the links."""
+_FED_SHARE = 0.1
+"""Share of the time left that it may use. Taste: what is not finished then is certified all the same."""
 _OPENING = 1.05
 """Gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a little more, so
 that the planes of the NLP leave all that is wanted (taste)."""
@@ -121,6 +128,9 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
         Certified. Where the task offers no other end, or that end cannot be reached, the motion ends where its
         optimisation with a free end liked best.
     """
+    if task.guide_tubes:
+        task = _with_dense_keyframes(motion, task)
+        motion = replace(motion, leaders=())
     settings = task.settings.optimisation
     if task.wanted_gap == 0.0:
         return optimise(motion, task, margin)
@@ -136,6 +146,18 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
                 return _with_room(ended, motion, task, margin)
     ended = optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
     return _with_room(ended, motion, task, margin)
+
+
+def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
+    """The task of optimising the motion of a fed arm: keyframes as dense as its feed needs, and a share of the time."""
+    # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
+    links_fed = float(np.abs(np.diff(motion.configurations[:, task.arm.links :], axis=0)).sum())
+    dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
+    plain = task.settings.optimisation
+    moved = tuple(max(count, dense) for count in plain.moved_intervals)
+    optimisation = replace(plain, intervals=max(plain.intervals, dense), moved_intervals=moved)
+    deadline = task.deadline.within(_FED_SHARE * task.deadline.left)
+    return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
 
 
 def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | None) -> Motion:

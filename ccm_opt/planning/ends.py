@@ -20,6 +20,9 @@ from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, way
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import ROOM_NAME
 
+_STRAIGHTENING = 5e-4
+"""Distance that the tip may move when what the mapping of a curve bends inside the guide tube is straightened [m].
+Taste."""
 _ROOM_SHARE = 0.05
 """Share of that tolerance that is left as room beside a wall that is too near to the goal. Taste."""
 
@@ -52,9 +55,9 @@ class Ends:
     """Both ends of a motion.
 
     Attributes:
-        start: link headings, shape (links,) [rad].
+        start: link headings and what carries the base, shape (c,) [rad, link lengths].
         goal: where the tip has to be.
-        goal_pose: link headings of a whole-arm goal, shape (links,) [rad], or None.
+        goal_pose: the same of a whole-arm goal, shape (c,), or None.
         clamped: whether the base stands flush on a wall, so that its joint cannot turn.
     """
 
@@ -73,19 +76,40 @@ def resolve_ends(problem: Problem) -> Ends:
     Raises:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
     """
-    start = problem.start.headings(problem.arm)
-    clamped = stands_flush(problem, start)
+    start = _pose(problem, problem.start, "start")
+    clamped = not problem.arm.base_axes and stands_flush(problem, start)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     refuse_bad_pose(arm, problem.workspace, start, "start", _REACH)
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         return Ends(start, tip_goal(problem, problem.goal), None, clamped)
-    headings = _within_limits(problem, problem.goal.headings(problem.arm))
+    headings = _within_limits(problem, _pose(problem, problem.goal, "goal"))
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, headings, "goal", _REACH)
-    tip = arm.joint_positions(headings)[-1]
-    return Ends(start, GoalPose(tip, unit_vector(headings[-1])), headings, clamped)
+    direction = unit_vector(headings[arm.links - 1])
+    return Ends(start, GoalPose(arm.points(headings)[-1], direction), headings, clamped)
+
+
+def _pose(problem: Problem, pose: JointPose, which: str) -> FloatArray:
+    """Link headings and what carries the base, shape (c,), bends exactly 0 where a guide tube holds a joint.
+
+    Raises:
+        UnreachableGoal: a joint that it holds is bent; ``which`` names the pose.
+    """
+    arm = problem.arm
+    if not arm.base_axes:
+        return pose.headings(arm)
+    held = arm.held(pose.feed)
+    # A bend moves the tip by no more than itself times the arm's length.
+    mapped = _STRAIGHTENING / (arm.length * max(int(held.sum()), 1))
+    bent = held & (np.abs(pose.bends) > (ROUNDING if pose.curve is None else mapped))
+    if bent.any():
+        joint = int(np.argmax(bent))
+        reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(pose.bends[joint]):.3g}° inside the guide tube"
+        advice = (f"straighten the {which} inside the guide tube", f"raise {which}.feed")
+        raise UnreachableGoal(Diagnosis(reason, which, advice))
+    return arm.poses(arm.configuration(np.where(held, 0.0, pose.bends), pose.feed))
 
 
 def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
@@ -120,7 +144,7 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     # At full stretch the tip cannot move along the arm and Newton would stop; an aim a little nearer keeps the arm
     # bent, as far as the tolerance allows.
     beyond = float(np.hypot(*offset)) - (1.0 - _STRETCH) * arm.length
-    if beyond > _STRETCH * arm.length:
+    if beyond > _STRETCH * arm.length and not arm.base_axes:
         return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
 
     need = arm.radius + problem.workspace.clearance
@@ -168,11 +192,12 @@ def clamped_arm(arm: Arm) -> Arm:
 def _within_limits(problem: Problem, headings: FloatArray) -> FloatArray:
     """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
     arm = problem.arm
-    bends = arm.bends(headings)
+    bends = arm.bends(headings[: arm.links])
     kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
     over = float(np.max(np.abs(bends - kept)))
     given = isinstance(problem.goal, JointPose) and problem.goal.curve is None
-    return arm.headings(kept) if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else headings
+    clipped = np.append(arm.headings(kept), headings[arm.links :])
+    return clipped if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else headings
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:

@@ -55,6 +55,7 @@ class CurveMotion(Generic[CurveType]):
         u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where nothing depends on them.
         end_pose: configuration of the offered pose at the goal that it ends in, of the arm it was planned for; None
             where it ends elsewhere.
+        leaders: paths that a fed arm follows all the way, each of shape (m, 2) [m]; none elsewhere.
     """
 
     curve: CurveType
@@ -63,6 +64,7 @@ class CurveMotion(Generic[CurveType]):
     candidate: str
     u: FloatArray | None = None
     end_pose: FloatArray | None = None
+    leaders: tuple[FloatArray, ...] = ()
 
     @classmethod
     def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
@@ -110,6 +112,11 @@ class CurveMotion(Generic[CurveType]):
         arcs = arc_lengths(self.curve.drives(self.configurations))
         shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
         return shares
+
+    @property
+    def busiest(self) -> float:
+        """Length of what the busiest drive moves in every interval, which bounds the duration, Σ max |Δq|."""
+        return float(np.abs(np.diff(self.curve.drives(self.configurations), axis=0)).max(axis=1).sum())
 
     @property
     def travel(self) -> float:

@@ -122,7 +122,7 @@ class MotionTask(SearchTask):
         """Whether a pose, link headings (links,) [rad], bends a joint as far as planning does, or farther."""
         share = self.settings.step.limit_share
         hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
-        return bool(np.any(np.abs(self.arm.bends(headings)) > (share - hair) * self.arm.bend_limits))
+        return bool(np.any(np.abs(self.arm.bends(headings[: self.arm.links])) > (share - hair) * self.arm.bend_limits))
 
     def gap_about(self, places: FloatArray) -> float:
         """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""

@@ -98,8 +98,12 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
         motion: certified, in its link space.
         task: it was found for.
     """
-    # Users' limits do not judge straight motions, and few links do not say which curve they stand for.
-    fits = motion.u is None and not task.user_limits and task.arm.links > task.settings.connect.few_links
+    # Users' limits and tubes do not judge straight motions, few links do not say which curve they stand for.
+    fits = (
+        motion.u is None
+        and not (task.user_limits or task.guide_tubes)
+        and task.arm.links > task.settings.connect.few_links
+    )
     if not fits or task.optimiser == "none" or task.deadline.passed():
         return motion
     intervals = len(thinned(motion, task.certificate)[0]) - 1

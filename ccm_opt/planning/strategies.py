@@ -29,8 +29,10 @@ from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
+from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.tip_walks import WALKS, by_walks, is_walked
 from ccm_opt.planning.tree_search import search_by_trees
+from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Arm
 
 _ARC_PLACES = 24
@@ -64,6 +66,11 @@ _HEADING_LENGTH = 0.25
 to the goal are chosen. Taste."""
 _RELEASES = 8
 """Joints beyond their limits are held, and the step taken anew, up to so often. Taste."""
+
+
+_WORTH_SHORTENING = 1.2
+"""Times the duration of the straight line between its ends from which on a motion that follows its leader is optimised.
+Taste."""
 
 
 @dataclass(frozen=True)
@@ -434,7 +441,18 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
         motion = None if found is None or coarse is None else taken_over(found, coarse, task, failures)
         if motion is None and (coarse is None or not strategy.leads_others):
             found = strategy.find(task, failures)
-            motion = None if found is None else optimised_to_end_pose(straightened(found, task), task)
+            motion = None if found is None else _finished(found, task)
         return motion
 
     return first_found((strategy for strategy in strategies if strategy.applies(task)), task, find)
+
+
+def _finished(found: Motion, task: MotionTask) -> Motion:
+    """A motion optimised; one that follows its leader mostly lasts as long as its feed, and has its path's room."""
+    if found.leaders and not task.user_limits and task.weights == Weights():
+        straight_line = found.through(found.unknowns[[0, -1]])
+        if found.busiest <= _WORTH_SHORTENING * straight_line.busiest:
+            return found
+    ended = optimised_to_end_pose(straightened(found, task), task)
+    # In a guide tube a shorter motion may leave a smooth path no room.
+    return found if task.guide_tubes and smooth_path(ended, task) is None else ended

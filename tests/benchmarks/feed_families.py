@@ -13,7 +13,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.planning.feed.leader import LeaderPath, pose_on
+from ccm_opt.planning.leader import LeaderPath, pose_on
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace

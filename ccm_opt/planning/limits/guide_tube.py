@@ -1,4 +1,4 @@
-"""The motion task of a fed arm.
+"""What the guide tube of a feed axis holds straight, as a limit of the motion.
 
 Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with the distance that it has
 come beyond, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back
@@ -7,36 +7,21 @@ and at the keyframes beside it, as far as the smooth path mixes them; the joints
 a row that keeps it outside.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray, IntArray
-from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.polyline import unit_vector
-from ccm_opt.planning.ends import tip_goal
-from ccm_opt.planning.fed_space import FedSpace
-from ccm_opt.planning.feed.query import FeedQuery
-from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion import Motion
-from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.pose import Pose
-from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
-_KEYFRAMES_A_LINK = 2.0
-"""Of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer, joints bend late behind
-the hole."""
-_MOST_KEYFRAMES = 48
-"""Of the optimisation. Taste: its cost grows with them and with the cube of the links."""
 _RESERVE = 0.1
 """How far beyond the hole, and what the base travels between two samples, planning lets joints bend, in link lengths;
 the smooth path beside the keyframes takes some of it. Taste."""
@@ -53,9 +38,6 @@ _ROUNDING = 1e-9
 """Of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis."""
 _AT_END = 1e-3
 """How near to an end of its range the base counts as there, in link lengths. Taste."""
-_OPTIMISING_SHARE = 0.1
-"""Share of the time limit that the optimisation of one motion may use. Taste: what is not finished then is certified
-all the same."""
 
 
 Number = TypeVar("Number", np.float64, np.intp)
@@ -243,77 +225,3 @@ def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
     around = np.pad(values, reach, mode="edge")
     least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
     return least
-
-
-def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...] = ()) -> MotionTask:
-    """The task of a query: start and goal are poses, with the base's way, and the guide tube is one of the limits.
-
-    Args:
-        query: what is asked, its ends resolved.
-        deadline: when to stop.
-        user_limits: what the user asks for.
-    """
-    problem = query.problem
-    arm = query.arm
-    start = query.pose(query.start)
-    goal_pose = None if query.goal is None else query.pose(query.goal)
-    if goal_pose is not None:
-        goal = GoalPose(arm.points(goal_pose)[-1], unit_vector(goal_pose[arm.links - 1]))
-    elif isinstance(problem.goal, TipGoal):
-        goal = tip_goal(problem, problem.goal)
-    return MotionTask(
-        arm=arm,
-        workspace=problem.workspace,
-        start=start,
-        goal=goal,
-        goal_pose=goal_pose,
-        deadline=deadline,
-        optimiser=problem.planner.optimiser,
-        seed=problem.planner.seed,
-        weights=problem.planner.weights,
-        slowness=fed_slowness(problem),
-        user_limits=user_limits,
-        wanted_gap=problem.wanted_gap,
-        guide_tubes=(GuideTubeLimit(arm, query.travel),),
-        # In it a way of the base counts by the time that it takes.
-        fed_space=FedSpace.of_arm(arm, turn_per_link(problem)),
-        settings=query.settings.motion,
-    )
-
-
-def task_of_optimising(task: MotionTask, query: FeedQuery, motion: Motion) -> MotionTask:
-    """The task as it is while one motion is optimised: with keyframes as dense as its feed needs, and a share of time.
-
-    Args:
-        task: the task of the whole search.
-        query: what is asked.
-        motion: to optimise.
-    """
-    arm = query.arm
-    way = arm.coordinates.advance(arm.configurations(motion.configurations))
-    # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
-    links_fed = float(np.abs(np.diff(way)).sum()) / arm.link_length
-    dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
-    plain = task.settings.optimisation
-    optimisation = replace(
-        plain,
-        intervals=max(plain.intervals, dense),
-        moved_intervals=tuple(max(count, dense) for count in plain.moved_intervals),
-    )
-    deadline = task.deadline.within(_OPTIMISING_SHARE * query.problem.planner.time_limit)
-    return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
-
-
-def turn_per_link(problem: Problem) -> float:
-    """What the average joint turns while the base is carried by a link length [rad]."""
-    speed = problem.limits.feed_velocity or 1.0
-    return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
-
-
-def fed_slowness(problem: Problem) -> JointSlowness:
-    """What the joints and the base can do by their limits, the way of the base counted as in its space."""
-    limits = problem.limits
-    per_turn = turn_per_link(problem) / problem.arm.link_length  # rad a metre
-    speeds = np.append(limits.velocity[1::3], per_turn * (limits.feed_velocity or 1.0))
-    accelerations = np.append(limits.acceleration[1::3], per_turn * (limits.feed_acceleration or 1.0))
-    return JointSlowness.from_limits(speeds, accelerations)

@@ -5,33 +5,22 @@ its curvature then changes to first order by a'' + κ² a and its length by -κ 
 weighted up where it nears the tightest bend, the change of its curvature, which is 0 before and after it, and its
 length; walls to the left and right bound each point's a. That is a quadratic program with bounds alone. Then the band
 is divided into equal distances again.
-
-Elastic bands are tried first. Where they are too short or bend too much, configurations of the continuous curve are
-asked for (section 4.1 of the paper and the multiple-shooting NLP), only that the base is a place on the feed axis and
-the length is free within what the range of the feed leaves.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import product
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import SHORTEST, TINY, BoolArray, FloatArray
-from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import ConfigurationNotFound
-from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polygons import nearest_on_segments
-from ccm_opt.core.polyline import arc_lengths, heading_of, path_length, points_at, unit_vector
+from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vector
 from ccm_opt.core.small_qp import solve_small_qp
-from ccm_opt.ik.configuration_task import ConfigurationTask
-from ccm_opt.ik.find_configuration import find_configuration
-from ccm_opt.planning.feed.leader import LeaderPath, path_through
-from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
-from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.planning.goal_members import GoalMember
+from ccm_opt.planning.leader import LeaderPath, path_through
+from ccm_opt.problem import Problem
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
@@ -78,12 +67,6 @@ _CHORD_ALLOWANCE = 1e-2
 """Share of a path's length by which the arm on it may be longer than its chords. Taste."""
 _CURVATURE_SHARE = 0.9
 """Share of the tightest bend that a path may use, so that the arm can still be steered. Taste."""
-_CURVE_STRETCHES = (1.03, 1.1, 1.25, 1.5, 2.0)
-"""Lengths of the continuous curve that are tried, over that of the taut path. Taste."""
-_CURVE_SPACING = 0.25
-"""Distance between the points of the continuous curve that a path is laid through, in link lengths. Taste."""
-_CURVE_ATTEMPTS = 3
-"""Attempts of the configuration's NLP at one curve. Taste."""
 
 
 @dataclass(frozen=True)
@@ -235,75 +218,43 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Reach:
-    """Between which arc lengths a leader's path has to end, so that the base is in the range of the feed then [m]."""
-
-    least: float
-    most: float
-
-    @classmethod
-    def from_feed(cls, arm: Arm, feed: Feed) -> "Reach":
-        """The bounds for an arm on a feed axis."""
-        return cls(feed.low + arm.length, feed.high + arm.length)
-
-
-@dataclass
 class LeaderPaths:
-    """Finds paths for the leader of one problem.
+    """Draws paths for the leader of one problem.
 
     Attributes:
         problem: with a feed axis.
         goal: where the tip has to arrive.
-        deadline: when to stop.
-        settings: of the planner.
-        shortest: length of the shortest route seen, from the arm's own base position [m]; for the diagnosis.
-        refusals: why the NLP found no curve, one line each.
+        corner_distance: what routes keep from corners where there is room, as a share of the arm's length.
     """
 
     problem: Problem
-    goal: TipGoal
-    deadline: Deadline
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
-    shortest: float = np.inf
-    refusals: tuple[str, ...] = ()
+    goal: GoalMember
+    corner_distance: float
 
-    def bands(self, straight: float, reach: Reach) -> Iterator[LeaderPath]:
-        """Taut routes drawn smooth, shortest first: quick, and at home in narrow ducts.
+    def bands(self, straight: float) -> Iterator[LeaderPath]:
+        """Taut routes in different homotopy classes drawn smooth, shortest first; the base comes into its range.
 
         Args:
             straight: arc length at which the path may leave the axis [m].
-            reach: between which arc lengths it has to end.
         """
-        longest = reach.most * (1.0 + _CHORD_ALLOWANCE)
+        arm = self.problem.arm
+        least, most = (end + arm.length for end in arm.base_range)
         seen = set[float]()
-        for free_space, routes in self._routes_in_free_spaces(straight, reach):
-            for k, route in enumerate(routes, start=1):
-                for margin in self._band_margins:
-                    path = self._band(free_space, route, straight, margin, f"band {k}")
-                    # In a duct all margins give the same band; bands are told apart by their length.
-                    length = round(path.end, 6)
-                    if reach.least <= path.end <= longest and length not in seen:
-                        seen.add(length)
-                        yield path
-
-    def curves(self, straight: float, reach: Reach, most: int) -> Iterator[LeaderPath]:
-        """Configurations of the continuous curve, shortest first; they may be longer than their route is.
-
-        Args:
-            straight: arc length at which the path may leave the axis [m].
-            reach: between which arc lengths it has to end.
-            most: how many are asked for at most.
-        """
-        begin, end = self._curve_ends(straight)
-        candidates = islice(self._curve_candidates(straight, reach), most)
-        for k, (free_space, route, length) in enumerate(candidates, start=1):
-            if self.deadline.passed():
-                return
-            curve = self._curve(free_space, route, begin, end, length)
-            if curve is not None:
-                spacing = _CURVE_SPACING * self.problem.arm.link_length
-                places = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length / spacing))) + 1)
-                yield self._path(straight, curve.positions_at(places), f"curve {k} of {long_length(length)}")
+        begin, end = self._band_ends(straight)
+        for margin in _FREE_SPACE_MARGINS:
+            free_space = self._free_space(margin)
+            if not free_space.contains(np.stack((begin, end))).all():
+                continue
+            shrink = self.corner_distance * arm.length
+            routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=shrink)
+            within = [route for route in routes if route.length + self._last_link <= most - straight]
+            for (k, route), gap in product(enumerate(within, start=1), self._band_margins):
+                path = self._band(free_space, route, straight, gap, f"band {k}")
+                # In a duct all margins give the same band; bands are told apart by their length.
+                length = round(path.end, 6)
+                if least <= path.end <= most * (1.0 + _CHORD_ALLOWANCE) and length not in seen:
+                    seen.add(length)
+                    yield path
 
     @property
     def _band_margins(self) -> tuple[float, ...]:
@@ -318,39 +269,21 @@ class LeaderPaths:
     def _band(self, free_space: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
         """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
         arm = self.problem.arm
+        tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))  # chords on an arc of κ bend by 2 asin(κ l/2)
         band = ElasticBand(
             walls=self.problem.workspace.flat_walls,
             least=arm.radius + self.problem.workspace.clearance + margin,
             chord=arm.link_length,
-            curvature_limit=self._curvature_limit,
+            curvature_limit=float(_CURVATURE_SHARE * tightest / arm.link_length),
             spacing=max(_BAND_SPACING * arm.link_length, _LEAST_BAND_SPACING * arm.length),
             evenness=_BAND_EVENNESS * arm.length,
         )
-        begin, end = self._curve_ends(straight)
         # Routes are drawn with a distance from corners; the band finds its own.
-        taut = free_space.path_of_sleeve(route.sleeve, begin, end)
-        return self._path(straight, band.smoothed(taut, (arm.base_heading, self.goal.heading)), name)
-
-    def _curve_candidates(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, Route, float]]:
-        """Free space, a route through it and a length of the curve, in the order they are tried."""
-        for free_space, routes in self._routes_in_free_spaces(straight, reach):
-            for route, length in self._lengths(routes, straight, reach):
-                yield free_space, route, length
-
-    def _routes_in_free_spaces(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, tuple[Route, ...]]]:
-        """Free space with less and less margin, and the routes through it."""
-        begin, end = self._curve_ends(straight)
-        for margin in _FREE_SPACE_MARGINS:
-            free_space = self._free_space(margin)
-            if free_space.contains(np.stack((begin, end))).all():
-                yield free_space, self._routes(free_space, begin, end, reach.most - straight)
-
-    @property
-    def _curvature_limit(self) -> float:
-        """What paths may bend [1/m]: chords of a link on an arc of curvature κ bend by 2 asin(κ l/2)."""
-        arm = self.problem.arm
-        tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))
-        return float(_CURVATURE_SHARE * tightest / arm.link_length)
+        taut = free_space.path_of_sleeve(route.sleeve, *self._band_ends(straight))
+        points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
+        if self._last_link > 0.0:
+            points = np.vstack((points, self.goal.position))
+        return path_through(arm, straight, points, name, self.goal.heading)
 
     def _free_space(self, margin: float) -> FreeSpace:
         """Free space with a margin, as a share of a link's sagitta at its joint limit, beyond radius and clearance."""
@@ -360,64 +293,13 @@ class LeaderPaths:
         # Without any inflation, free space would touch itself at corners.
         return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, SHORTEST))
 
-    def _curve_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
-        """Where the curve begins and ends; with a goal heading the last link lies straight behind the goal."""
+    def _band_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
+        """Where the band begins and ends; with a goal heading the last link lies straight behind the goal."""
         arm = self.problem.arm
-        heading = self.goal.heading or 0.0
-        back = self._last_link * unit_vector(heading)
+        back = self._last_link * unit_vector(self.goal.heading or 0.0)
         return arm.base + straight * arm.direction, self.goal.position - back
 
     @property
     def _last_link(self) -> float:
         """Length behind the goal that the path runs straight, so that the last link takes the goal's heading [m]."""
         return 0.0 if self.goal.heading is None else self.problem.arm.link_length
-
-    def _routes(self, free_space: FreeSpace, begin: FloatArray, end: FloatArray, longest: float) -> tuple[Route, ...]:
-        """Routes between two points whose paths are not longer than ``longest`` [m]."""
-        corner_distance = self.settings.corner_distance * self.problem.arm.length
-        routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=corner_distance)
-        if routes:
-            before = float(np.hypot(*(begin - self.problem.arm.base)))
-            self.shortest = min(self.shortest, before + routes[0].length + self._last_link)
-        return tuple(route for route in routes if route.length + self._last_link <= longest)
-
-    def _lengths(self, routes: tuple[Route, ...], straight: float, reach: Reach) -> list[tuple[Route, float]]:
-        """Routes with lengths of the curve to try along them, shortest first."""
-        least = (reach.least - straight - self._last_link) * (1.0 + _CHORD_ALLOWANCE)
-        most = reach.most - straight - self._last_link
-        pairs: list[tuple[Route, float]] = []
-        for route in routes:
-            lengths = np.clip(route.length * np.array(_CURVE_STRETCHES), least, most)
-            # Clipping makes several alike; rounding finds them.
-            longer = np.unique(np.round(lengths[lengths > route.length], 9))
-            pairs.extend((route, float(length)) for length in longer)
-        return sorted(pairs, key=lambda pair: pair[1])
-
-    def _curve(
-        self, free_space: FreeSpace, route: Route, begin: FloatArray, end: FloatArray, length: float
-    ) -> Configuration | None:
-        """A configuration of the curve of some length along a route, or None when the NLP finds none."""
-        arm = self.problem.arm
-        taut = free_space.path_of_sleeve(route.sleeve, begin, end)
-        task = ConfigurationTask(
-            base=begin,
-            base_heading_range=(arm.base_heading, arm.base_heading),
-            length=length,
-            curvature_limit=self._curvature_limit,
-            goal=end,
-            goal_heading=self.goal.heading,
-            corridor=free_space.corridor(Route(route.sleeve, taut, path_length(taut))),
-        )
-        try:
-            return find_configuration(task, _CURVE_ATTEMPTS)
-        except ConfigurationNotFound as refused:
-            self.refusals = (*self.refusals, refused.diagnosis.reason)
-            return None
-
-    def _path(self, straight: float, points: FloatArray, name: str) -> LeaderPath:
-        """The feed axis up to where points begin, a curve through these, shape (m, 2) [m], and the last link."""
-        points = points[1:]
-        if self._last_link > 0.0:
-            points = np.vstack((points, self.goal.position))
-        arm = self.problem.arm
-        return path_through(arm, straight, points, name, self.goal.heading)

@@ -176,60 +176,36 @@ def path_through(
         name: of the path.
         end_heading: heading at the last point [rad], or None when any will do.
     """
-    if len(points) == 0:
-        return _axis_alone(arm, leaves, name)
-    nodes = np.vstack((arm.base + leaves * arm.direction, points))
-    chords = arc_lengths(nodes)
+    curved = nodes = np.vstack((arm.base + leaves * arm.direction, points))
+    arc = np.zeros(1)
+    tangents = arm.direction[None]
+    if len(points):
+        chords = arc_lengths(nodes)
+        # The first derivative is that of the axis; at the end it is the heading's, or else the second one is zero.
+        end: tuple[Literal[1, 2], FloatArray]
+        end = (2, np.zeros(2)) if end_heading is None else (1, unit_vector(end_heading))
+        curve = CubicSpline(chords, nodes, bc_type=((1, arm.direction), end))
+        parameters = _parameters(chords, _SAMPLES_PER_LINK)
+        curved = np.asarray(curve(parameters))
+        tangents = np.asarray(curve(parameters, 1))
+        arc = np.asarray(cumulative_simpson(np.hypot(*tangents.T), x=parameters, initial=0.0))
 
-    # The first derivative is that of the axis; at the end it is the heading's, or else the second derivative is zero.
-    order: Literal[1, 2]
-    if end_heading is None:
-        order = 2
-        end = np.zeros(2)
-    else:
-        order = 1
-        end = unit_vector(end_heading)
-    curve = CubicSpline(chords, nodes, bc_type=((1, arm.direction), (order, end)))
-
-    parameters = _parameters(chords, _SAMPLES_PER_LINK)
-    tangents = np.asarray(curve(parameters, 1))
-    speed = np.hypot(*tangents.T)
-    arc = np.asarray(cumulative_simpson(speed, x=parameters, initial=0.0))
-    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name)
+    before = _on_axis(arm, leaves)
+    headings = arm.base_heading + np.unwrap(vector_headings(tangents) - arm.base_heading)
+    headings -= whole_turns(headings[0] - arm.base_heading)
+    return LeaderPath(
+        np.concatenate((before, leaves + arc)),
+        np.concatenate((arm.base + before[:, None] * arm.direction, curved)),
+        np.concatenate((np.full(len(before), arm.base_heading), headings)),
+        leaves,
+        name,
+    )
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
     """Parameters of the curve at which it is sampled: so many to a chord, all joints among them."""
     inner = [a + (b - a) * np.arange(count) / count for a, b in pairwise(chords)]
     return np.concatenate([*inner, chords[-1:]])
-
-
-def _axis_alone(arm: Arm, leaves: float, name: str) -> LeaderPath:
-    """The feed axis up to an arc length [m]."""
-    arc = np.append(_on_axis(arm, leaves), leaves)
-    points = arm.base + arc[:, None] * arm.direction
-    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name)
-
-
-def _with_axis(
-    arm: Arm,
-    leaves: float,
-    arc: FloatArray,
-    points: FloatArray,
-    tangents: FloatArray,
-    name: str,
-) -> LeaderPath:
-    """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
-    before = _on_axis(arm, leaves)
-    headings = arm.base_heading + np.unwrap(vector_headings(tangents) - arm.base_heading)
-    headings -= whole_turns(headings[0] - arm.base_heading)
-    return LeaderPath(
-        np.concatenate((before, leaves + arc)),
-        np.concatenate((arm.base + before[:, None] * arm.direction, points)),
-        np.concatenate((np.full(len(before), arm.base_heading), headings)),
-        leaves,
-        name,
-    )
 
 
 def _on_axis(arm: Arm, leaves: float) -> FloatArray:

@@ -1,1 +1,0 @@
-"""The planner of arms on a feed axis."""

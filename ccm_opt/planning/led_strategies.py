@@ -1,0 +1,463 @@
+"""Strategies for an arm on a feed axis: it follows a leader, or changes its shape on the way to where it can.
+
+The arm comes along a leader's path with every joint on it. A start that does not lie on the path is drawn back along
+its own shape, and the part beyond the hole changes its shape at a fixed feed, planned as an arm on a fixed base. Of the
+ways to one path that are found quickly the shortest is tried first.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import chain
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+
+from ccm_opt.core.arrays import ROUNDING, SHORTEST, TINY, FloatArray
+from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polyline import leg_headings, wrap
+from ccm_opt.planning.continuation import Stalled
+from ccm_opt.planning.ends import Ends, resolve_ends
+from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.goal_members import GoalMember, goal_members
+from ccm_opt.planning.leader import (
+    LeaderPath,
+    feed_step,
+    joined_keyframes,
+    path_of_pose,
+    pose_on,
+    slide,
+    travel_between_samples,
+)
+from ccm_opt.planning.leader_paths import LeaderPaths
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.optimisation.optimise import keeps_limits
+from ccm_opt.planning.search import Failure, Strategy, tell_tried
+from ccm_opt.planning.search_run import PlanarRun
+from ccm_opt.planning.settings import CurvePlannerSettings, MotionSettings
+from ccm_opt.planning.strategies import goes_straight_to_pose, straight
+from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.free_space import FreeSpace
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
+
+ShapeChange: TypeAlias = Callable[[Problem, Ends, Deadline], Motion]
+"""Plans a problem of an arm on a fixed base between its ends; raises ``NoPlanFound``."""
+
+_SAME_POSE = 1e-7
+"""Bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below anything that
+shows."""
+_SHORT_CHANGE = 0.8
+"""CPU time of a change of shape that is only compared with others [s]. Measured on bent starts: those that are found
+take 0.1 to 0.4 s."""
+_CHANGE_SHARE = 0.25
+"""Share of the time limit that one change of shape may use where nothing else leads anywhere. Taste."""
+_PATHS_CHANGED_TO = 3
+"""Leaders' paths to which a change of shape is tried. Taste."""
+_LEAST_LINKS_CHANGED = 2
+"""Shapes of fewer links beyond the hole are not changed. Derived: a single link has no shape."""
+_SEPARATION = 2
+"""Further keyframes between feed and a change of shape near the hole. Derived: with two more of the same pose no span
+of the cubic spline, which four control points shape, mixes the two."""
+_TIGHT_GAP = 0.05
+"""Room on either side of the arm, in link lengths, below which a place of the axis is tight: no joint can bend there as
+paths would have it. Taste."""
+_TIGHT_SPACING = 0.05
+"""Places of the axis that are looked at, in link lengths. Taste."""
+_TIGHT_PLACES = 3
+"""Of which paths are tried that stay straight up to their end. Taste."""
+
+
+def fed_strategies(
+    problem: Problem, change: ShapeChange, settings: CurvePlannerSettings
+) -> tuple[Strategy[MotionTask, Motion], ...]:
+    """What is tried in turn for an arm on a feed axis.
+
+    Args:
+        problem: what is asked, in units of its arm.
+        change: plans a change of shape at a fixed feed.
+        settings: of the planner.
+    """
+
+    def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
+        """The first motion along a leader's path that keeps all limits, tracked under the user's where it has to be."""
+        seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
+        ways = LedWays(problem, task, change, seconds, settings.corner_distance)
+        for motion in ways.changing() if patient else ways.quick():
+            tell_tried(motion.candidate, failures)
+            kept = _kept(motion, task, failures)
+            if kept is not None or task.deadline.passed():
+                return kept
+        return None
+
+    return (
+        Strategy("interpolation", straight, goes_straight_to_pose),
+        Strategy("leaders", led),
+        Strategy("changes of shape", partial(led, patient=True), costly=True),
+    )
+
+
+def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
+    """The motion where it keeps all limits, or the same tracked under those of the user; None where it cannot be."""
+    arm = task.arm
+    q = arm.configurations(motion.configurations)
+    beyond = np.any((q < arm.lower_limits - TINY) | (q > arm.upper_limits + TINY), axis=1)
+    failing = np.append(np.flatnonzero(beyond), task.certificate.failures(motion.configurations))
+    if len(failing) == 0 and not task.parametric and keeps_limits(motion, task):
+        return motion
+    margins = task.settings.search.margins
+    if not task.user_limits:
+        run = PlanarRun.from_task(task, margins[-1])
+        stopped = run.stepper.pose(motion.unknowns[failing.min()])
+        failures.append(run.failure(motion.candidate, Stalled("the motion cannot be certified", [stopped])))
+        return None
+    keeping_up = replace(task, settings=_keeping_up(task.settings, motion))
+    for links in margins:
+        tracked = PlanarRun.from_task(keeping_up, links).tracked(motion, failures)
+        if tracked is not None:
+            return tracked if task.parametric else replace(tracked, u=None)
+    return None
+
+
+def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
+    """Settings with which a motion that is tracked runs no faster than steps can follow: a long feed takes many."""
+    tracking = settings.tracking
+    length = float(np.abs(np.diff(found.configurations, axis=0)).max(axis=1).sum())
+    most = 0.5 * settings.step.largest_turn / max(length, TINY)
+    first, largest = (min(advance, most) for advance in (tracking.first_advance, tracking.largest_advance))
+    return replace(settings, tracking=replace(tracking, first_advance=first, largest_advance=largest))
+
+
+@dataclass(frozen=True)
+class LedWays:
+    """Proposes motions; keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
+
+    Attributes:
+        problem: with a feed axis.
+        task: the same as a task of the search.
+        change: plans a change of shape at a fixed feed.
+        seconds: CPU time that one of these may take [s].
+        corner_distance: what routes keep from corners where there is room, as a share of the arm's length.
+    """
+
+    problem: Problem
+    task: MotionTask
+    change: ShapeChange
+    seconds: float
+    corner_distance: float
+
+    def quick(self) -> Iterator[Motion]:
+        """Along every path ahead, or else the ways to it that are found quickly, the shortest first."""
+        at_once = self.at_once()
+        for number, path in enumerate(self._paths()):
+            ways = self._along(path, changing=number < _PATHS_CHANGED_TO)
+            first = next(ways, None)
+            others = [] if first is not None and first.leaders else [next(ways, None), *at_once]
+            yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
+
+    def changing(self) -> Iterator[Motion]:
+        """Changes of shape to some paths, and without any feed."""
+        for number, path in enumerate(self._paths()):
+            if number == _PATHS_CHANGED_TO:
+                break
+            yield from self._along(path, changing=True)
+        yield from self.at_once()
+
+    # ------------------------------------------------------------ what is asked
+    @property
+    def _arm(self) -> Arm:
+        return self.problem.arm
+
+    @cached_property
+    def _start(self) -> FloatArray:
+        """The configuration at the start, exactly straight where headings only round, shape (links + 1,) [rad, m]."""
+        return _snapped(self._arm.configurations(self.task.start))
+
+    @cached_property
+    def _goal(self) -> FloatArray | None:
+        """The same of a goal for the whole arm, or None."""
+        goal = self.task.goal_pose
+        return None if goal is None else _snapped(self._arm.configurations(goal))
+
+    @cached_property
+    def _travel(self) -> float:
+        """Of the base between two samples of a trajectory [m]."""
+        return travel_between_samples(self._arm, self.problem.limits)
+
+    @property
+    def _outside(self) -> float:
+        """Arc length from which on joints may bend while the feed moves [m].
+
+        Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
+        """
+        return self._arm.hole + 3.0 * feed_step(self._arm) + 2.0 * self._travel
+
+    @property
+    def _least_straight(self) -> float:
+        """Arc length that leaders' paths follow the feed axis at least [m].
+
+        The joint that bends is the one before the one that leaves the axis, a link length behind it.
+        """
+        return self._outside + self._arm.link_length
+
+    @cached_property
+    def _start_path(self) -> LeaderPath | None:
+        """The path that the arm lies on at the start."""
+        return self._path_of(self._start)
+
+    def _path_of(self, q: FloatArray) -> LeaderPath | None:
+        """The path that the arm lies on; None when it bends too near to the hole to have come by one."""
+        return path_of_pose(self._arm, q[:-1], float(q[-1]), self._least_straight)
+
+    # ------------------------------------------------------------ paths
+    def _paths(self) -> Iterator[LeaderPath]:
+        """Leaders' paths, most promising first."""
+        if self._goal is not None:
+            own = self._path_of(self._goal)
+            # A goal that bends too near to the hole is reached from the straight arm.
+            path = own or self._path_of(np.append(np.zeros(self._arm.links), self._goal[-1]))
+            yield from () if path is None else (path,)
+            return
+        for member in self._members():
+            paths = LeaderPaths(self.problem, member, self.corner_distance)
+            for path in chain.from_iterable(map(paths.bands, self._straights())):
+                yield _up_to(path, self.task.goal, self._arm)
+
+    def _members(self) -> tuple[GoalMember, ...]:
+        """Places at the goal to lead paths to."""
+        goal = self.task.goal
+        if not goal.is_set:
+            return (GoalMember(goal.position, goal.heading),)
+        workspace = self.problem.workspace
+        arm = self._arm
+        room = FreeSpace(workspace, max(arm.radius + workspace.clearance, SHORTEST))
+        # What lies within reach begins at the hole, where the guide tube ends.
+        at_hole = replace(arm, base=arm.base + arm.hole * arm.direction)
+        members = goal_members(at_hole, goal, room, fed=max(arm.base_range[1] - arm.hole, 0.0))
+        # Along the shortest way there is nothing to go round, and as it arrives nothing to turn to.
+        begin = arm.base + self._straights()[0] * arm.direction
+        shrink = self.corner_distance * arm.length
+        ways = [way for each in members for way in room.routes(begin, each.position, 1, shrink=shrink)]
+        return (*(_end_of(way.taut, goal) for way in sorted(ways, key=lambda way: way.length)), *members)
+
+    def _straights(self) -> list[float]:
+        """Arc lengths up to which leaders' paths follow the feed axis [m], most promising first."""
+        arm = self._arm
+        least = self._least_straight
+        low, high = arm.base_range
+        # A straight arm need not be drawn back for a path that is straight up to its tip,
+        straights = [] if self._start[:-1].any() else [float(self._start[-1]) + arm.length]
+        # any arm can be drawn back as far as the feed's range allows,
+        straights.append(low + arm.length)
+        # no joint can bend where a guide or a hole is hardly wider than the arm before the place where it widens,
+        straights += [max(end + arm.link_length, least) for end in self._ends_of_tight_places()]
+        # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a
+        # path may have to be straight for as long.
+        straights += [least, high + 2.0 * self._travel]
+        return [straight for straight in straights if straight >= least]
+
+    def _ends_of_tight_places(self) -> list[float]:
+        """Arc lengths at which the axis leaves what is hardly wider than the arm, nearest first [m]."""
+        arm = self._arm
+        spacing = _TIGHT_SPACING * arm.link_length
+        along = np.arange(arm.hole - arm.link_length, arm.base_range[1] + arm.length, spacing)
+        points = shapely.points(arm.base + along[:, None] * arm.direction)
+        need = arm.radius + self.problem.workspace.clearance
+        walls = self.problem.workspace.walls
+        gaps = np.min([shapely.distance(wall.core, points) - wall.rounding - need for wall in walls], axis=0)
+        # Nothing passes a wall across the axis; what touches, within the tolerance of contact, does pass.
+        blocked = np.flatnonzero(gaps < -self.problem.contact_tolerance)
+        tight = gaps[: blocked[0] if len(blocked) else None] < _TIGHT_GAP * arm.link_length
+        leaves = np.flatnonzero(tight[:-1] & ~tight[1:])
+        return [float(along[k + 1]) for k in leaves[:_TIGHT_PLACES]]
+
+    # ------------------------------------------------------------ ways
+    def _along(self, path: LeaderPath, *, changing: bool) -> Iterator[Motion]:
+        """Motions along the start's shape to some feed, there onto the path, by a change of shape if need be, and on.
+
+        Args:
+            path: to follow.
+            changing: whether the shape may be changed.
+        """
+        arm = self._arm
+        low, high = arm.base_range
+        end = path.base_with_tip_at_end(arm.links, arm.link_length)
+        if self._goal is not None:
+            end = float(self._goal[-1])  # the same but for rounding
+        if not low <= end <= min(high, path.straight):
+            return
+        first = min(float(self._start[-1]), end)
+        # Drawn back so far, the arm lies on the axis, which is common to both paths.
+        common = min(each.straight for each in (path, self._start_path) if each is not None) - arm.length
+        for feed in dict.fromkeys((first, max(min(common, first), low), low, 0.5 * (first + low))):
+            there = self._drawn_to(feed)
+            if there is None:
+                continue
+            wanted = pose_on(arm, path, feed)
+            follows = bool(np.max(np.abs(there[-1, :-1] - wanted)) < _SAME_POSE)
+            name = "follow the leader" if feed == first else "draw back, then follow the leader"
+            changed: FloatArray | None = there[-1:]
+            if not follows:
+                # Where the feed does not move before the change, joints may bend right up to the hole.
+                outside = arm.hole if len(there) == 1 else self._outside
+                changed = self._changed(there[-1], wanted, outside) if changing else None
+                name = f"change shape at a feed of {long_length(feed)}"
+            onward = slide(arm, path, feed, end)
+            last = None if changed is None else self._settled(onward)
+            if changed is not None and last is not None:
+                leaders = (path.points,) if follows and feed == first and last is onward else ()
+                yield self._motion(joined_keyframes(there, changed, last), f"{name}, {path.name}", leaders)
+
+    def _settled(self, keyframes: FloatArray) -> FloatArray | None:
+        """Keyframes along a path, and at its end the change to a goal for the whole arm that is not on it."""
+        if self._goal is None or np.max(np.abs(keyframes[-1] - self._goal)) < _SAME_POSE:
+            return keyframes
+        changed = self._changed(keyframes[-1], self._goal[:-1], self._arm.hole)
+        rest = np.tile(keyframes[-1], (1 + _SEPARATION, 1))
+        return None if changed is None else joined_keyframes(keyframes, rest, changed)
+
+    def _drawn_to(self, feed: float) -> FloatArray | None:
+        """Keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
+        if feed == self._start[-1]:
+            return self._start[None]
+        if self._start_path is None:
+            return None
+        return slide(self._arm, self._start_path, float(self._start[-1]), feed)
+
+    def at_once(self) -> Iterator[Motion]:
+        """A motion without any feed, for goals that are reached from where the base is."""
+        goal = self.problem.goal if self._goal is None else self._goal[:-1]
+        if self._goal is not None and self._goal[-1] != self._start[-1]:
+            return
+        if isinstance(goal, TipGoal | np.ndarray):
+            keyframes = self._changed(self._start, goal, self._arm.hole)
+            if keyframes is not None:
+                yield self._motion(keyframes, "change shape at the start's feed")
+
+    def _motion(self, keyframes: FloatArray, name: str, leaders: tuple[FloatArray, ...] = ()) -> Motion:
+        """The motion of keyframes, its ends those of the task without rounding."""
+        poses = self._arm.poses(keyframes)
+        poses[0] = self.task.start
+        if self.task.goal_pose is not None:
+            poses[-1] = self.task.goal_pose
+        return Motion(*self.task.space_through(poses), poses, name, leaders=leaders)
+
+    def _changed(self, start: FloatArray, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
+        """Keyframes from a configuration to other bends, or to a goal of the tip, at its feed; None without a motion.
+
+        Args:
+            start: shape (links + 1,) [rad, m].
+            goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
+            outside: arc length from which on joints may bend [m].
+        """
+        arm = self._arm
+        joints = start[-1] + arm.link_length * np.arange(arm.links)
+        first = int(np.searchsorted(joints, outside - ROUNDING))
+        bent = start[:first].any() or (isinstance(goal, np.ndarray) and goal[:first].any())
+        if arm.links - first < _LEAST_LINKS_CHANGED or bent:
+            return None
+        # An arm has an even number of links: an odd part gets one link more, which the guide tube keeps straight.
+        clamped = (arm.links - first) % 2 == 1
+        first -= int(clamped)
+        part = part_beyond(self.problem, start, goal, first)
+        try:
+            ends = resolve_ends(part)
+            ends = replace(ends, clamped=clamped or ends.clamped)
+            motion = self.change(part, ends, self.task.deadline.within(self.seconds))
+        except NoPlanFound:
+            return None
+        keyframes = np.zeros((len(motion.configurations), arm.links + 1))
+        keyframes[:, first:-1] = part.arm.bends(motion.configurations)
+        if clamped:
+            keyframes[:, first] = 0.0
+        keyframes[:, -1] = start[-1]
+        return keyframes
+
+
+def _snapped(q: FloatArray) -> FloatArray:
+    """A configuration of a pose with zeros where it only rounds, shape (c,)."""
+    return np.where(np.abs(q) > TINY, q, 0.0)
+
+
+def _end_of(way: FloatArray, goal: GoalPose) -> GoalMember:
+    """The end of a way, shape (k, 2) [m], with the heading that a goal allows nearest to the way's own."""
+    if goal.heading is None:
+        return GoalMember(way[-1], None)
+    turn = wrap(float(leg_headings(way)[-1]) - goal.heading)
+    return GoalMember(way[-1], goal.heading + float(np.clip(turn, -goal.room[1], goal.room[1])))
+
+
+def _up_to(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
+    """A path to a member of a goal up to where the tip of an arm on it comes to the goal; the path itself without."""
+    if not goal.is_set:
+        return path
+    met = np.linalg.norm(path.points - goal.position, axis=1) <= goal.room[0]
+    if goal.heading is not None:
+        # The last link is a chord, that heads as the path does in its middle.
+        headings = np.interp(path.arc - 0.5 * arm.link_length, path.arc, path.headings)
+        met &= np.abs(wrap(headings - goal.heading)) <= goal.room[1]
+    met[-1] = True
+    count = max(int(np.argmax(met)) + 1, 2)
+    return replace(path, arc=path.arc[:count], points=path.points[:count], headings=path.headings[:count])
+
+
+def part_beyond(problem: Problem, start: FloatArray, goal: FloatArray | TipGoal, first: int) -> Problem:
+    """The problem of the arm from a joint on, on a fixed base, with what is before it as an obstacle.
+
+    Args:
+        problem: of the whole arm, with a feed axis.
+        start: configuration, shape (links + 1,) [rad, m].
+        goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
+        first: number of links before the part.
+    """
+    arm = problem.arm
+    limits = problem.limits
+
+    def of_joints(values: FloatArray | float) -> FloatArray | float:
+        return values[3 * first :] if isinstance(values, np.ndarray) and values.ndim else values
+
+    part = replace(
+        arm,
+        links=arm.links - first,
+        base=arm.base + (start[-1] + first * arm.link_length) * arm.direction,
+        base_limit=arm.base_limit if first == 0 else arm.joint_limit,
+        mount_length=max(arm.mount_length - first * arm.link_length, 0.0),
+        masses=arm.masses[first:],
+        inertia_axial=arm.inertia_axial[first:],
+        inertia_transverse=arm.inertia_transverse[first:],
+        rotor_inertia=of_joints(arm.rotor_inertia),
+        friction=of_joints(arm.friction),
+        feed=None,
+    )
+    return replace(
+        problem,
+        arm=part,
+        limits=Limits(
+            limits.velocity[3 * first :],
+            limits.acceleration[3 * first :],
+            None if limits.torque is None else limits.torque[3 * first :],
+        ),
+        workspace=_with_held_links(problem, float(start[-1]), first),
+        start=JointPose(start[first:-1]),
+        goal=goal if isinstance(goal, TipGoal) else JointPose(goal[first:]),
+        stops=(),
+        # What is wanted by default is a share of the arm's length.
+        planner=replace(problem.planner, mapping="least-squares", wanted_gap=problem.wanted_gap),
+    )
+
+
+def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
+    """The workspace with those links in the guide tube that the arm from a joint on might meet."""
+    arm = problem.arm
+    # Self-contact is measured between distant links only, so the last links in the guide tube are left out.
+    held = first + 1 - arm.first_self_pair
+    if held < 1 or not arm.self_collision:
+        return problem.workspace
+    ends = arm.base + np.outer([feed, feed + held * arm.link_length], arm.direction)
+    rounding = max(arm.radius - problem.workspace.clearance, 0.0)
+    body = Obstacle("the arm in its guide tube", PlaneShape(shapely.LineString(ends), rounding))
+    return replace(problem.workspace, obstacles=(*problem.workspace.obstacles, body))
