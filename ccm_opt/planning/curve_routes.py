@@ -116,18 +116,18 @@ def find_routes(
     count = problem.planner.routes
     found = [routes_to(problem, member, room, count, settings) for member in members]
     # The shortest route to every member before the second to any.
-    ranked = sorted(((rank, route.length, route) for routes in found for rank, route in enumerate(routes)), key=_order)
-    chosen = [route for _, _, route in ranked[: count + len(members) - 1]]
+    ranked = [(rank, route) for routes in found for rank, route in enumerate(routes)]
+    ranked.sort(key=lambda each: (each[0], each[1].length))
+    chosen = [route for _, route in ranked[: count + len(members) - 1]]
     if chosen:
         return tuple(sorted(chosen, key=lambda route: route.length))
-    direct = [route for member in members for route in _direct(problem, member, room)]
+    direct = [
+        replace(route, heading=member.heading)
+        for member in members
+        for route in room.routes(problem.arm.base, member.position, 1, shrink=0.0)
+    ]
     fitting = [route for route in direct if route.length <= (1.0 + _ROUNDING) * problem.arm.length]
     return (min(fitting, key=lambda route: route.length),) if fitting else ()
-
-
-def _order(ranked: tuple[int, float, Route]) -> tuple[int, float]:
-    rank, length, _ = ranked
-    return rank, length
 
 
 def routes_to(
@@ -135,17 +135,11 @@ def routes_to(
 ) -> list[Route]:
     """Routes onto one member of the goal that are not too long, shortest first."""
     arm = problem.arm
-    entry = run_in(room, member, arm.length / NOMINAL_LINKS)
+    entry = run_in(room, member.position, member.heading, arm.length / NOMINAL_LINKS)
     longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
     shrink = settings.corner_distance * arm.length
     routes = room.routes(arm.base, entry, count, longest=longest, shrink=shrink)
     return [_led_on(room, route, member) for route in routes]
-
-
-def _direct(problem: Problem, member: GoalMember, room: FreeSpace) -> list[Route]:
-    """The shortest route to a member of the goal, whatever its heading."""
-    shortest = room.routes(problem.arm.base, member.position, 1, shrink=0.0)
-    return [replace(route, heading=member.heading) for route in shortest]
 
 
 def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
@@ -154,22 +148,22 @@ def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
     return Route(room.sleeve_of(path), path, path_length(path), member.heading)
 
 
-def run_in(room: FreeSpace, member: GoalMember, nominal_length: float) -> FloatArray:
-    """Where the straight run onto a member of the goal along its heading begins, shape (2,) [m].
+def run_in(room: FreeSpace, place: FloatArray, heading: float | None, nominal_length: float) -> FloatArray:
+    """Where the straight run onto a place at the goal along its heading begins, shape (2,) [m].
 
     Args:
         room: free space.
-        member: where the run ends.
+        place: where the run ends, shape (2,) [m].
+        heading: of the last link there [rad]; there is no run when None.
         nominal_length: of a nominal link [m].
     """
-    if member.heading is None:
-        return member.position
-    direction = unit_vector(member.heading)
+    if heading is None:
+        return place
     for links in _RUN_IN:
-        entry = member.position - links * nominal_length * direction
-        if room.contains(np.linspace(entry, member.position, _RUN_IN_SAMPLES)).all():
-            return entry
-    return member.position
+        entry = place - links * nominal_length * unit_vector(heading)
+        if room.contains(np.linspace(entry, place, _RUN_IN_SAMPLES)).all():
+            return np.asarray(entry)
+    return place
 
 
 def tip_paths_along(

@@ -249,8 +249,31 @@ def refuse_goal(problem: Problem, task: SpaceTask, goal: GoalPose) -> None:
     Raises:
         UnreachableGoal: saying which, and by how much.
     """
-    _refuse_goal_without_room(problem, task, goal)
-    _refuse_far_goal(task, goal)
+    found = deepest_enclosure(problem.workspace, goal.position[None])
+    if found is not None:
+        reason = f"the goal is {_depth_words(found)}"
+        ways = ways_out(problem.workspace, found.name, "the goal") if found.name else ("move the goal into it",)
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ways))
+    kept = task.kept
+    # Any place within the tolerance will do for a goal.
+    least = kept - problem.tolerances.position
+    near = task.tree.nearest(np.stack((goal.position, goal.position))[None], kept)
+    if near.owner[0] >= 0 and near.gap[0] < least:
+        missing = short_length(kept - float(near.gap[0]))
+        name = task.names[near.owner[0]]
+        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at {place(near.point[0])}"
+        raise UnreachableGoal(
+            Diagnosis(reason, "necessary checks", ("move the goal away from it", "use a thinner arm"))
+        )
+    arm = task.arm
+    low, high = arm.base_range
+    along = float(np.clip((goal.position - arm.base) @ arm.direction, low, high))
+    base = arm.base + along * arm.direction if arm.base_axes else arm.base
+    distance = float(np.linalg.norm(goal.position - base))
+    if distance > arm.length:
+        missing = short_length(distance - arm.length)
+        reason = f"the goal is out of reach: {missing} farther from the base than the arm is long"
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
 
 
 def _what_is_bad(problem: Problem, task: SpaceTask, q: FloatArray, motion: str) -> str:
@@ -285,33 +308,13 @@ def _depth_words(found: Enclosure) -> str:
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
-def _refuse_goal_without_room(problem: Problem, task: SpaceTask, goal: GoalPose) -> None:
-    """Refuse a goal for the tip inside of a body, or nearer to a surface than the arm may come."""
-    found = deepest_enclosure(problem.workspace, goal.position[None])
-    if found is not None:
-        reason = f"the goal is {_depth_words(found)}"
-        ways = ways_out(problem.workspace, found.name, "the goal") if found.name else ("move the goal into it",)
-        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ways))
-    kept = task.arm.radius + task.clearance
-    # Any place within the tolerance will do for a goal.
-    least = kept - problem.tolerances.position
-    near = task.tree.nearest(np.stack((goal.position, goal.position))[None], kept)
-    if near.owner[0] >= 0 and near.gap[0] < least:
-        missing = short_length(kept - float(near.gap[0]))
-        name = task.names[near.owner[0]]
-        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at {place(near.point[0])}"
-        raise UnreachableGoal(
-            Diagnosis(reason, "necessary checks", ("move the goal away from it", "use a thinner arm"))
-        )
-
-
 def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
     """What a configuration touches, or is nearer to than so much beyond contact [m], in words; empty where nothing."""
     arm = task.arm
     points = arm.joint_positions_at(q)
     first, segments = arm.exposed_links(points)
     if len(segments):
-        kept = arm.radius + task.clearance + beyond
+        kept = task.kept + beyond
         near = task.tree.nearest(segments, kept + arm.link_length)
         k = int(np.argmin(near.gap))
         if near.gap[k] < kept - ROUNDING:
@@ -326,19 +329,6 @@ def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
             missing = short_length(kept - float(nearest.distance[0]))
             return f"link {nearest.first[0] + 1} and link {nearest.second[0] + 1}, {missing} too near"
     return ""
-
-
-def _refuse_far_goal(task: SpaceTask, goal: GoalPose) -> None:
-    """Refuse a goal that no stretched arm reaches."""
-    arm = task.arm
-    low, high = arm.base_range
-    along = float(np.clip((goal.position - arm.base) @ arm.direction, low, high))
-    base = arm.base + along * arm.direction if arm.base_axes else arm.base
-    distance = float(np.linalg.norm(goal.position - base))
-    if distance > arm.length:
-        missing = short_length(distance - arm.length)
-        reason = f"the goal is out of reach: {missing} farther from the base than the arm is long"
-        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,7 +129,7 @@ class MotionTask(SearchTask):
         if len(places) == 0:
             return np.inf
         _, nearest = self.workspace.nearest(shapely.MultiPoint(places))
-        return nearest - self.arm.radius - self.workspace.clearance
+        return nearest - self.kept
 
     @cached_property
     def certificate(self) -> MotionCertificate:

@@ -9,13 +9,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
-import numpy as np
-
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
-from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.settings import EngineSettings
@@ -56,11 +53,6 @@ class Failure:
             return "nothing near"
         link, other, gap = self.tightest
         return f"link {link} and {other}, gap {short_length(gap)}"
-
-
-def tell_tried(candidate: str, failures: Sequence[Failure]) -> None:
-    """Tell who listens that a candidate is tried, its number, and how near the best of those before came."""
-    tell_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=np.inf))
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,7 @@ class SpaceTipWays:
         if self.direction is None:
             return self.goal
         task = self.task
-        kept = task.arm.radius + task.clearance
+        kept = task.kept
         for share in (1.0, 2.0 / 3.0, 1.0 / 3.0):
             place = self.goal - share * approach * task.unit * self.direction
             segment = np.stack((place, self.goal))[None]
@@ -266,7 +266,7 @@ class SpaceTipWays:
             part = grid.cheapest_way(before, after, nearness, dear)
             if part is None:
                 return None
-            kept = task.arm.radius + task.clearance + _SHORTCUT_GAP * task.unit
+            kept = task.kept + _SHORTCUT_GAP * task.unit
             parts.append(shortened(task.tree, part, kept, task.unit))
         parts.append(np.stack(places[len(inner) - 1 :]))
         return self._joined(parts)
@@ -289,7 +289,7 @@ class SpaceTipWays:
         if key not in self._grids:
             task = self.task
             far = _FAR * task.unit
-            around = task.arm.radius + task.clearance + beside
+            around = task.kept + beside
             # With the whole margin they are asked for too, sooner or later.
             distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
             self._grids[key] = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)

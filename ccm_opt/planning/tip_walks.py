@@ -20,6 +20,7 @@ from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import path_length, unit_vector
 from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settle
+from ccm_opt.planning.curve_routes import run_in
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.link_space import NOMINAL_LINKS
@@ -33,12 +34,8 @@ from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
-_RUN_IN = (2.0, 1.0, 0.5, 0.0)
-"""Straight run onto the goal along its heading, in nominal links; the longest that is free. Taste."""
-_RUN_IN_SAMPLES = 9
-"""Places of the run that have to be free. Taste."""
 _FARTHEST = 0.3
-"""At most, likewise. Taste."""
+"""Greatest distance of drawn places from the tip, as a share of the arm's length. Taste."""
 _PLACES_DRAWN = 16
 """Places drawn at once when a free one is looked for. Taste."""
 _NEARNESS = 0.17
@@ -111,14 +108,8 @@ class TipWays:
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Where the run onto the goal begins and ends, each of shape (2,) [m]; onto the member nearest to a pose."""
         member = self.goal.nearest_member(pose.tip, pose.tip_direction)
-        place = member.position
-        if member.heading is None:
-            return place, place
-        for links in _RUN_IN:
-            entry = place - links * self.arm.length / NOMINAL_LINKS * unit_vector(member.heading)
-            if self.free_space.contains(np.linspace(entry, place, _RUN_IN_SAMPLES)).all():
-                return entry, place
-        return place, place
+        length = self.arm.length / NOMINAL_LINKS
+        return run_in(self.free_space, member.position, member.heading, length), member.position
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
         """A place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
