@@ -12,6 +12,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ from ccm_opt.cli.compare.suites import (
     distinct,
     shared_folder,
 )
-from ccm_opt.cli.comparing import CompareOptions, compare_methods
+from ccm_opt.cli.comparing import compare_methods
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import LocalWorkers
 from ccm_opt.io.reading import load_problem
@@ -68,13 +69,13 @@ def small_cases(tmp_path: Path, count: int = 3) -> tuple[Case, ...]:
     return cases_of_files(sorted(tmp_path.glob("*.toml")))
 
 
-def wanted(tmp_path: Path, **changes: object) -> CompareOptions:
+def wanted(tmp_path: Path, **changes: object) -> dict[str, Any]:
     """Options of the command line."""
-    values: dict[str, object] = {
+    values = {
         "files": sorted(tmp_path.glob("*.toml")), "suites": (), "count": None, "seed": 0, "methods": (STRAIGHT,),
         "planners": (), "workers": 1, "dask": None, "out": tmp_path / "out", "time_limit": None, "page": False,
     }  # fmt: skip
-    return CompareOptions(**{**values, **changes})  # type: ignore[arg-type]
+    return {**values, **changes}
 
 
 @pytest.fixture
@@ -254,13 +255,13 @@ def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     method = "my_planners.mine:StraightPlanner"
     options = wanted(tmp_path, planners=(method,))
     journal = tmp_path / "out" / "journal.jsonl"
-    assert compare_methods(options) == 0
+    assert compare_methods(**options) == 0
     before = journal.read_text().splitlines()
     assert "other code" not in capsys.readouterr().err
 
     (own_package / "numbers.py").write_text("SPEED = 2\n")
     forget_code()
-    assert compare_methods(options) == 0
+    assert compare_methods(**options) == 0
     # Words may be broken into lines anywhere.
     err = " ".join(capsys.readouterr().err.split())
     assert f"4 runs of {method} in" in err
@@ -268,7 +269,7 @@ def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     after = [json.loads(line) for line in journal.read_text().splitlines()]
     assert len(after) == len(before) + 4
     assert {run["method"] for run in after[len(before) :]} == {method}
-    assert compare_methods(options) == 0
+    assert compare_methods(**options) == 0
     assert len(journal.read_text().splitlines()) == len(after)
 
 
@@ -399,7 +400,7 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
     """Tables by method and by pairs, every failure with its reason, CSV, JSON, the page; exit code 0."""
     small_cases(tmp_path)
     options = wanted(tmp_path, methods=(STRAIGHT, "nlp"), page=True)
-    assert compare_methods(options) == 0
+    assert compare_methods(**options) == 0
     out = capsys.readouterr().out
     assert "methods on 4 problems" in out
     assert f"{STRAIGHT} against nlp" in out
@@ -418,7 +419,7 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
 def test_a_crash_is_a_bug_and_the_rest_is_still_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A planner with a defect gives exit code 1 after all runs are made."""
     small_cases(tmp_path)
-    assert compare_methods(wanted(tmp_path, planners=(BROKEN,))) == 1
+    assert compare_methods(**wanted(tmp_path, planners=(BROKEN,))) == 1
     out = capsys.readouterr().out
     assert out.count("crashed. ZeroDivisionError") == 4
     assert STRAIGHT in out
@@ -426,8 +427,8 @@ def test_a_crash_is_a_bug_and_the_rest_is_still_reported(tmp_path: Path, capsys:
 
 def test_bad_input_ends_before_any_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """An unknown suite or method gives exit code 2, and nothing is written."""
-    assert compare_methods(wanted(tmp_path, suites=("nothing",))) == 2
-    assert compare_methods(wanted(tmp_path, methods=("nothing",))) == 2
+    assert compare_methods(**wanted(tmp_path, suites=("nothing",))) == 2
+    assert compare_methods(**wanted(tmp_path, methods=("nothing",))) == 2
     assert "there is no suite 'nothing'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

@@ -145,7 +145,7 @@ def test_a_comparison_on_a_full_disk_ends_and_says_so(tmp_path: Path, capsys: py
     out = tmp_path / "out"
     out.mkdir()
     (out / "journal.jsonl").symlink_to("/dev/full")
-    assert compare_methods(wanted(tmp_path)) == 2
+    assert compare_methods(**wanted(tmp_path)) == 2
     err = " ".join(capsys.readouterr().err.split())
     assert "No space left on device" in err
     assert "goes on from there once there is room" in err

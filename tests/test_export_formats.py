@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.cli.written_plans import ExportOptions, exported_files
+from ccm_opt.cli.written_plans import exported_files
 from ccm_opt.io.controller_points import number_rows
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import motion_glb
@@ -107,7 +107,7 @@ def points_by_rule(text: str) -> list[dict[str, object]]:
 @pytest.mark.parametrize("bends_only", [False, True])
 def test_ros_messages_take_every_point(folder: Path, bends_only: bool) -> None:
     """The setters of the message, which refuse integers, take all fields of all points, of one length each."""
-    text = exported_files(folder, ExportOptions("yaml", bends_only=bends_only, effort=True))[""].decode()
+    text = exported_files(folder, "yaml", bends_only=bends_only, effort=True)[""].decode()
     names = json.loads(text.splitlines()[0].removeprefix("joint_names: "))
     points = [JointTrajectoryPoint(**point) for point in points_by_rule(text)]  # type: ignore[arg-type]
     assert len(points) > 2
@@ -121,7 +121,7 @@ def test_a_message_survives_ros_serialisation(folder: Path) -> None:
     """Built from the file as the how-to builds it, the message is serialised by ROS 2's rules and read back alike."""
     typesys = pytest.importorskip("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    message = yaml_scalars(exported_files(folder, ExportOptions("yaml"))[""].decode())
+    message = yaml_scalars(exported_files(folder, "yaml")[""].decode())
     types = store.types
     points = [
         types["trajectory_msgs/msg/JointTrajectoryPoint"](
@@ -142,7 +142,7 @@ def test_a_message_survives_ros_serialisation(folder: Path) -> None:
 def test_tables_of_bends_are_the_second_of_three_columns(folder: Path) -> None:
     """A third of the columns, by their names, with the numbers of the whole table."""
     whole, bends = (
-        list(csv.reader(io.StringIO(exported_files(folder, ExportOptions("csv", bends_only=only))[""].decode())))
+        list(csv.reader(io.StringIO(exported_files(folder, "csv", bends_only=only)[""].decode())))
         for only in (False, True)
     )
     places = [0, *(k for k, name in enumerate(whole[0]) if "_bend_" in name)]
@@ -152,7 +152,7 @@ def test_tables_of_bends_are_the_second_of_three_columns(folder: Path) -> None:
 
 def test_arrays_of_bends_lack_the_zeros(folder: Path, small_solution: Solution) -> None:
     """The arrays of revolutes have a third of the columns; nothing that moves is lost, and the rest is as it was."""
-    content = exported_files(folder, ExportOptions("npz", bends_only=True, out=folder / "x.npz"))[""]
+    content = exported_files(folder, "npz", bends_only=True, out=folder / "x.npz")[""]
     with np.load(io.BytesIO(content), allow_pickle=False) as bends:
         whole = solution_arrays(small_solution)
         assert set(bends.files) == set(whole)

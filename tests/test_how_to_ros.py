@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ccm_opt.cli.written_plans import ExportOptions, exported_files
+from ccm_opt.cli.written_plans import exported_files
 from ccm_opt.io.folder import write_solution
 from ccm_opt.problem.solution import Solution
 
@@ -112,7 +112,7 @@ def exported(small_solution: Solution, tmp_path: Path, monkeypatch: pytest.Monke
     for kind, name in (("urdf", "arm.urdf"), ("yaml", "trajectory.yaml")):
         out = tmp_path / "ros" / name
         out.parent.mkdir(exist_ok=True)
-        for beside, content in exported_files(folder, ExportOptions(kind, out, bends_only=True)).items():
+        for beside, content in exported_files(folder, kind, out, bends_only=True).items():
             (out.parent / (beside or name)).write_bytes(content)
     monkeypatch.chdir(tmp_path)
     return tmp_path / "ros"

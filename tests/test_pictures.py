@@ -24,8 +24,9 @@ from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import DrawnPlan
 from ccm_opt.viz.films import film_of, motion_gif, motion_mp4
-from ccm_opt.viz.plan import LabelPlaces, action_window, even_steps, plan_figure, plan_picture
+from ccm_opt.viz.plan import LabelPlaces, even_steps, plan_figure, plan_picture
 from ccm_opt.viz.settings import FILM
+from ccm_opt.viz.views import action_window
 
 from .conftest import SMALL_PROBLEM
 

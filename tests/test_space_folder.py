@@ -14,7 +14,7 @@ from PIL import Image, ImageSequence
 
 from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.drawing import drawn_files, plan_pictures
-from ccm_opt.cli.written_plans import ExportOptions, check_folders, exported_files
+from ccm_opt.cli.written_plans import check_folders, exported_files
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import quaternions
@@ -207,7 +207,7 @@ def test_the_film_of_solids_turns_links_as_they_turn() -> None:
 def test_every_format_is_exported(folder: Path, kind: str) -> None:
     """Each format is made anew from the folder; without rolls two revolutes a ball are left of three."""
     solution = solved()
-    files = exported_files(folder, ExportOptions(kind, bends_only=True))  # type: ignore[arg-type]
+    files = exported_files(folder, kind, bends_only=True)  # type: ignore[arg-type]
     content = files[""]
     if kind == "npz":
         with np.load(BytesIO(content), allow_pickle=False) as arrays:

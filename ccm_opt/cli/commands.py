@@ -293,10 +293,18 @@ def reach_command(
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
 ) -> int:
     """Map where the tip can be in the room, and with which headings; write OUT/<name>/ for each."""
-    from ccm_opt.cli.posing import ReachOptions, reach_files  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.posing import reach_files  # noqa: PLC0415 - loads numpy
 
-    options = ReachOptions(out, step, headings, workers, dask, pictures=not no_pictures)
-    return reach_files(files, options, changes or ())
+    return reach_files(
+        files,
+        out,
+        changes or (),
+        step=step,
+        headings=headings,
+        workers=workers,
+        dask=dask,
+        pictures=not no_pictures,
+    )
 
 
 @command(
@@ -367,10 +375,11 @@ def compare_command(
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the page with its charts out.")] = False,
 ) -> int:
     """Run planners on the same problems and compare what they find; continue where an earlier run stopped."""
-    from ccm_opt.cli.comparing import CompareOptions, compare_methods  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.comparing import compare_methods  # noqa: PLC0415 - loads numpy
 
-    options = CompareOptions(
-        files=files or (),
+    return compare_methods(
+        files or (),
+        out,
         suites=suite or (),
         count=count,
         seed=seed,
@@ -378,12 +387,10 @@ def compare_command(
         planners=planner or (),
         workers=workers,
         dask=dask,
-        out=out,
         time_limit=time_limit,
         page=not no_pictures,
-        write_problems=write_problems,
+        problems=write_problems,
     )
-    return compare_methods(options)
 
 
 @command(
@@ -431,7 +438,7 @@ def simulate_command(
     """Simulate written plans again, with other settings and disturbances."""
     from math import radians  # noqa: PLC0415
 
-    from ccm_opt.cli.examining import Overrides, simulate_folders  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.examining import simulate_folders  # noqa: PLC0415 - loads numpy
 
     options = {"controller": controller, "step": step, "bandwidth": bandwidth}
     disturbances = {
@@ -443,7 +450,7 @@ def simulate_command(
         "start_delay": start_delay,
         "seed": seed,
     }
-    return simulate_folders(folders, Overrides(options, disturbances), pictures=not no_pictures)
+    return simulate_folders(folders, options, disturbances, pictures=not no_pictures)
 
 
 @command(
@@ -487,9 +494,9 @@ def export_command(
     ] = False,
 ) -> int:
     """Write the arm, its surroundings or the motion of a written plan for other programs."""
-    from ccm_opt.cli.written_plans import ExportOptions, export_folder  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.written_plans import export_folder  # noqa: PLC0415 - loads numpy
 
-    return export_folder(folder, ExportOptions(kind, out, bends_only, not no_scene, effort))
+    return export_folder(folder, kind, out, bends_only=bends_only, scene=not no_scene, effort=effort)
 
 
 @command(
@@ -511,6 +518,6 @@ def draw_command(
     out: Annotated[Path | None, typer.Option(help="Folder of the pictures.", show_default="the plan's")] = None,
 ) -> int:
     """Draw written plans: the motion, its curvatures, its steps, the jointed arm, the simulated arm in space."""
-    from ccm_opt.cli.drawing import DrawOptions, draw_folders  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.drawing import draw_folders  # noqa: PLC0415 - loads numpy
 
-    return draw_folders(folders, DrawOptions(figure or (), figure_format, out))
+    return draw_folders(folders, figure or (), figure_format, out)

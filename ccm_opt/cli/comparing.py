@@ -8,7 +8,6 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -117,90 +116,76 @@ def _outcome(run: Run) -> str:
     return run.outcome if run.solved else f"[red]{run.outcome}[/red]"
 
 
-@dataclass(frozen=True)
-class CompareOptions:
-    """What the command line asks for.
+def compare_methods(
+    files: Sequence[Path],
+    out: Path,
+    *,
+    suites: Sequence[str] = (),
+    count: int | None = None,
+    seed: int = 0,
+    methods: Sequence[str] = (),
+    planners: Sequence[str] = (),
+    workers: int = 1,
+    dask: str | None = None,
+    time_limit: float | None = None,
+    page: bool = True,
+    problems: bool = False,
+) -> int:
+    """Run a comparison.
 
-    Attributes:
+    Args:
         files: problem files.
-        suites: names of suites.
+        out: folder for the journal, tables and page.
+        suites: names of suites; the shared one where there are no files either.
         count: problems of each suite, or None.
         seed: first seed of random suites.
         methods: names of methods; the default ones when empty.
         planners: planners from elsewhere, as ``module:attribute``.
         workers: processes of this machine.
         dask: address of a Dask scheduler, or None.
-        out: folder for the journal, tables and pictures.
         time_limit: CPU time of every planner [s], or None.
         page: whether to write the page.
-        write_problems: whether to write the problems as files, too.
-    """
-
-    files: Sequence[Path]
-    suites: Sequence[str]
-    count: int | None
-    seed: int
-    methods: Sequence[str]
-    planners: Sequence[str]
-    workers: int
-    dask: str | None
-    out: Path
-    time_limit: float | None
-    page: bool
-    write_problems: bool = False
-
-
-def compare_methods(options: CompareOptions) -> int:
-    """Run the comparison.
-
-    Args:
-        options: the options.
+        problems: whether to write the problems as files, too.
 
     Returns:
         The exit code: 0 when every run ended in a result, be it that there is no plan; 1 when one crashed.
     """
-    code = run_all([options], _compare, lambda _: "comparison")
+
+    def compared(folder: Path) -> int:
+        with suppress(FileNotFoundError):  # a working directory that was removed has no planners
+            if str(Path.cwd()) not in sys.path:
+                sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
+        cases = list(cases_of_files(files, allow_outside=outside_allowed()))
+        for suite in suites if suites or files else (SHARED,):
+            cases += cases_of_suite(suite, count, seed)
+        chosen = check_methods((*(methods or DEFAULT), *planners))
+        if problems:
+            write_problems(distinct(cases), folder / FOLDER)
+        crew = DaskWorkers(dask) if dask else LocalWorkers(workers)
+        comparison = _run(distinct(cases), chosen, crew, folder / JOURNAL, time_limit)
+        write_comparison(comparison, folder, comparison_page(comparison) if page else "")
+        crashed = any(run.outcome == "crashed" for run in comparison.failures)
+        return print_result(
+            lambda: print_comparison(comparison, folder),
+            BUG if crashed else SOLVED,
+            lambda: {"folder": str(folder), "status": "compared", **json.loads(comparison_json(comparison))},
+        )
+
+    code = run_all([out], compared, lambda _: "comparison")
     if code == CANCELLED:
-        complain(f"every finished run is in {options.out / JOURNAL}; the same command goes on from there")
+        complain(f"every finished run is in {out / JOURNAL}; the same command goes on from there")
     return code
 
 
-def _compare(options: CompareOptions) -> int:
-    with suppress(FileNotFoundError):  # a working directory that was removed has no planners
-        if str(Path.cwd()) not in sys.path:
-            sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
-    cases = chosen_cases(options)
-    methods = check_methods((*(options.methods or DEFAULT), *options.planners))
-    workers: Workers = DaskWorkers(options.dask) if options.dask else LocalWorkers(options.workers)
-    if options.write_problems:
-        write_problems(cases, options.out / FOLDER)
-    with open_journal(options.out / JOURNAL) as journal, _display(len(cases) * len(methods)) as progress:
+def _run(
+    cases: Sequence[Case], methods: Sequence[str], workers: Workers, place: Path, time_limit: float | None
+) -> Comparison:
+    """Make the runs that the journal at a place does not have."""
+    with open_journal(place) as journal, _display(len(cases) * len(methods)) as progress:
         for method, count in outdated(journal, cases, methods).items():
             runs = "1 run" if count == 1 else f"{count} runs"
-            warn(f"{runs} of {method} in {options.out / JOURNAL} had other code; they are made anew")
-        comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
-    write_comparison(comparison, options.out, comparison_page(comparison) if options.page else "")
-    crashed = any(run.outcome == "crashed" for run in comparison.failures)
-    return print_result(
-        lambda: print_comparison(comparison, options.out),
-        BUG if crashed else SOLVED,
-        lambda: {"folder": str(options.out), "status": "compared", **json.loads(comparison_json(comparison))},
-    )
-
-
-def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
-    """The problems: of the files, then of the suites; the shared ones when neither is given.
-
-    Raises:
-        ProblemError: when a file or suite cannot be used, or two problems have the same name.
-    """
-    suites = options.suites
-    if not suites and not options.files:
-        suites = (SHARED,)
-    cases = list(cases_of_files(options.files, allow_outside=outside_allowed()))
-    for suite in suites:
-        cases += cases_of_suite(suite, options.count, options.seed)
-    return distinct(cases)
+            warn(f"{runs} of {method} in {place} had other code; they are made anew")
+        return compare(cases, methods, workers, journal, time_limit=time_limit, progress=progress)
 
 
 @contextmanager

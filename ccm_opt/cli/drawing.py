@@ -3,7 +3,6 @@
 import sys
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING
@@ -31,21 +30,6 @@ if TYPE_CHECKING:
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
 """What is drawn where nothing is asked for."""
-
-
-@dataclass(frozen=True)
-class DrawOptions:
-    """What the command line asks for.
-
-    Attributes:
-        figures: what to draw; all still figures when empty.
-        figure_format: of the figures.
-        out: folder of the pictures; that of each plan when None.
-    """
-
-    figures: Sequence[FigureName] = ()
-    figure_format: FigureKind = "png"
-    out: Path | None = None
 
 
 def plan_pictures(
@@ -97,28 +81,32 @@ def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str
     return pictures
 
 
-def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:
+def draw_folders(
+    folders: Sequence[Path], figures: Sequence[FigureName] = (), kind: FigureKind = "png", out: Path | None = None
+) -> int:
     """Draw the plans of folders; all are tried.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        options: the options.
+        figures: what to draw; all still figures when empty.
+        kind: format of still figures.
+        out: folder of the pictures; that of each plan when None.
 
     Returns:
         The exit code.
     """
-    return run_all(folders, lambda folder: _draw(folder, options))
 
+    def draw(folder: Path) -> int:
+        # Several plans in one folder would overwrite each other's pictures, so that each has a folder of its own there.
+        place = folder if out is None else out / folder.resolve().name
+        pictures = drawn_files(folder, figures or STILL_FIGURES, kind)
+        for name, content in pictures.items():
+            put_file_or_refuse(place / name, content, "choose another --out")
+        written = [str(place / name) for name in pictures]
+        show = "".join(f"{name}\n" for name in written)
+        return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})
 
-def _draw(folder: Path, options: DrawOptions) -> int:
-    # Several plans in one folder would overwrite each other's pictures, so that each has a folder of its own there.
-    out = folder if options.out is None else options.out / folder.resolve().name
-    pictures = drawn_files(folder, options.figures or STILL_FIGURES, options.figure_format)
-    for name, content in pictures.items():
-        put_file_or_refuse(out / name, content, "choose another --out")
-    written = [str(out / name) for name in pictures]
-    show = "".join(f"{name}\n" for name in written)
-    return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})
+    return run_all(folders, draw)
 
 
 def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:

@@ -1,7 +1,7 @@
 """The commands ``describe``, ``simulate`` and ``tolerance``: an arm, what it does with a plan, what that survives."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -150,51 +150,41 @@ PICTURE = "simulation.png"
 """Name of the picture in the folder."""
 
 
-@dataclass(frozen=True)
-class Overrides:
-    """Settings given on the command line; None leaves what the plan was made with.
-
-    Attributes:
-        options: of ``SimulationOptions`` by name.
-        disturbances: of ``Disturbances`` by name.
-    """
-
-    options: Mapping[str, Any]
-    disturbances: Mapping[str, Any]
-
-    def applied(self, problem: Problem) -> Problem:
-        """The problem with these settings.
-
-        Raises:
-            ProblemError: naming the setting that is impossible.
-        """
-        given = {name: value for name, value in self.options.items() if value is not None}
-        changed = {name: value for name, value in self.disturbances.items() if value is not None}
-        for name, value in changed.items():
-            least = -1.0 if name == "mass_error" else 0.0  # an error of -1 is an arm without mass
-            if value < least:
-                raise ProblemError(f"--{name.replace('_', '-')} must be at least {least:g}, got {value:g}")
-        disturbances = replace(problem.simulation.disturbances, **changed)
-        return replace(problem, simulation=replace(problem.simulation, **given, disturbances=disturbances))
-
-
-def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures: bool) -> int:
+def simulate_folders(
+    folders: Sequence[Path], options: Mapping[str, Any], disturbances: Mapping[str, Any], *, pictures: bool
+) -> int:
     """Simulate every folder; all are tried.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        overrides: settings other than the recorded ones.
+        options: of ``SimulationOptions`` by name; None leaves what the plan was made with.
+        disturbances: of ``Disturbances`` by name, likewise.
         pictures: whether to draw ``simulation.png`` into the folder.
 
     Returns:
         The exit code: 4 when the simulated arm does not follow a plan.
     """
-    return run_all(folders, lambda folder: _simulate(folder, overrides, pictures=pictures))
+    return run_all(folders, lambda folder: _simulate(folder, options, disturbances, pictures=pictures))
 
 
-def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
+def _with_settings(problem: Problem, options: Mapping[str, Any], disturbances: Mapping[str, Any]) -> Problem:
+    """The problem with other settings, but for those that are None.
+
+    Raises:
+        ProblemError: naming the setting that is impossible.
+    """
+    given, changed = ({k: v for k, v in each.items() if v is not None} for each in (options, disturbances))
+    for name, value in changed.items():
+        least = -1.0 if name == "mass_error" else 0.0  # an error of -1 is an arm without mass
+        if value < least:
+            raise ProblemError(f"--{name.replace('_', '-')} must be at least {least:g}, got {value:g}")
+    changed_disturbances = replace(problem.simulation.disturbances, **changed)
+    return replace(problem, simulation=replace(problem.simulation, **given, disturbances=changed_disturbances))
+
+
+def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[str, Any], *, pictures: bool) -> int:
     recorded = load_any_problem(folder)
-    problem = overrides.applied(recorded)
+    problem = _with_settings(recorded, options, disturbances)
     motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
     from ccm_opt.dynamics.simulation.simulation_record import check_options  # noqa: PLC0415 - likewise

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -166,73 +165,59 @@ def _main_costs(costs: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
 
 
-@dataclass(frozen=True)
-class ReachOptions:
-    """What the command line asks for.
+def reach_files(
+    files: Sequence[Path],
+    out: Path,
+    changes: Sequence[str] = (),
+    *,
+    step: float | None = None,
+    headings: int | None = None,
+    workers: int = 1,
+    dask: str | None = None,
+    pictures: bool,
+) -> int:
+    """Map the reach in every file's room; all are tried.
 
-    Attributes:
+    Args:
+        files: problem files.
         out: directory of the output folders.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
         step: width of a cell [m], or None.
         headings: that are tried in a cell, or None.
         workers: processes of this machine.
         dask: address of a Dask scheduler, or None.
         pictures: whether to draw.
-    """
-
-    out: Path
-    step: float | None
-    headings: int | None
-    workers: int
-    dask: str | None
-    pictures: bool
-
-    @property
-    def crew(self) -> Workers:
-        """Where cells are looked at."""
-        if self.dask is not None:
-            return DaskWorkers(self.dask)
-        return ThisProcess() if self.workers == 1 else LocalWorkers(self.workers)
-
-
-def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[str] = ()) -> int:
-    """Map the reach in every file's room; all are tried.
-
-    Args:
-        files: problem files.
-        options: the options.
-        changes: keys of the problem files that are set to other values, each ``key.path=value``.
 
     Returns:
         The exit code.
     """
     problems = NamedProblems(files, changes)
+    crew: Workers = DaskWorkers(dask) if dask else ThisProcess() if workers == 1 else LocalWorkers(workers)
 
     def reach_one(file: Path) -> int:
         problem = problems.read(file)
-        check_target(options.out / problem.name, REACH_RECORD)
+        check_target(out / problem.name, REACH_RECORD)
         from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
 
-        with _cells_display(problem.name) as shown, _watched(problem, options, shown) as progress:
-            found = reach_map(
-                problem, step=options.step, headings=options.headings, workers=options.crew, progress=progress
-            )
+        with _cells_display(problem.name) as shown, _watched(problem, crew, shown) as progress:
+            found = reach_map(problem, step=step, headings=headings, workers=crew, progress=progress)
         drawn = {}
-        if options.pictures:
+        if pictures:
             from ccm_opt.viz.pose_picture import reach_png  # noqa: PLC0415 - loads matplotlib
 
             drawn = {"reach.png": reach_png(found)}
         last_steps_uninterrupted()
-        folder = write_reach(found, options.out, drawn)
+        folder = write_reach(found, out, drawn)
         return print_result(lambda: _print_reach(found, folder), SOLVED, lambda: _reach_data(found, folder))
 
     return run_all(files, reach_one)
 
 
 def _watched(
-    problem: Problem, options: ReachOptions, progress: Callable[[int, int], None]
+    problem: Problem, crew: Workers, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
     """Ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
-    if isinstance(options.crew, DaskWorkers):
+    if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)
 

@@ -3,7 +3,7 @@
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.files import put_file
+from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
@@ -170,78 +170,81 @@ BINARY = ("npz", "glb")
 """Formats that are no text, and have to go into a file."""
 
 
-@dataclass(frozen=True)
-class ExportOptions:
-    """What the command line asks for.
+def export_folder(
+    folder: Path,
+    kind: ExportFormat,
+    out: Path | None = None,
+    *,
+    bends_only: bool = False,
+    scene: bool = True,
+    effort: bool = False,
+) -> int:
+    """Write one format of a written plan.
 
-    Attributes:
+    Args:
+        folder: an output folder of ``ccm-opt solve``.
         kind: the format.
         out: the file; standard output when None, for texts alone.
         bends_only: whether the revolutes that a plane motion leaves alone are left out.
         scene: whether obstacles are written with the arm.
         effort: whether a ROS message has efforts.
-    """
-
-    kind: ExportFormat
-    out: Path | None = None
-    bends_only: bool = False
-    scene: bool = True
-    effort: bool = False
-
-
-def export_folder(folder: Path, options: ExportOptions) -> int:
-    """Write one format of a written plan.
-
-    Args:
-        folder: an output folder of ``ccm-opt solve``.
-        options: the options.
 
     Returns:
         The exit code.
     """
-    return run_all([folder], lambda item: _export(item, options))
+
+    def export(item: Path) -> int:
+        if out is None and kind in BINARY:
+            raise ProblemError(f"{kind} is no text; name the file to write with --out")
+        files = exported_files(item, kind, out, bends_only=bends_only, scene=scene, effort=effort)
+        if out is None:
+            text = files[""].decode()
+            return print_result(lambda: sys.stdout.write(text), SOLVED, lambda: {"status": "exported", "text": text})
+        for name, content in files.items():
+            place = out.parent / name if name else out
+            put_file_or_refuse(place, content, "choose another --out")
+        output().note({"status": "exported", "file": str(out)})
+        return SOLVED
+
+    return run_all([folder], export)
 
 
-def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
+def exported_files(
+    folder: Path,
+    kind: ExportFormat,
+    out: Path | None = None,
+    *,
+    bends_only: bool = False,
+    scene: bool = True,
+    effort: bool = False,
+) -> dict[str, bytes]:
     """The file of a format, under the name ``""``, and the meshes beside it by their names, made anew from the folder.
+
+    Args:
+        folder: an output folder of ``ccm-opt solve``.
+        kind: the format.
+        out: the file, which names the meshes.
+        bends_only: whether the revolutes that a plane motion leaves alone are left out.
+        scene: whether obstacles are written with the arm.
+        effort: whether a ROS message has efforts.
 
     Raises:
         ProblemError: for an unreadable folder.
     """
     problem = load_any_problem(folder)
-    bends_only = options.bends_only
-    if options.kind in {"urdf", "mjcf"}:
-        meshes = URDF_MESHES if options.out is None else f"{options.out.name}{MESHES}"
-        texts = model_texts(problem, obstacles=options.scene, bends_only=bends_only, meshes=meshes)
-        text = texts["arm.urdf" if options.kind == "urdf" else "arm.mjcf.xml"]
+    if kind in {"urdf", "mjcf"}:
+        meshes = URDF_MESHES if out is None else f"{out.name}{MESHES}"
+        texts = model_texts(problem, obstacles=scene, bends_only=bends_only, meshes=meshes)
+        text = texts["arm.urdf" if kind == "urdf" else "arm.mjcf.xml"]
         # MJCF of the plane has its meshes in itself.
-        beside = options.scene and (options.kind == "urdf" or problem.dimension == 3)
+        beside = scene and (kind == "urdf" or problem.dimension == 3)
         return {"": text.encode()} | (model_meshes(problem, meshes) if beside else {})
     motion = load_motion(folder, problem.arm)  # refuses what is no plan of this arm
-    if options.kind == "npz":
+    if kind == "npz":
         arrays = read_arrays(folder / ARRAYS)
         return {"": arrays_npz(bends_of_arrays(arrays) if bends_only else arrays)}
-    if options.kind == "glb":
+    if kind == "glb":
         return {"": motion_glb(problem, motion.trajectory)}
     points = controller_points(problem, motion.trajectory, motion.joints, recorded_results(folder).checks)
-    csv, yaml = trajectory_texts(points, bends_only=bends_only, effort=options.effort)
-    return {"": (csv if options.kind == "csv" else yaml).encode()}
-
-
-def _export(folder: Path, options: ExportOptions) -> int:
-    out = options.out
-    if out is None and options.kind in BINARY:
-        raise ProblemError(f"{options.kind} is no text; name the file to write with --out")
-    files = exported_files(folder, options)
-    if out is None:
-        text = files[""].decode()
-        return print_result(lambda: sys.stdout.write(text), SOLVED, lambda: {"status": "exported", "text": text})
-    try:
-        for name, content in files.items():
-            place = out.parent / name if name else out
-            place.parent.mkdir(parents=True, exist_ok=True)
-            put_file(place, content)
-    except OSError as error:
-        raise ProblemError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
-    output().note({"status": "exported", "file": str(out)})
-    return SOLVED
+    csv, yaml = trajectory_texts(points, bends_only=bends_only, effort=effort)
+    return {"": (csv if kind == "csv" else yaml).encode()}

@@ -196,7 +196,7 @@ class Side:
         return np.stack((points @ self.across, points @ self.up), axis=-1)
 
 
-PLANE = Side("the plane", np.array([1.0, 0.0]), np.array([0.0, 1.0]), ("x", "y"))
+PLANE = Side("", np.array([1.0, 0.0]), np.array([0.0, 1.0]), ("x", "y"))
 """The only one of the plane."""
 _X, _Y, _Z = np.eye(3)
 SIDES = (

@@ -21,9 +21,9 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path, draw_workspace
-from ccm_opt.viz.plan import action_window, draw_goals
+from ccm_opt.viz.plan import draw_goals
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.views import SeenScene, seen_window, window_of
+from ccm_opt.viz.views import SeenScene, action_window, seen_window, window_of
 
 _TOLD_FACTOR = 1.05
 """Films that are faster than the motion by more than this factor say so."""

@@ -4,8 +4,8 @@ A. Hayashi, J. Park and B. J. Kuipers, *Toward Planning and Control of Highly Re
 like Figures 3 and 4, steps like Figure 5, links like Figure 7, space like Figures 8 to 10.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -18,18 +18,23 @@ from matplotlib.figure import Figure
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
-from ccm_opt.core.polyline import unit_vector
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.core.length_words import METRES, file_length, words_in
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
-from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import SLANTED, DrawnPlan, draw_body, draw_obstacle, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_drawing import (
+    PLANE,
+    SLANTED,
+    DrawnPlan,
+    Side,
+    draw_body,
+    draw_obstacle,
+    draw_tip_path,
+    draw_workspace,
+)
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
-from ccm_opt.viz.plan import action_window, draw_goal, draw_goals, even_steps
+from ccm_opt.viz.plan import draw_goals, even_steps
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, draw_arm, seen_window, window_of
+from ccm_opt.viz.views import SeenScene, action_window, draw_pose, seen_window, window_of
 
 _CURVES_SIDE = 3.6
 """Width and height of the drawing of curves and of that of curvatures [inch]."""
@@ -50,116 +55,10 @@ _SPACE_POSES = 5
 _SPACE_SIDE = 3.6
 """Width of each of them [inch]."""
 
-_SIDE = 2.5
-"""Width and height of one drawing [inch]."""
 _POINTS = 161
 """Points along a curve."""
-
-
-@dataclass(frozen=True)
-class SchemaPanel:
-    """One part of a figure.
-
-    Attributes:
-        title: above it.
-        configurations: in the order of the motion.
-        goal: drawn as an arrow, or None.
-        workspace: the room, or None in open space.
-        subgoal: drawn as a hollow arrow, or None.
-        unit: of lengths on its axes.
-    """
-
-    title: str
-    configurations: tuple[Configuration, ...]
-    goal: TipGoal | None
-    workspace: Workspace | None = None
-    subgoal: TipGoal | None = None
-    unit: LengthUnit = "m"
-
-
-def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14) -> bytes:
-    """The picture of some schemas.
-
-    Args:
-        panels: its parts, row by row.
-        columns: parts in a row.
-        shown: configurations drawn in each part at most, evenly chosen; the first and the last always.
-
-    Returns:
-        The content of a PNG file.
-    """
-    return figure_png(lambda: schemas_figure(panels, columns, shown))
-
-
-def schemas_figure(
-    panels: Sequence[SchemaPanel],
-    columns: int = 1,
-    shown: int = 14,
-    side: float = _SIDE,
-) -> Figure:
-    """The same picture as a matplotlib figure; ``side`` is the width and height of one drawing [inch]."""
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(2.0 * side * columns, side * rows), dpi=PICTURES.dots_per_inch, layout="constrained")
-    grid = figure.subplots(rows, 2 * columns, squeeze=False)
-    for k, panel in enumerate(panels):
-        row, column = divmod(k, columns)
-        _draw_configurations(grid[row, 2 * column], panel, shown)
-        _draw_curvature(grid[row, 2 * column + 1], panel, shown)
-    for axes in grid.ravel()[2 * len(panels) :]:
-        axes.set_axis_off()
-    return figure
-
-
-def _draw_configurations(axes: Axes, panel: SchemaPanel, shown: int) -> None:
-    axes.set_title(panel.title, fontsize=8, loc="left")
-    axes.set_aspect("equal")
-    if panel.workspace is not None:
-        for obstacle in panel.workspace.obstacles:
-            draw_obstacle(axes, obstacle)
-        xmin, ymin, xmax, ymax = panel.workspace.boundary.bounds
-        axes.set_xlim(xmin, xmax)
-        axes.set_ylim(ymin, ymax)
-    drawn = _chosen(panel.configurations, shown)
-    for configuration, colour in zip(drawn, _colours(len(drawn)), strict=True):
-        points = configuration.positions_at(np.linspace(0.0, configuration.length, _POINTS))
-        axes.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9)
-    axes.plot(*panel.configurations[0].base, marker="s", markersize=4, color=style.BOUNDARY)
-    for goal, face in ((panel.goal, style.GOAL_MARK), (panel.subgoal, "none")):
-        if goal is not None:
-            _draw_arrow(axes, goal, 0.16 * panel.configurations[0].length, face)
-    label_axis(axes.xaxis, "x", panel.unit)
-    label_axis(axes.yaxis, "y", panel.unit)
-
-
-def _draw_arrow(axes: Axes, goal: TipGoal, reach: float, face: str) -> None:
-    axes.plot(*goal.position, marker="o", markersize=5, markerfacecolor=face, markeredgecolor=style.GOAL_MARK, zorder=9)
-    if goal.heading is not None:
-        ahead = goal.position + reach * unit_vector(goal.heading)
-        arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
-        axes.plot(*ahead, linestyle="none", marker="")  # so that the arrow counts for the limits
-        axes.annotate("", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9)
-
-
-def _draw_curvature(axes: Axes, panel: SchemaPanel, shown: int) -> None:
-    drawn = _chosen(panel.configurations, shown)
-    for configuration, colour in zip(drawn, _colours(len(drawn)), strict=True):
-        arc = np.linspace(0.0, configuration.length, _POINTS)
-        axes.plot(arc, configuration.curvature_at(arc), color=colour, linewidth=0.9)
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -1.0), max(high, 1.0))
-    axes.axhline(0.0, color=style.WALL_EDGE, linewidth=0.6)
-    label_axis(axes.xaxis, "arc length", panel.unit)
-    axes.set_ylabel("curvature [1/m]")
-
-
-def _chosen(configurations: Sequence[Configuration], shown: int) -> list[Configuration]:
-    which = np.unique(np.linspace(0, len(configurations) - 1, shown).round().astype(int))
-    return [configurations[k] for k in which]
-
-
-def _colours(count: int) -> FloatArray:
-    colours: FloatArray = colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, count))
-    return colours
+_MOST_CURVES = 14
+"""Drawn of a plan, evenly chosen; the first and the last always."""
 
 
 def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
@@ -174,10 +73,34 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     """
     if not plan.curves:
         raise ProblemError("the plan has no curves behind its keyframes; draw other figures")
-    goal = plan.planar_problem.goal if isinstance(plan.planar_problem.goal, TipGoal) else None
-    title = f"{plan.planar_problem.name}: {len(plan.curves)} keyframes"
-    panel = SchemaPanel(title, plan.curves, goal, plan.planar_problem.workspace, unit=plan.planar_problem.length_unit)
-    return figure_file(lambda: schemas_figure([panel], side=_CURVES_SIDE), kind)
+    return figure_file(lambda: _curves_figure(plan), kind)
+
+
+def _curves_figure(plan: DrawnPlan) -> Figure:
+    problem, curves = plan.planar_problem, plan.curves
+    size = (2.0 * _CURVES_SIDE, _CURVES_SIDE)
+    figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
+    room, along = figure.subplots(1, 2)
+    room.set_title(f"{problem.name}: {len(curves)} keyframes", fontsize=8, loc="left")
+    room.set_aspect("equal")
+    for obstacle in problem.workspace.obstacles:
+        draw_obstacle(room, obstacle)
+    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
+    room.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
+    shown = np.unique(np.linspace(0, len(curves) - 1, _MOST_CURVES).round().astype(int))
+    for k, colour in zip(shown, colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(shown))), strict=True):
+        arc = np.linspace(0.0, curves[k].length, _POINTS)
+        room.plot(*curves[k].positions_at(arc).T, color=colour, linewidth=0.9)
+        along.plot(arc, curves[k].curvature_at(arc), color=colour, linewidth=0.9)
+    room.plot(*curves[0].base, marker="s", markersize=4, color=style.BOUNDARY)
+    draw_goals(room, plan, poses=False)
+    low, high = along.get_ylim()
+    along.set_ylim(min(low, -1.0), max(high, 1.0))
+    along.axhline(0.0, color=style.WALL_EDGE, linewidth=0.6)
+    label_axes(room, problem)
+    label_axis(along.xaxis, "arc length", problem.length_unit)
+    along.set_ylabel("curvature [1/m]")
+    return figure
 
 
 def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
@@ -372,13 +295,13 @@ def pareto_figure(found: ParetoPlans) -> Figure:
 def _thumbnails(found: ParetoPlans) -> tuple[Callable[[Axes, Solution | None], None], float]:
     """What draws the scene with how a plan ends, where there is one; and how tall that is, in its own widths."""
     problem = found.problem
-    if problem.dimension == 3:
+    if problem.dimension == 2:
+        side, limits = PLANE, np.reshape(problem.workspace.boundary.bounds, (2, 2))
+    else:
         ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
-        limits = seen_window(SLANTED, window_of(problem, np.concatenate(ends)))
-        wide, high = np.ptp(limits, axis=0)
-        return partial(_draw_plan_in_space, SeenScene(problem), limits), float(high / wide)
-    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
-    return partial(_draw_plan_in_plane, problem), (ymax - ymin) / (xmax - xmin)
+        side, limits = SLANTED, seen_window(SLANTED, window_of(problem, np.concatenate(ends)))
+    wide, high = np.ptp(limits, axis=0)
+    return partial(_draw_plan, SeenScene(problem), side, limits), float(high / wide)
 
 
 def _draw_front(axes: Axes, found: ParetoPlans) -> None:
@@ -445,31 +368,20 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 
 
-def _draw_plan_in_plane(problem: Problem, axes: Axes, solution: Solution | None) -> None:
-    """The room in the plane, how a plan ends and where its tip goes."""
-    draw_workspace(axes, problem.workspace, replace(PICTURES, most_named_obstacles=0))
+def _draw_plan(scene: SeenScene, side: Side, limits: FloatArray, axes: Axes, solution: Solution | None) -> None:
+    """The scene, how a plan ends and where its tip goes; limits of what is seen, shape (2, 2) [m]."""
+    problem = scene.problem
+    if side is PLANE:
+        draw_workspace(axes, problem.workspace, replace(PICTURES, most_named_obstacles=0))
+    else:
+        axes.set(xlim=limits[:, 0], ylim=limits[:, 1])
+        scene.draw_room(axes, side)
+        scene.draw(axes, side)
+        axes.set_aspect("equal", adjustable="box")
     if solution is None:
         return
     points = solution.joint_positions
-    radius = problem.arm.radius
-    draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="", zorder=3)
-    draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
-    draw_tip_path(axes, points[:, -1])
-    draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1, -1], "")
-
-
-def _draw_plan_in_space(scene: SeenScene, limits: FloatArray, axes: Axes, solution: Solution | None) -> None:
-    """The scene in space as a film shows it, how a plan ends and where its tip goes; limits of shape (2, 2) [m]."""
-    axes.set_xlim(*limits[:, 0])
-    axes.set_ylim(*limits[:, 1])
-    scene.draw_room(axes, SLANTED)
-    scene.draw(axes, SLANTED)
-    axes.set_aspect("equal", adjustable="box")
-    if solution is None:
-        return
-    points = solution.joint_positions
-    radius = scene.problem.arm.radius
-    draw_arm(axes, SLANTED(points[0]), radius, style.START_EDGE, 0.45, "")
-    draw_arm(axes, SLANTED(points[-1]), radius, style.GOAL_ARM, 0.85, "")
-    draw_tip_path(axes, SLANTED(points[:, -1]))
-    draw_goals(axes, DrawnPlan.from_solution(solution), SLANTED, poses=False)
+    draw_pose(axes, side, points[0], problem.arm.radius, "start", "")
+    draw_pose(axes, side, points[-1], problem.arm.radius, "end", "")
+    draw_tip_path(axes, side(points[:, -1]))
+    draw_goals(axes, DrawnPlan.from_solution(solution), side, poses=False)

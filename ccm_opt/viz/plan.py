@@ -13,73 +13,24 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_drawing import PLANE, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.arm_section import draw_section
-from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes
+from ccm_opt.viz.figure_files import FigureFormat, figure_file
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, legend_below_views, sheet_of_sides, window_of
+from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, action_window, draw_base, draw_pose
 
-_LEAST_WIDTH = 2.6
-"""Of that drawing [inch], so that the legend finds its place."""
-_BESIDE_ACTION = 0.07
-"""Room left round all that moves, as a share of its longest side."""
-_LEAST_ASPECT = 0.5
-"""Shorter side of what is shown, at least, as a share of the longer one."""
-_MOST_OF_ROOM = 0.85
-"""Share of both sides of the room from which on all of it is shown."""
-_ARROW_SHARE = 0.09
-"""Length of a goal's arrow, as a share of what is shown."""
 ARROW_IN_LINKS = 3.0
-"""The same in space, where views differ in size, in links."""
+"""Length of a goal's arrow in space, where views differ in size, in links."""
 _LABEL_SIZE = 7.5
 """Of labels in the drawing [points]."""
 _POSES_ON_THE_WAY = 7
 """Poses drawn between start and goal."""
-_POSES_IN_SPACE = 6
-"""The same in each view of space."""
 _LEAST_DISC = 0.012
 """Tolerances of a goal's place are drawn when wider than this share of the picture."""
 _LEAST_SEEN = 0.1
 """Directions that are seen shorter than this share of their length have no arrow to speak of."""
 _LEAST_WEDGE = 0.05
 """Tolerances of a goal's heading are drawn when wider than this [rad]."""
-
-Box = tuple[float, float, float, float]
-"""(xmin, ymin, xmax, ymax) [m]."""
-
-
-def action_window(problem: Problem, points: FloatArray) -> Box:
-    """Bounds of a picture.
-
-    Args:
-        problem: its room bounds the picture, its goals are in it.
-        points: of the arm in all poses, shape (..., 2) [m].
-
-    Returns:
-        The whole room where the action takes up most of it.
-    """
-    goals = [stop.goal for stop in problem.goals]
-    shown = np.concatenate((points.reshape(-1, 2), [goal.tip(problem.arm) for goal in goals]))
-    # An arrow points from a goal along its heading, and is to be seen too.
-    arrow = _ARROW_SHARE * float(np.ptp(shown, axis=0).max())
-    ahead = [goal.tip(problem.arm) + arrow * goal.direction for goal in goals if goal.direction is not None]
-    shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
-    room = np.array(problem.workspace.boundary.bounds)
-    low = shown.min(axis=0)
-    high = shown.max(axis=0)
-    margin = problem.arm.radius + _BESIDE_ACTION * float((high - low).max())
-    low = low - margin
-    high = high + margin
-    # A long and narrow strip would show nothing of what is beside it.
-    lack = np.maximum(_LEAST_ASPECT * (high - low).max() - (high - low), 0.0)
-    margin_of_room = PICTURES.beside_room * float((room[2:] - room[:2]).max())
-    low = np.maximum(low - 0.5 * lack, room[:2] - margin_of_room)
-    high = np.minimum(high + 0.5 * lack, room[2:] + margin_of_room)
-    if np.all(high - low > _MOST_OF_ROOM * (room[2:] - room[:2])):
-        low = room[:2] - margin_of_room
-        high = room[2:] + margin_of_room
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
 
 _DIRECTIONS = 24
 _DISTANCES = (10.0, 18.0, 28.0, 42.0, 60.0, 84.0)
@@ -206,41 +157,27 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
         plan: the plan.
         scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
     """
-    if plan.problem.dimension == 3:
-        return _figure_in_space(plan, plan.problem, scene or SeenScene(plan.problem))
     problem, points = plan.problem, plan.points
-    window = action_window(problem, points)
-    layout = layout_of(window)
-    figure = Figure(figsize=layout.size, dpi=PICTURES.dots_per_inch)
-    axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace, window=window)
-    _draw_motion(axes, points, problem.arm.radius, _POSES_ON_THE_WAY)
-    draw_goals(axes, plan)
-    _mark_least_gap(axes, plan, problem)
-    dress(figure, axes, f"{problem.name}: {plan.trajectory.duration:.2f} s", problem)
-    return figure
-
-
-def _figure_in_space(plan: DrawnPlan, problem: Problem, scene: SeenScene) -> Figure:
-    """Three views, and the section along the arm at its goal."""
-    points = plan.points
-    window = window_of(problem, points)
-    sheet = sheet_of_sides(window)
-    for side, axes in zip(SIDES, sheet.views, strict=True):
-        scene.begin_view(axes, side, window)
-        draw_arm(axes, side(points[0]), problem.arm.radius, style.START_EDGE, 0.45, "start")
-        draw_poses(axes, side(points[even_steps(points, _POSES_IN_SPACE)]))
-        draw_arm(axes, side(points[-1]), problem.arm.radius, style.GOAL_ARM, 0.85, "end")
+    in_space = problem.dimension == 3
+    window = None if in_space else action_window(problem, points)
+    sheet = Sheet.of(problem, points, window, scene)
+    for axes, side in sheet.views:
+        draw_pose(axes, side, points[0], problem.arm.radius, "start")
+        draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
+        draw_pose(axes, side, points[-1], problem.arm.radius, "end")
         draw_tip_path(axes, side(points[:, -1]))
-        draw_goals(axes, plan, side, poses=False)
-        dress_view(axes, side, problem)
-    draw_section(sheet.section, problem, points[-1])
-    figure = sheet.figure
+        if not in_space:
+            draw_base(axes, points[0, 0])
+        draw_goals(axes, plan, side, poses=not in_space)
+    title = f"{problem.name}: {plan.trajectory.duration:.2f} s"
     with words_in(problem.length_unit):
-        gap = "" if plan.nearest is None else f", least gap {short_length(plan.nearest.gap)}"
-    figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
-    legend_below_views(figure)
-    return figure
+        if sheet.section is not None:
+            draw_section(sheet.section, problem, points[-1])
+            title += "" if plan.nearest is None else f", least gap {short_length(plan.nearest.gap)}"
+        else:
+            _mark_least_gap(sheet.views[0][0], plan, problem)
+    sheet.finish(title)
+    return sheet.figure
 
 
 def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool = True) -> None:
@@ -292,40 +229,10 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, problem: Problem) -> None:
     outlines = [obstacle.outline() for obstacle in problem.workspace.near(seen, 0.0).obstacles]
     for outline in outlines[: PICTURES.most_named_obstacles]:
         places.keep_off(outline)
-    with words_in(problem.length_unit):
-        gap = short_length(plan.nearest.gap)
+    gap = short_length(plan.nearest.gap)
     counted = problem.workspace.clearance and not plan.nearest.second_link
     lines = (f"least gap {gap}", *(["beyond the clearance"] if counted else []), f"at {plan.nearest.time:.2f} s")
     places.write(place, "\n".join(lines), style.LEAST_GAP, _LABEL_SIZE)
-
-
-@dataclass(frozen=True)
-class PictureLayout:
-    """Size of the figure [inch] and place of the drawing in it (left, bottom, width, height as shares)."""
-
-    size: tuple[float, float]
-    place: tuple[float, float, float, float]
-
-
-def layout_of(bounds: tuple[float, float, float, float]) -> PictureLayout:
-    """A figure as large as the room at its scale, with margins for labels, title and legend."""
-    sizes = PICTURES
-    xmin, ymin, xmax, ymax = bounds
-    scale = sizes.longest_side / max(xmax - xmin, ymax - ymin)
-    width = max(_LEAST_WIDTH, scale * (xmax - xmin))
-    height = max(sizes.least_height, scale * (ymax - ymin))
-    across = sizes.left + width + sizes.right
-    up = sizes.bottom + height + sizes.top
-    return PictureLayout((across, up), (sizes.left / across, sizes.bottom / up, width / across, height / up))
-
-
-def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int) -> None:
-    """Start, poses on the way, end, path of the tip."""
-    draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="start", zorder=3)
-    draw_poses(axes, points[even_steps(points, on_the_way)])
-    draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="end", zorder=6)
-    draw_tip_path(axes, points[:, -1])
-    axes.plot(*points[0, 0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
@@ -383,7 +290,7 @@ def draw_goal(
         )  # fmt: skip
     if goal.direction is None or tolerances.heading >= np.pi:
         return
-    reach = reach or _ARROW_SHARE * width
+    reach = reach or ARROW_SHARE * width
     if goal.heading is not None and tolerances.heading > _LEAST_WEDGE:
         ends = np.rad2deg(goal.heading + tolerances.heading * np.array([-1.0, 1.0]))
         wedge = Wedge(tuple(place), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
@@ -391,18 +298,3 @@ def draw_goal(
     arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.8, "shrinkA": 0.0, "shrinkB": 0.0}
     ahead = place + reach * side(goal.direction)
     axes.annotate("", xy=tuple(ahead), xytext=tuple(place), arrowprops=arrow, zorder=9, annotation_clip=False)
-
-
-def dress(figure: Figure, axes: Axes, title: str, problem: Problem) -> None:
-    """Title, axes in the unit of the problem's file, and the legend below the drawing."""
-    axes.set_title(title, fontsize=10, loc="left", pad=8)
-    label_axes(axes, problem)
-    # Sizes are given here, for a figure may be drawn where the package's fonts are not in force.
-    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
-    axes.xaxis.label.set_fontsize(style.FONT_SIZE)
-    axes.yaxis.label.set_fontsize(style.FONT_SIZE)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-    figure.legend(
-        loc="lower center", ncols=3, frameon=False, handlelength=1.8, columnspacing=1.6, fontsize=style.FONT_SIZE
-    )

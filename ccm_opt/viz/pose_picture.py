@@ -14,12 +14,12 @@ from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import SIDES, SLANTED, Side, draw_body, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
-from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal, dress, layout_of
+from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, draw_arm, dress_view, legend_below_views, sheet_of_sides, window_of
+from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, layout_of
 
 _SCALE_ROOM = 0.9
 """Room for a scale of colours at the right [inch]."""
@@ -36,28 +36,23 @@ def pose_png(found: StaticPose) -> bytes:
 
 def pose_figure(found: StaticPose) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
-    return _pose_in_space(found) if found.problem.dimension == 3 else _pose_in_plane(found)
-
-
-def _pose_in_plane(found: StaticPose) -> Figure:
-    problem = found.problem
-    points = found.joint_positions
-    layout = layout_of(problem.workspace.boundary.bounds)
-    figure = Figure(figsize=layout.size, dpi=PICTURES.dots_per_inch)
-    axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace)
-    draw_body(axes, points, problem.arm.radius, style.REGION_TINT, style.GOAL_ARM, label="arm", zorder=3)
-    curve = found.curve
-    _draw_curve(
-        axes,
-        curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES)),
-        curve.positions_at(curve.boundaries[1:-1]),
-    )
-    _draw_binding(axes, found)
-    axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
-    draw_goal(axes, problem.goal, problem.tolerances, points[-1], "goal")
-    dress(figure, axes, _pose_title(found), problem)
-    return figure
+    problem, points, curve = found.problem, found.joint_positions, found.curve
+    in_space = problem.dimension == 3
+    sheet = Sheet.of(problem, points)
+    line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
+    ends = curve.positions_at(curve.boundaries[1:-1])
+    reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
+    for axes, side in sheet.views:
+        draw_pose(axes, side, points, problem.arm.radius, "pose", "arm")
+        _draw_curve(axes, side(line), side(ends))
+        if not in_space:
+            _draw_binding(axes, found)
+            draw_base(axes, points[0])
+        draw_goal(axes, problem.goal, problem.tolerances, points[-1], "goal", side, reach)
+    if sheet.section is not None:
+        draw_section(sheet.section, problem, points)
+    sheet.finish(_pose_title(found))
+    return sheet.figure
 
 
 def _pose_title(found: StaticPose) -> str:
@@ -108,21 +103,18 @@ def reach_figure(found: ReachMap) -> Figure:
 
 def _reach_in_plane(found: ReachMap) -> Figure:
     workspace = found.problem.workspace
-    layout = layout_of(workspace.boundary.bounds)
-    across, up = layout.size
+    (across, up), (left, bottom, width, height) = layout_of(workspace.boundary.bounds)
     # Room for the scale of colours at the right.
     wider = across + _SCALE_ROOM
-    left, bottom, width, height = layout.place
     figure = Figure(figsize=(wider, up), dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes((left * across / wider, bottom, width * across / wider, height))
     draw_workspace(axes, workspace)
     _draw_cells(axes, found)
-    base = found.problem.arm.base
-    axes.plot(*base, marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
+    draw_base(axes, found.problem.arm.base)
     _scale(figure, (left + width) * across / wider + 0.02, bottom, height)
     _name_colour(axes, style.NOT_FOUND, "no pose found, not proved")
     _name_colour(axes, style.PROVED, "proved out of reach")
-    dress(figure, axes, f"{found.problem.name}: where the tip can be", found.problem)
+    Sheet(found.problem, figure, ((axes, PLANE),)).finish(f"{found.problem.name}: where the tip can be")
     return figure
 
 
@@ -165,29 +157,6 @@ def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
     axes.set_ylabel("headings that the tip can take [°]")
 
 
-def _pose_in_space(found: StaticPose) -> Figure:
-    problem = found.problem
-    points = found.joint_positions
-    window = window_of(problem, points[None])
-    sheet = sheet_of_sides(window)
-    scene = SeenScene(problem)
-    curve = found.curve
-    line = curve.positions_at(np.linspace(0.0, curve.length, 8 * problem.arm.links))
-    ends = curve.positions_at(curve.boundaries[1:-1])
-    for side, axes in zip(SIDES, sheet.views, strict=True):
-        scene.begin_view(axes, side, window)
-        draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
-        _draw_curve(axes, side(line), side(ends))
-        draw_goal(
-            axes, problem.goal, problem.tolerances, points[-1], "goal", side, ARROW_IN_LINKS * problem.arm.link_length
-        )
-        dress_view(axes, side, problem)
-    draw_section(sheet.section, problem, points)
-    sheet.figure.suptitle(_pose_title(found), x=0.02, ha="left", fontsize=10)
-    legend_below_views(sheet.figure)
-    return sheet.figure
-
-
 _ACROSS = (2, 1, 0)
 """Which axis each of the three sides looks along."""
 
@@ -198,10 +167,10 @@ def _reach_in_space(found: ReachMap) -> Figure:
     half = 0.5 * found.step
     window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
     place = _sliced_at(found)
-    sheet = sheet_of_sides(window)
+    sheet = Sheet.of_box(problem, window)
     scene = SeenScene(problem)
     colours = _colours(found)
-    for side, across, axes in zip(SIDES, _ACROSS, sheet.views, strict=True):
+    for (axes, side), across in zip(sheet.views, _ACROSS, strict=True):
         low, high = side(window)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
@@ -212,18 +181,16 @@ def _reach_in_space(found: ReachMap) -> Figure:
         scene.draw_cut(axes, side, across, float(axes_of_cells[across][number]))
         scene.draw_room(axes, side)
         axes.set_aspect("equal", adjustable="box", anchor="NW")
-        axes.plot(
-            *side(problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, linestyle="none", zorder=8,
-            label="base",
-        )  # fmt: skip
+        draw_base(axes, side(problem.arm.base), 5.0)
         dress_view(axes, side, problem)
         at = f"{axes_of_cells[across][number] / METRES[problem.length_unit]:.3g}".replace("-", "\N{MINUS SIGN}")
         name = f"{side.name}: slice at {'xyz'[across]} = {at}"
         axes.set_title(name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
-    _draw_cloud(sheet.section, found, scene)
+    if sheet.section is not None:
+        _draw_cloud(sheet.section, found, scene)
     figure = sheet.figure
     figure.suptitle(f"{problem.name}: where the tip can be", x=0.02, ha="left", fontsize=10)
-    _legend(figure, sheet.views[0], found)
+    _legend(figure, sheet.views[0][0], found)
     return figure
 
 

@@ -17,19 +17,18 @@ from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.verification.tolerance.error_model import joint_errors, moved_by_joint_errors
 from ccm_opt.verification.tolerance.survived_errors import tube_of
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import SIDES, Side, draw_body, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, polygon_patch
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
-from ccm_opt.viz.plan import dress, layout_of
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import (
     SPACE_DOTS_PER_INCH,
     VIEW_SIDE,
     SeenScene,
-    draw_arm,
+    Sheet,
+    draw_pose,
     dress_view,
     points_a_metre,
-    sheet_of_sides,
     window_of,
 )
 
@@ -48,39 +47,7 @@ def simulation_png(
         joints: the plan for all revolutes.
         simulated: what the arm did.
     """
-    if problem.dimension == 3:
-        return figure_png(lambda: _simulation_figure_in_space(problem, trajectory, joints, simulated))
-
-    def draw() -> Figure:
-        figure = Figure(figsize=(9.0, 4.6), dpi=PICTURES.dots_per_inch, layout="constrained")
-        scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
-        _draw_simulated_scene(scene, problem, trajectory, simulated, _SIMULATED_POSES)
-        draw_errors(errors, trajectory, joints, simulated, PICTURES.least_error)
-        figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
-        return figure
-
-    return figure_png(draw)
-
-
-def _draw_simulated_scene(
-    axes: Axes,
-    problem: Problem,
-    trajectory: JointTrajectory,
-    simulated: SimulatedMotion,
-    shares: tuple[float, ...],
-) -> None:
-    """Planned end, simulated poses and end, seen in the plane."""
-    draw_workspace(axes, problem.workspace)
-    arm = problem.arm
-    carried = np.sum(simulated.base_positions, axis=1)
-    points = joint_positions_3d(arm, simulated.angles, carried)[..., [0, 2]]
-    end = arm.joint_positions_at(trajectory.positions[-1])
-    draw_body(axes, end, arm.radius, style.START, style.START_EDGE, label="planned end", zorder=3)
-    for k, pose in enumerate(poses_at(shares, trajectory.time[: simulated_samples(trajectory, simulated)], points)):
-        label = "simulated, on the way" if k == 0 else ""
-        axes.plot(pose[:, 0], pose[:, 1], color=style.TIP_PATH, linewidth=1.0, label=label, zorder=4)
-    draw_body(axes, points[-1], arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="simulated end", zorder=5)
-    axes.set(title=f"{problem.name}: {simulated.verdict.outcome}", xlabel="x [m]", ylabel="y [m]")
+    return figure_png(lambda: _simulation_figure(problem, trajectory, joints, simulated))
 
 
 def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
@@ -117,28 +84,35 @@ def draw_errors(
     axes.grid(visible=True, linewidth=0.4, color=style.WALL)
 
 
-_VIEWS = SIDES[:2]
-"""From above and from the front: between them they show every coordinate."""
-
-
-def _simulation_figure_in_space(
+def _simulation_figure(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> Figure:
-    reached = simulated_samples(trajectory, simulated)
+    """Planned end, simulated poses and end, in the plane or from above and from the front; and the errors over time."""
+    arm, reached = problem.arm, simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
-    points = joint_positions_3d(problem.arm, simulated.angles[:reached], carried)
-    planned = problem.arm.joint_positions_at(trajectory.positions)
-    between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
-    window = window_of(problem, np.concatenate((planned, points)))
-    figure, grid = _sheet_with_errors(np.ptp(window, axis=0))
+    points = joint_positions_3d(arm, simulated.angles[:reached], carried)
+    planned = arm.joint_positions_at(trajectory.positions)
+    if problem.dimension == 2:
+        points = points[..., [0, 2]]
+        window = np.reshape(problem.workspace.boundary.bounds, (2, 2))
+        sides: tuple[Side, ...] = (PLANE,)
+    else:
+        window = window_of(problem, np.concatenate((planned, points)))
+        sides = SIDES[:2]
+    figure, grid = _sheet_with_errors([np.ptp(side(window), axis=0) for side in sides])
     scene = SeenScene(problem)
-    for row, side in enumerate(_VIEWS):
+    between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
+    for row, side in enumerate(sides):
         axes = figure.add_subplot(grid[row, 0])
         scene.begin_view(axes, side, window)
         dress_view(axes, side, problem)
         # The width of a band is known once its axes have their place.
         figure.draw_without_rendering()
-        _draw_simulated_poses(axes, side, problem.arm.radius, planned[-1], points[-1], between)
+        draw_pose(axes, side, planned[-1], arm.radius, "start", "planned end")
+        for k, pose in enumerate(between):
+            label = "simulated, on the way" if k == 0 else ""
+            axes.plot(*side(pose).T, color=style.TIP_PATH, linewidth=1.0, label=label, zorder=5)
+        draw_pose(axes, side, points[-1], arm.radius, "end", "simulated end")
     draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
     figure.suptitle(f"{problem.name}: {simulated.verdict.outcome}", x=0.02, ha="left", fontsize=10)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -146,25 +120,14 @@ def _simulation_figure_in_space(
     return figure
 
 
-def _sheet_with_errors(spans: FloatArray) -> tuple[Figure, GridSpec]:
-    """A figure with room for two views of a box of some extent, shape (3,) [m], and for the errors beside them."""
+def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
+    """A figure with room for views, one below the other, of extents of shape (2,) [m], and for the errors beside."""
     scale = VIEW_SIDE / float(np.max(spans))
-    width = max(scale * spans[0], 2.6)
-    heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
-    size = (width + 5.2, sum(heights) + 1.8)
+    width = max(scale * spans[0][0], 2.6)
+    heights = [max(scale * span[1], 1.3) for span in spans]
+    size = (width + 5.2, max(sum(heights), 2.6) + 0.6 + 0.6 * len(spans))
     figure = Figure(figsize=size, dpi=SPACE_DOTS_PER_INCH, layout="constrained")
-    return figure, figure.add_gridspec(2, 2, width_ratios=(width, 4.4), height_ratios=heights)
-
-
-def _draw_simulated_poses(
-    axes: Axes, side: Side, radius: float, planned: FloatArray, end: FloatArray, between: FloatArray
-) -> None:
-    """Planned end, simulated poses on the way, and simulated end."""
-    draw_arm(axes, side(planned), radius, style.START_EDGE, 0.45, "planned end")
-    for k, pose in enumerate(between):
-        label = "simulated, on the way" if k == 0 else ""
-        axes.plot(*side(pose).T, color=style.TIP_PATH, linewidth=1.0, label=label, zorder=5)
-    draw_arm(axes, side(end), radius, style.GOAL_ARM, 0.85, "simulated end")
+    return figure, figure.add_gridspec(len(spans), 2, width_ratios=(width, 4.4), height_ratios=heights)
 
 
 def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
@@ -183,21 +146,15 @@ def _tolerance_in_space(problem: Problem, trajectory: JointTrajectory, error: Su
     number = len(trajectory.time) - 1 if error.time is None else int(np.argmin(np.abs(trajectory.time - error.time)))
     points = problem.arm.joint_positions_at(trajectory.positions[number])
     moved = moved_by_joint_errors(problem.arm, points, error.size)
-    window = window_of(problem, points[None])
-    sheet = sheet_of_sides(window)
-    scene = SeenScene(problem)
-    for side, axes in zip(SIDES, sheet.views, strict=True):
-        scene.begin_view(axes, side, window)
+    sheet = Sheet.of(problem, points)
+    for axes, side in sheet.views:
         _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
-        draw_arm(axes, side(points), problem.arm.radius, style.GOAL_ARM, 0.85, "arm")
+        draw_pose(axes, side, points, problem.arm.radius, "end", "arm")
         _mark_limiting_place(axes, side, error)
-        dress_view(axes, side, problem)
-    _draw_section_with_errors(sheet.section, problem, points, moved)
+    if sheet.section is not None:
+        _draw_section_with_errors(sheet.section, problem, points, moved)
     survived = f"survives joint errors of {np.rad2deg(error.size):.3g}°"
-    title = f"{problem.name} at {trajectory.time[number]:.2f} s: {survived}"
-    sheet.figure.suptitle(title, x=0.02, ha="left", fontsize=10)
-    handles, labels = sheet.views[0].get_legend_handles_labels()
-    sheet.figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    sheet.finish(f"{problem.name} at {trajectory.time[number]:.2f} s: {survived}")
     return sheet.figure
 
 
@@ -240,17 +197,15 @@ def _draw_section_with_errors(axes: Axes, problem: Problem, points: FloatArray, 
 
 def _tolerance_in_plane(problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> Figure:
     tube = tube_of(problem.arm, trajectory, joint_errors(problem.arm), joints.size)
-    layout = layout_of(problem.workspace.boundary.bounds)
-    figure = Figure(figsize=layout.size, dpi=PICTURES.dots_per_inch)
-    axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace)
+    sheet = Sheet.of(problem, np.empty(0))
+    ((axes, _),) = sheet.views
     _draw_region(axes, tube.region, style.TUBE, "may be swept", 2.2)
     _draw_region(axes, tube.planned, style.REGION_TINT, "swept as planned", 2.4)
     if joints.time is not None:
         _draw_limiting_pose(axes, problem, trajectory, joints)
     least = "" if joints.limited else "at least "
-    dress(figure, axes, f"{problem.name}: every joint may be off by {least}{np.rad2deg(joints.size):.3g}°", problem)
-    return figure
+    sheet.finish(f"{problem.name}: every joint may be off by {least}{np.rad2deg(joints.size):.3g}°")
+    return sheet.figure
 
 
 def _draw_region(axes: Axes, region: shapely.Geometry, colour: str, label: str, zorder: float) -> None:

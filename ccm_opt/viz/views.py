@@ -14,8 +14,9 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import Side
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace
 from ccm_opt.viz.figure_files import label_axis
+from ccm_opt.viz.settings import PICTURES
 
 _MOST_TRIANGLES = 6000
 """Of all bodies together; of more, small ones are left out. Taste."""
@@ -38,6 +39,70 @@ _FEWEST_SIDES = 12
 """Of them where there are so many bodies that each may have few triangles only."""
 _GLASS_PIXELS = 700
 """Of the longer side of a view, in which bodies are drawn."""
+
+
+_LEAST_WIDTH = 2.6
+"""Of that drawing [inch], so that the legend finds its place."""
+_BESIDE_ACTION = 0.07
+"""Room left round all that moves, as a share of its longest side."""
+_LEAST_ASPECT = 0.5
+"""Shorter side of what is shown, at least, as a share of the longer one."""
+_MOST_OF_ROOM = 0.85
+"""Share of both sides of the room from which on all of it is shown."""
+ARROW_SHARE = 0.09
+"""Length of a goal's arrow, as a share of what is shown."""
+
+Box = tuple[float, float, float, float]
+"""(xmin, ymin, xmax, ymax) [m]."""
+
+
+def action_window(problem: Problem, points: FloatArray) -> Box:
+    """Bounds of a picture.
+
+    Args:
+        problem: its room bounds the picture, its goals are in it.
+        points: of the arm in all poses, shape (..., 2) [m].
+
+    Returns:
+        The whole room where the action takes up most of it.
+    """
+    goals = [stop.goal for stop in problem.goals]
+    shown = np.concatenate((points.reshape(-1, 2), [goal.tip(problem.arm) for goal in goals]))
+    # An arrow points from a goal along its heading, and is to be seen too.
+    arrow = ARROW_SHARE * float(np.ptp(shown, axis=0).max())
+    ahead = [goal.tip(problem.arm) + arrow * goal.direction for goal in goals if goal.direction is not None]
+    shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
+    room = np.array(problem.workspace.boundary.bounds)
+    low = shown.min(axis=0)
+    high = shown.max(axis=0)
+    margin = problem.arm.radius + _BESIDE_ACTION * float((high - low).max())
+    low = low - margin
+    high = high + margin
+    # A long and narrow strip would show nothing of what is beside it.
+    lack = np.maximum(_LEAST_ASPECT * (high - low).max() - (high - low), 0.0)
+    margin_of_room = PICTURES.beside_room * float((room[2:] - room[:2]).max())
+    low = np.maximum(low - 0.5 * lack, room[:2] - margin_of_room)
+    high = np.minimum(high + 0.5 * lack, room[2:] + margin_of_room)
+    if np.all(high - low > _MOST_OF_ROOM * (room[2:] - room[:2])):
+        low = room[:2] - margin_of_room
+        high = room[2:] + margin_of_room
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def layout_of(bounds: Box) -> tuple[tuple[float, float], Box]:
+    """Size of a figure as large as the room at its scale, with margins for labels, title and legend [inch].
+
+    Returns:
+        The size, and the place of the drawing in it (left, bottom, width, height as shares).
+    """
+    sizes = PICTURES
+    xmin, ymin, xmax, ymax = bounds
+    scale = sizes.longest_side / max(xmax - xmin, ymax - ymin)
+    width = max(_LEAST_WIDTH, scale * (xmax - xmin))
+    height = max(sizes.least_height, scale * (ymax - ymin))
+    across = sizes.left + width + sizes.right
+    up = sizes.bottom + height + sizes.top
+    return (across, up), (sizes.left / across, sizes.bottom / up, width / across, height / up)
 
 
 @dataclass(frozen=True)
@@ -67,7 +132,10 @@ class SeenScene:
         return [vertices[sharp_edges(vertices, faces, _SHARP)] for vertices, faces in self.bodies]
 
     def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
-        """Draw room and bodies from a side, within a box, whose corners have the shape (2, 3) [m]."""
+        """Draw room and obstacles from a side, within a box, whose corners have the shape (2, d) [m]."""
+        if side is PLANE:
+            draw_workspace(axes, self.problem.workspace)
+            return
         low, high = side(window)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         self.draw_room(axes, side)
@@ -180,51 +248,118 @@ _LEGEND_WIDTH = 8.0
 
 
 @dataclass(frozen=True)
-class SheetOfSides:
-    """A figure with room for three views and a section.
+class Sheet:
+    """A figure with the scene of a problem: one view of the plane, or three of space and room for a section.
 
     Attributes:
+        problem: whose scene is drawn.
         figure: the whole.
-        views: axes of the views, in the order of ``SIDES``.
-        section: axes of the section.
+        views: axes, and the side from which they show the scene.
+        section: axes of the section; None in the plane.
     """
 
+    problem: Problem
     figure: Figure
-    views: tuple[Axes, ...]
-    section: Axes
+    views: tuple[tuple[Axes, Side], ...]
+    section: Axes | None = None
+
+    @classmethod
+    def of(
+        cls, problem: Problem, points: FloatArray, window: Box | None = None, scene: "SeenScene | None" = None
+    ) -> "Sheet":
+        """The room and what is in it, drawn.
+
+        Args:
+            problem: what is shown.
+            points: of the arm that are to be seen in space, shape (..., links + 1, 3) [m].
+            window: what is shown of the plane; the whole room when None.
+            scene: bodies of space that are made ready already.
+        """
+        if problem.dimension == 2:
+            size, place = layout_of(window or problem.workspace.boundary.bounds)
+            figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch)
+            axes = figure.add_axes(place)
+            draw_workspace(axes, problem.workspace, window=window)
+            return cls(problem, figure, ((axes, PLANE),))
+        box = window_of(problem, points.reshape(-1, *points.shape[-2:]))
+        sheet = cls.of_box(problem, box)
+        bodies = scene or SeenScene(problem)
+        for axes, side in sheet.views:
+            bodies.begin_view(axes, side, box)
+        return sheet
+
+    @classmethod
+    def of_box(cls, problem: Problem, box: FloatArray) -> "Sheet":
+        """An empty sheet for what lies in a box of space, whose corners have the shape (2, 3) [m]."""
+        spans = np.ptp(box, axis=0)
+        scale = VIEW_SIDE / float(np.max(spans))
+        # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
+        widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
+        heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
+        figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=SPACE_DOTS_PER_INCH)
+        grid = figure.add_gridspec(
+            2,
+            2,
+            width_ratios=widths,
+            height_ratios=heights,
+            left=0.7 / figure.get_figwidth(),
+            right=1.0 - 0.15 / figure.get_figwidth(),
+            bottom=0.95 / figure.get_figheight(),
+            top=1.0 - 0.62 / figure.get_figheight(),
+            wspace=0.85 / np.mean(widths),
+            hspace=0.72 / np.mean(heights),
+        )
+        views = [figure.add_subplot(cell) for cell in (grid[0, 0], grid[1, 0], grid[1, 1])]
+        return cls(problem, figure, tuple(zip(views, SIDES, strict=True)), figure.add_subplot(grid[0, 1]))
+
+    def finish(self, title: str) -> None:
+        """Names of axes in the unit of the problem's file, the title, and one legend for all views below them."""
+        first, _ = self.views[0]
+        for axes, side in self.views:
+            dress_view(axes, side, self.problem)
+        if self.section is None:
+            first.set_title(title, fontsize=10, loc="left", pad=8)
+        else:
+            self.figure.suptitle(title, x=0.02, ha="left", fontsize=10)
+        legend = self.figure.legend(
+            *first.get_legend_handles_labels(), loc="lower center", ncols=3 if self.section is None else 6,
+            frameon=False, handlelength=1.8, columnspacing=1.6, fontsize=style.FONT_SIZE,
+        )  # fmt: skip
+        for line in legend.get_lines():
+            # A thick arm would cover its own name.
+            line.set_linewidth(min(line.get_linewidth(), _LEGEND_WIDTH))
 
 
-def sheet_of_sides(window: FloatArray) -> SheetOfSides:
-    """An empty sheet for what lies in a box, whose corners have the shape (2, 3) [m]."""
-    spans = np.ptp(window, axis=0)
-    scale = VIEW_SIDE / float(np.max(spans))
-    # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
-    widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
-    heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
-    figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=SPACE_DOTS_PER_INCH)
-    grid = figure.add_gridspec(
-        2,
-        2,
-        width_ratios=widths,
-        height_ratios=heights,
-        left=0.7 / figure.get_figwidth(),
-        right=1.0 - 0.15 / figure.get_figwidth(),
-        bottom=0.95 / figure.get_figheight(),
-        top=1.0 - 0.62 / figure.get_figheight(),
-        wspace=0.85 / np.mean(widths),
-        hspace=0.72 / np.mean(heights),
-    )
-    views = tuple(figure.add_subplot(cell) for cell in (grid[0, 0], grid[1, 0], grid[1, 1]))
-    return SheetOfSides(figure, views, figure.add_subplot(grid[0, 1]))
+LOOKS = {
+    "start": (style.START, style.START_EDGE, 3.0, style.START_EDGE, 0.45),
+    "end": (style.GOAL_ARM, style.GOAL_ARM_EDGE, 6.0, style.GOAL_ARM, 0.85),
+    "pose": (style.REGION_TINT, style.GOAL_ARM, 3.0, style.GOAL_ARM, 0.85),
+}
+"""Of an arm in one pose: face, edge and height above others in the plane, colour and opacity of the band in space."""
 
 
-def legend_below_views(figure: Figure) -> None:
-    """One legend for all views, of what is in the first of them."""
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    legend = figure.legend(handles, labels, loc="lower center", ncols=6, frameon=False, fontsize=style.FONT_SIZE)
-    for line in legend.get_lines():
-        # A thick arm would cover its own name.
-        line.set_linewidth(min(line.get_linewidth(), _LEGEND_WIDTH))
+def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: str, label: str | None = None) -> None:
+    """The arm in one pose, to its outline in the plane, as a band in space.
+
+    Args:
+        axes: with their limits and aspect.
+        side: from which it is seen.
+        points: joints and tip, shape (links + 1, d) [m].
+        radius: of the arm [m].
+        look: of ``LOOKS``.
+        label: in the legend; that of the look when None.
+    """
+    face, edge, height, colour, opacity = LOOKS[look]
+    label = look if label is None else label
+    if side is PLANE:
+        draw_body(axes, points, radius, face, edge, label=label, zorder=height)
+    else:
+        draw_arm(axes, side(points), radius, colour, opacity, label)
+
+
+def draw_base(axes: Axes, place: FloatArray, size: float = 6.0) -> None:
+    """A square where the base stands in the picture, shape (2,) [m]; its size in points."""
+    axes.plot(*place, marker="s", markersize=size, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
 def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
@@ -260,6 +395,8 @@ def dress_view(axes: Axes, side: Side, problem: Problem) -> None:
     axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
     for axis, letter in zip((axes.xaxis, axes.yaxis), side.labels, strict=True):
         label_axis(axis, letter, problem.length_unit)
+        # Sizes are given here, for a figure may be drawn where the package's fonts are not in force.
+        axis.label.set_fontsize(style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
     for spine in axes.spines.values():
         spine.set_visible(False)

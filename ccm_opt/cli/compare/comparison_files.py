@@ -19,7 +19,7 @@ from ccm_opt.cli.compare.runs import QUANTITIES, Run
 from ccm_opt.cli.compare.statistics import LEVEL, ConfidenceInterval, FigurePair
 from ccm_opt.cli.compare.suites import Case
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.files import put_file
+from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.io.problem_data import problem_data, recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import Body, MeshBody
@@ -43,10 +43,7 @@ def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
     """
     files = {TABLE: runs_csv(comparison), RECORD: comparison_json(comparison)} | ({PAGE: page} if page else {})
     for name, content in files.items():
-        try:
-            put_file(folder / name, content.encode())
-        except OSError as error:
-            raise ProblemError(f"cannot write {folder / name}: {error.strerror or error}") from error
+        put_file_or_refuse(folder / name, content.encode())
 
 
 def runs_csv(comparison: Comparison) -> str:
@@ -193,12 +190,16 @@ def _mesh_name(body: Body) -> str:
 
 
 def _write(file: Path, content: bytes) -> None:
+    """Write a file that is not there yet, or says the same.
+
+    Raises:
+        ProblemError: it cannot be written, or is there already and says something else.
+    """
     try:
-        if file.exists():
-            if file.read_bytes() == content:
-                return
-            raise ProblemError(f"{file} is there already and says something else; choose another --out, or remove it")
-        file.parent.mkdir(parents=True, exist_ok=True)
-        put_file(file, content)
+        written = file.read_bytes() if file.exists() else None
     except OSError as error:
-        raise ProblemError(f"cannot write {file}: {getattr(error, 'strerror', None) or error}") from error
+        raise ProblemError(f"cannot write {file}: {error.strerror or error}") from error
+    if written is None:
+        put_file_or_refuse(file, content)
+    elif written != content:
+        raise ProblemError(f"{file} is there already and says something else; choose another --out, or remove it")
