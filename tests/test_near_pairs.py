@@ -7,11 +7,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.scene.contact_finder import DEFAULT_CONTACTS, Contacts, PairQuestion, PairSearch
+from ccm_opt.scene.contact_finder import Contacts
 from ccm_opt.scene.walls import BoxTree
 from ccm_opt.scene.workspace import Workspace
 
-from .oracles.neighbour_pairs import NeighbourPairs
+from .oracles.neighbour_pairs import NeighbourPairs, PairQuestion
 from .scenes import clutter, make_arm, mixed_walls, random_headings
 
 seeds = st.integers(0, 2**32 - 1)
@@ -20,7 +20,7 @@ seeds = st.integers(0, 2**32 - 1)
 def asked(links: int, mount: float, reach: float, workspace: Workspace) -> PairQuestion:
     """A question with numbers that are all of some account."""
     arm = make_arm(links, 0.012, mount_length=mount / links, stray=1e-3)
-    return PairQuestion(arm, workspace.flat_walls, 2e-3, 3e-3, reach, DEFAULT_CONTACTS)
+    return PairQuestion(arm, workspace.flat_walls, 2e-3, 3e-3, reach)
 
 
 def assert_same(one: Contacts, other: Contacts) -> None:
@@ -42,13 +42,13 @@ def assert_same(one: Contacts, other: Contacts) -> None:
 def test_compiled_pairs_are_those_of_numpy(seed: int, links: int, mount: float, reach: float, bend: float) -> None:
     """Whatever the links, the mount, the reach and the pose, C and numpy report the same pairs and crossings."""
     question = asked(links, mount, reach, mixed_walls())
-    compiled = PairSearch(question)
+    compiled = question.finder
     by_numpy = NeighbourPairs(question)
     rng = np.random.default_rng(seed)
     for _ in range(3):
         points = question.arm.joint_positions(random_headings(rng, question.arm, bend))
         # A pair within rounding of the reach, or a foot within rounding of a corner, may fall on either side.
-        assert_same(compiled.contacts(points), by_numpy.contacts(points))
+        assert_same(compiled.find(points), by_numpy.contacts(points))
         assert compiled.crosses(points) == by_numpy.crosses(points)
 
 
@@ -57,7 +57,7 @@ def test_what_c_looks_at_lives_as_long_as_the_search() -> None:
     question = asked(8, 0.0, 0.1, clutter(3, 8).workspace)
     trees = (question.walls.edge_tree, question.walls.vertex_tree)
     arrays = [weakref.ref(array) for tree in trees for array in (tree.items, tree.boxes, tree.offsets)]
-    compiled = PairSearch(question)
+    compiled = question.finder
     del question, trees
     gc.collect()
     assert all(array() is not None for array in arrays)
@@ -69,9 +69,9 @@ def test_what_c_looks_at_lives_as_long_as_the_search() -> None:
 def test_more_pairs_than_room_are_all_reported() -> None:
     """A reach over the whole room makes more pairs than results have room for at first."""
     question = asked(24, 0.0, 2.0, clutter(3, 60).workspace)
-    compiled = PairSearch(question)
+    compiled = question.finder
     points = question.arm.joint_positions(random_headings(np.random.default_rng(1), question.arm, 4.0))
-    found = compiled.contacts(points)
+    found = compiled.find(points)
     assert len(found) > 1000
     assert_same(found, NeighbourPairs(question).contacts(points))
 

@@ -144,7 +144,7 @@ class MotionTask(SearchTask):
     def finder(self, margin: float, reach: float) -> ContactFinder:
         """A finder of contacts with a planning margin and a reach [m]."""
         walls = self.workspace.flat_walls
-        return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
+        return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach)
 
     def stepper(self, space: LinkSpace, margin: float) -> Stepper:
         """Takes steps in a space that keep a planning margin, in nominal links."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import COST_SHARES
-from ccm_opt.scene.contact_finder import CertificateSettings, ContactSettings
+from ccm_opt.scene.contact_finder import CertificateSettings
 
 
 @dataclass(frozen=True)
@@ -307,7 +307,6 @@ class MotionSettings(EngineSettings):
     """Numbers of the search for a motion in the plane, besides those of any.
 
     Attributes:
-        contacts: of near pairs.
         certificate: of the certificate of contact.
         step: of a single step.
         search: of the search over all strategies.
@@ -317,7 +316,6 @@ class MotionSettings(EngineSettings):
         optimisation: of the optimisation of a motion.
     """
 
-    contacts: ContactSettings = field(default_factory=ContactSettings)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     step: StepSettings = field(default_factory=StepSettings)
     search: SearchSettings = field(default_factory=SearchSettings)

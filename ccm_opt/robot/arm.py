@@ -14,10 +14,13 @@ from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
-from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, DEFAULT_LINK_MASS, LinkMarginSettings, cylinder_inertia
+from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
+_LINK_MARGIN_SHARE = 0.2
+"""Of the free length between two distant links that planning keeps as a margin between them where they cannot keep the
+whole one. Taste."""
 HELD_TOLERANCE = ROUNDING
 """A joint as near as this to the hole counts as having passed it [m]."""
 
@@ -480,13 +483,7 @@ class Arm:
         none = np.zeros(0, dtype=np.intp)
         return none, none
 
-    def link_margins(
-        self,
-        first: IntArray,
-        second: IntArray,
-        margin: float,
-        settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
-    ) -> FloatArray:
+    def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
         """Gap that planning keeps between the surfaces of distant links, shape (p,) [m].
 
         Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
@@ -496,10 +493,9 @@ class Arm:
             first: links nearer to the base, shape (p,).
             second: the others, shape (p,).
             margin: that planning keeps from walls [m].
-            settings: the share that is kept.
         """
         between = (second - first - 1) * self.link_length - 2.0 * self.radius
-        return np.clip(settings.share * between, 0.0, margin)
+        return np.clip(_LINK_MARGIN_SHARE * between, 0.0, margin)
 
     def room_for_errors(self, links: IntArray) -> FloatArray:
         """Room that planning leaves beyond contact for errors of joints, where some links lie between, shape (p,) [m].

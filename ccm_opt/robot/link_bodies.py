@@ -49,18 +49,5 @@ class MappingSettings:
     rounding: float = 1e-8
 
 
-@dataclass(frozen=True)
-class LinkMarginSettings:
-    """What planning keeps between two distant links that cannot keep the whole margin.
-
-    Attributes:
-        share: of the free length between the two that is kept as a margin between them. Taste.
-    """
-
-    share: float = 0.2
-
-
 DEFAULT_MAPPING = MappingSettings()
 """The mappings' numbers unless others are passed."""
-DEFAULT_LINK_MARGINS = LinkMarginSettings()
-"""The margins' numbers unless others are passed."""

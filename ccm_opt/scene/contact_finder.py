@@ -1,17 +1,13 @@
 """Contacts of links with walls and with each other."""
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.scene.walls import Walls
 
 WALL = -1
@@ -47,16 +43,11 @@ class Contacts:
 
     def take(self, mask: BoolArray) -> "Contacts":
         """The contacts selected by a mask."""
-        return Contacts(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
+        return Contacts(*(getattr(self, each.name)[mask] for each in fields(Contacts)))
 
     def shortfall(self) -> float:
         """Largest excess of the planning margin over the gap [m]; negative when every margin is kept."""
         return float(np.max(self.margin - self.gap, initial=-np.inf))
-
-
-def joined_contacts(parts: list[Contacts]) -> Contacts:
-    """All contacts of several lists."""
-    return Contacts(*(np.concatenate([getattr(p, name) for p in parts]) for name in Contacts.__dataclass_fields__))
 
 
 @dataclass(frozen=True)
@@ -80,167 +71,50 @@ class CertificateSettings:
     contact: float = 5e-7
 
 
-@dataclass(frozen=True)
-class ContactSettings:
-    """Numbers of the search for near pairs.
-
-    Attributes:
-        slack: of the neighbour list beyond the reach, as a multiple of it. Taste: a longer list is renewed less often.
-        moved: share of that slack by which a coordinate of a joint may have moved before the list is renewed. Derived:
-            below 1/√8, so that two joints together move by less than the slack.
-        link_margins: of the margins between distant links.
-    """
-
-    slack: float = 1.5
-    moved: float = 0.35
-    link_margins: LinkMarginSettings = DEFAULT_LINK_MARGINS
-
-
 DEFAULT_CERTIFICATE = CertificateSettings()
 """The numbers that are used unless others are given."""
-DEFAULT_CONTACTS = ContactSettings()
-"""Likewise."""
 
 
 _RUN = 8
 """``RUN`` of near_pairs.c."""
 
 
-@dataclass(frozen=True)
-class PairQuestion:
-    """One arm among fixed walls, and which of its near pairs are wanted.
+class ContactFinder:
+    """Finds the contacts of poses of one arm among fixed walls; not for use by two threads at once.
 
-    Attributes:
+    Args:
         arm: the arm.
         walls: the walls.
         clearance: gap to keep to walls beyond the radius [m].
         margin: planning margin on top of it [m].
         reach: pairs with a gap below this are reported [m].
-        settings: of the neighbour list and of margins between links.
     """
 
-    arm: Arm
-    walls: Walls
-    clearance: float
-    margin: float
-    reach: float
-    settings: ContactSettings
-
-    @cached_property
-    def wall_gap(self) -> FloatArray:
-        """Distance of the arm's axis from each wall's core where they touch, shape (walls,) [m]."""
-        return self.arm.radius + self.clearance + self.walls.rounding
-
-    @cached_property
-    def error_room(self) -> FloatArray:
-        """Room for errors between each link and a wall, which all joints up to the link move, shape (links,) [m]."""
-        return self.arm.room_for_errors(np.arange(1, self.arm.links + 1))
-
-    @cached_property
-    def pair_room(self) -> FloatArray:
-        """The same between two links, moved by the joints between them, by their distance j − i, shape (links,) [m]."""
-        return self.arm.room_for_errors(np.arange(self.arm.links))
-
-    @cached_property
-    def pair_margin(self) -> FloatArray:
-        """Margin between two links by their distance j − i, shape (links,) [m]."""
-        apart = np.arange(self.arm.links)
-        return self.arm.link_margins(np.zeros_like(apart), apart, self.margin, self.settings.link_margins)
-
-
-class PairSearch:
-    """Finds near pairs; not for use by two threads at once.
-
-    Args:
-        question: arm, walls, and which pairs are wanted.
-    """
-
-    def __init__(self, question: PairQuestion) -> None:
-        arm = question.arm
-        walls = question.walls
+    def __init__(self, arm: Arm, walls: Walls, clearance: float, margin: float, reach: float) -> None:
+        self.arm = arm
+        self.walls = walls
+        self.margin = margin
+        self.reach = reach
         link, at = arm.mount_end
+        apart = np.arange(arm.links)
+        # Distance of the arm's axis from each wall's core where they touch.
+        wall_gap = arm.radius + clearance + walls.rounding
         self._points = np.empty((arm.links + 1, 2))
         self._call = NativeCall(
             "near_pairs",
             links=arm.links, mount_link=link, mount_at=at, link_length=arm.link_length, radius=arm.radius,
             first_self_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            reach=question.reach, margin=question.margin,
-            error_room=question.error_room, pair_room=question.pair_room, pair_margin=question.pair_margin,
+            reach=reach, margin=margin, error_room=arm.room_for_errors(apart + 1), pair_room=arm.room_for_errors(apart),
+            pair_margin=arm.link_margins(np.zeros_like(apart), apart, margin),
             edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
             edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,
-            walls=len(walls.names), wall_gap=question.wall_gap, largest_gap=float(question.wall_gap.max()),
+            walls=len(walls.names), wall_gap=wall_gap, largest_gap=float(wall_gap.max()),
             found=np.zeros(max(len(walls.edges), len(walls.vertices)), dtype=np.int64),
             runs=np.zeros(4 * (arm.links // _RUN + 1)),
             points=self._points,
         )  # fmt: skip
-        self._latest: FloatArray | None = None
-        self._make_room(64)
-
-    def contacts(self, points: FloatArray) -> Contacts:
-        """All pairs of a pose with a gap below the reach; ``points`` has the shape (links + 1, 2) [m]."""
-        self._ask(points)
-        m = self._call.fields.count
-        results = {name: array[:m].copy() for name, array in self._results.items()}
-        return Contacts(
-            results["first"], results["first_at"], results["second"], results["second_at"], results["normal"],
-            results["gap"], results["pair_margins"], results["wall"],
-        )  # fmt: skip
-
-    def crosses(self, points: FloatArray) -> bool:
-        """Whether any link of a pose cuts an edge of a wall or a distant link."""
-        if self._latest is not points:
-            self._ask(points)
-        return bool(self._call.fields.crosses)
-
-    def _ask(self, points: FloatArray) -> None:
-        self._points[:] = points
-        self._call()
-        if self._call.fields.count > self._call.fields.capacity:
-            self._make_room(2 * self._call.fields.count)
-            self._call()
-        # By identity: whether a pose crosses anything is asked right after its contacts.
-        self._latest = points
-
-    def _make_room(self, capacity: int) -> None:
-        """Room for so many results."""
-        whole = np.empty((3, capacity), dtype=np.int64)
-        real = np.empty((4, capacity))
-        self._results: dict[str, npt.NDArray[Any]] = {
-            **dict(zip(("first", "second", "wall"), whole, strict=True)),
-            **dict(zip(("first_at", "second_at", "gap", "pair_margins"), real, strict=True)),
-            "normal": np.empty((capacity, 2)),
-        }
-        self._call.set(capacity=capacity, **self._results)
-
-
-class ContactFinder:
-    """Finds the contacts of poses of one arm among fixed walls.
-
-    Args:
-        arm: the arm.
-        walls: the walls.
-        clearance: gap to keep to walls beyond the radius [m].
-        margin: planning margin m on top of it [m].
-        reach: pairs with a gap below this are reported [m].
-        settings: of the neighbour list and of margins between links.
-    """
-
-    def __init__(
-        self,
-        arm: Arm,
-        walls: Walls,
-        clearance: float,
-        margin: float,
-        reach: float,
-        settings: ContactSettings = DEFAULT_CONTACTS,
-    ) -> None:
-        self.arm = arm
-        self.walls = walls
-        self.margin = margin
-        self.reach = reach
-        self.settings = settings
-        self._search = PairSearch(PairQuestion(arm, walls, clearance, margin, reach, settings))
         self._latest: tuple[FloatArray, Contacts] | None = None
+        self._make_room(64)
 
     def find(self, points: FloatArray) -> Contacts:
         """Contacts of a pose with a gap below the reach.
@@ -252,9 +126,31 @@ class ContactFinder:
         # changed in place.
         if self._latest is not None and self._latest[0] is points:
             return self._latest[1]
-        contacts = self._search.contacts(points)
+        self._points[:] = points
+        self._call()
+        m = self._call.fields.count
+        if m > self._call.fields.capacity:
+            self._make_room(2 * m)
+            self._call()
+        contacts = Contacts(*(getattr(self._room, each.name)[:m].copy() for each in fields(Contacts)))
         self._latest = (points, contacts)
         return contacts
+
+    def crosses(self, points: FloatArray) -> bool:
+        """Whether any link of a pose cuts an edge of a wall or a distant link."""
+        self.find(points)
+        return bool(self._call.fields.crosses)
+
+    def _make_room(self, capacity: int) -> None:
+        """Room for so many results."""
+        first, second, wall = np.empty((3, capacity), dtype=np.int64)
+        first_at, second_at, gap, margin = np.empty((4, capacity))
+        normal = np.empty((capacity, 2))
+        self._room = Contacts(first, first_at, second, second_at, normal, gap, margin, wall)
+        self._call.set(
+            capacity=capacity, first=first, second=second, wall=wall, first_at=first_at, second_at=second_at, gap=gap,
+            pair_margins=margin, normal=normal,
+        )  # fmt: skip
 
     def describe(self, contacts: Contacts) -> str:
         """The contact that is furthest inside its margin, in words."""
@@ -272,10 +168,6 @@ class ContactFinder:
         wall = contacts.second[k] == WALL
         other = f"'{self.walls.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
         return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
-
-    def crosses(self, points: FloatArray) -> bool:
-        """Whether any link cuts an edge of a wall or a distant link."""
-        return self._search.crosses(points)
 
 
 def closest_on_segments(

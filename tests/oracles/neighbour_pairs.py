@@ -4,19 +4,58 @@ A neighbour list in the manner of molecular dynamics (Verlet, 1967) keeps the wo
 are collected once and used until some joint has moved by half of the list's slack.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.scene.contact_finder import (
-    WALL,
-    Contacts,
-    PairQuestion,
-    closest_on_segments,
-    joined_contacts,
-    segments_cross,
-)
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts, closest_on_segments, segments_cross
+from ccm_opt.scene.walls import Walls
+
+_SLACK = 1.5
+"""Of the neighbour list beyond the reach, as a multiple of it."""
+_MOVED = 0.35
+"""Share of that slack by which a coordinate of a joint may have moved before the list is renewed: below 1/√8, so that
+two joints together move by less than the slack."""
+
+
+@dataclass(frozen=True)
+class PairQuestion:
+    """One arm among fixed walls, and which of its near pairs are wanted: what a ``ContactFinder`` is made of."""
+
+    arm: Arm
+    walls: Walls
+    clearance: float
+    margin: float
+    reach: float
+
+    @property
+    def finder(self) -> ContactFinder:
+        """The finder that is asked."""
+        return ContactFinder(self.arm, self.walls, self.clearance, self.margin, self.reach)
+
+    @cached_property
+    def wall_gap(self) -> FloatArray:
+        """Distance of the arm's axis from each wall's core where they touch, shape (walls,) [m]."""
+        return self.arm.radius + self.clearance + self.walls.rounding
+
+    @cached_property
+    def error_room(self) -> FloatArray:
+        """Room for errors between each link and a wall, which all joints up to the link move, shape (links,) [m]."""
+        return self.arm.room_for_errors(np.arange(1, self.arm.links + 1))
+
+    @cached_property
+    def pair_room(self) -> FloatArray:
+        """The same between two links, moved by the joints between them, by their distance j − i, shape (links,) [m]."""
+        return self.arm.room_for_errors(np.arange(self.arm.links))
+
+    @cached_property
+    def pair_margin(self) -> FloatArray:
+        """Margin between two links by their distance j − i, shape (links,) [m]."""
+        apart = np.arange(self.arm.links)
+        return self.arm.link_margins(np.zeros_like(apart), apart, self.margin)
 
 
 @dataclass
@@ -31,7 +70,7 @@ class _NeighbourList:
 
 
 class NeighbourPairs:
-    """Answers what ``PairSearch`` does.
+    """Answers what ``ContactFinder`` does.
 
     Args:
         question: arm, walls, and which pairs are wanted.
@@ -41,8 +80,8 @@ class NeighbourPairs:
         self._question = question
         self._arm = question.arm
         self._walls = question.walls
-        self._slack = question.settings.slack * question.reach
-        self._renewed_at = question.settings.moved * self._slack
+        self._slack = _SLACK * question.reach
+        self._renewed_at = _MOVED * self._slack
         self._mount_link, self._mount_at = question.arm.mount_end
         self._pairs = question.arm.self_pairs
         self._near: _NeighbourList | None = None
@@ -55,7 +94,7 @@ class NeighbourPairs:
         """All pairs of a pose with a gap below the reach; ``points`` has the shape (links + 1, 2) [m]."""
         near = self._neighbours(points)
         parts = [self._link_vertex(points, near), self._joint_edge(points, near), self._link_link(points, near)]
-        contacts = joined_contacts(parts)
+        contacts = Contacts(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Contacts)))
         return contacts.take(contacts.gap < self._question.reach)
 
     def crosses(self, points: FloatArray) -> bool:

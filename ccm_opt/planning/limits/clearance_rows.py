@@ -18,7 +18,6 @@ from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.spline_path import smoothing_matrix
 from ccm_opt.planning.swept_motion import PlanarSweep
-from ccm_opt.robot.link_bodies import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.scene.contact_finder import closest_on_segments
 from ccm_opt.scene.walls import WallSegments
 from ccm_opt.scene.workspace import Workspace
@@ -116,7 +115,6 @@ def motion_rows(
     segments: WallSegments,
     margin: float,
     reach: float,
-    settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
     wanted: float = 0.0,
     most: FloatArray | None = None,
 ) -> IntervalRows:
@@ -128,7 +126,6 @@ def motion_rows(
         segments: its walls' segments.
         margin: gap to keep beyond contact [m].
         reach: what is farther apart makes no rows [m].
-        settings: of margins between links.
         wanted: room beyond contact that the smooth path along the motion should have [m].
         most: that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no bound.
     """
@@ -138,11 +135,11 @@ def motion_rows(
     kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
     need = arm.radius + workspace.clearance + kept + room[planes.link]
     walls = wall_rows(planes, sweep, need)
-    links = self_rows(sweep, reach, margin, settings)
+    links = self_rows(sweep, reach, margin)
     if wanted > margin:
         smooth = PlanarSweep(sweep.space, smoothing_matrix(len(sweep.unknowns)) @ sweep.unknowns)
-        between = arm.link_margins(links.low, links.high - 1, wanted, settings)
-        between -= arm.link_margins(links.low, links.high - 1, margin, settings)
+        between = arm.link_margins(links.low, links.high - 1, wanted)
+        between -= arm.link_margins(links.low, links.high - 1, margin)
         more = np.full(len(walls), wanted - margin)
         if most is not None:
             # Whoever is asked for less than the margin is asked for nothing beyond contact.
@@ -216,16 +213,13 @@ def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> Inter
     return joined_rows(parts)
 
 
-def self_rows(
-    sweep: PlanarSweep, reach: float, margin: float, settings: LinkMarginSettings = DEFAULT_LINK_MARGINS
-) -> IntervalRows:
+def self_rows(sweep: PlanarSweep, reach: float, margin: float) -> IntervalRows:
     """Rows that keep distant links apart along the direction that is closest half-way through the interval.
 
     Args:
         sweep: the motion.
         reach: pairs with a gap above this are left out [m].
         margin: gap to keep beyond two radii, where the links between leave that much [m].
-        settings: what is kept where they leave less.
     """
     arm = sweep.space.arm
     far = reach + 2.0 * arm.radius + float(arm.room_for_errors(np.array([arm.links]))[0])
@@ -244,7 +238,7 @@ def self_rows(
     distance = distance[close]
 
     normal = apart / np.maximum(distance, 1e-12)[:, None]
-    need = 2.0 * arm.radius + arm.link_margins(i, j, margin, settings) + arm.room_for_errors(j - i)
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin) + arm.room_for_errors(j - i)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
     # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.

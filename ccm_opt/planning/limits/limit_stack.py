@@ -289,9 +289,7 @@ class ContactLimit(Limit):
         """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
         workspace = self.certificate.workspace
         finder = self.finder
-        link_margins = finder.settings.link_margins
-        most = self._most_in_gates(sweep)
-        asked = (link_margins, self.wanted, most)
+        asked = (self.wanted, self._most_in_gates(sweep))
         return (motion_rows(sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, *asked),)
 
     def _most_in_gates(self, sweep: "PlanarSweep") -> FloatArray | None:
